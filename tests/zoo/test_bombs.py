@@ -12,9 +12,11 @@ import pyarrow.parquet as pq
 import pytest
 import zstandard
 from places import ROOT
+from scipy.io import savemat
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
+from occlog.io.calibration.common import MAX_BYTES
 from occlog.io.files.content import RECORDING_MAGIC
 from occlog.io.messages import bag
 from occlog.io.messages.bag import open_bag
@@ -107,6 +109,24 @@ def test_a_table_promises_no_more_rows_than_fit_into_it(tmp_path: Path, capfd: p
         (line,) = capfd.readouterr().err.splitlines()
         assert code == ExitCode.BAD_INPUT
         assert "promises 1100000 rows" in line
+
+
+@pytest.mark.parametrize("name", ["c.npz", "c.mat"])
+def test_packed_arrays_unpack_to_what_a_calibration_may_have(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
+    path, zeros = tmp_path / name, np.zeros((MAX_BYTES // 8 + 9, 1))
+    if name == "c.npz":
+        np.savez_compressed(path, P=zeros)
+    else:
+        savemat(path, {"P": zeros}, do_compression=True)
+    assert path.stat().st_size < 100_000
+    boxes = tmp_path / "a.csv"
+    boxes.write_text("frame,left,top,width,height\n0,1,2,3,4\n")
+    words = ["--boxes", f"a={boxes}", "--calibration", str(path), "--fps", "10", "-o", str(tmp_path / "r.mcap")]
+    assert run(["ingest", *words]) == ExitCode.BAD_INPUT
+    (line,) = capfd.readouterr().err.splitlines()
+    assert f"unpacks to more than {MAX_BYTES} bytes" in line
 
 
 def test_a_bag_unpacks_to_a_thousand_times_its_size_at_most(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

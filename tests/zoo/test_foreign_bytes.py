@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -73,6 +75,27 @@ def changed(column: str, values: pa.Array) -> Callable[[Path], object]:
     return make
 
 
+def recorded(data: bytes, schema: str = "occlog.Bearings", topic: str = "/bearings/a") -> Callable[[Path], object]:
+    """A recording of one message."""
+
+    def make(path: Path) -> None:
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            known = writer.register_schema(schema, "jsonschema", b"{}")
+            writer.add_message(writer.register_channel(topic, "json", known), 1, data, 1)
+            writer.finish()
+
+    return make
+
+
+def bearing(**values: object) -> Callable[[Path], object]:
+    """A recording of one bearing, good but for some values."""
+    good = {"t_ns": 1, "sensor": "a", "target_id": [0], "seen": [True], "bearing": [0.1], "sigma": [0.01]}
+    good |= {name: [None] for name in ("u_px", "sigma_px", "score")}
+    return recorded(json.dumps({**good, **values}).encode())
+
+
 LAUGHS = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 8)
 )
@@ -113,6 +136,30 @@ CASES = [
     Case("provenance flip", metadata(MADE, b'{"command": "det'), TRACK, "provenance is damaged"),
     Case("provenance bytes", metadata(MADE, b"\xff\xfe\x00"), TRACK, "provenance is damaged"),
     Case("provenance loss", metadata(MADE, b'{"command": "x", "parameters": {}, "losses": [1]}'), TRACK, "damaged"),
+    Case("message of no JSON", recorded(b"{'t_ns': 1}"), TRACK, "not a message of occlog.Bearings"),
+    Case("message that is a list", recorded(b"[1]"), TRACK, "not a message of occlog.Bearings"),
+    Case("message of nothing", recorded(b""), TRACK, "not a message of occlog.Bearings"),
+    Case("message depth", recorded(b'{"x": ' + b"[" * 100_000), TRACK, "not a message of occlog.Bearings"),
+    Case("message without a time", recorded(b'{"sensor": "a"}'), TRACK, "not a message of occlog.Bearings"),
+    *[
+        Case(f"message of {name} {json.dumps(value)}", bearing(**{name: value}), TRACK, words)
+        for name, value, words in (
+            ("t_ns", 1.5, "Expected `int`"),
+            ("t_ns", True, "Expected `int`"),
+            ("t_ns", "1", "Expected `int`"),
+            ("t_ns", 10**30, "t_ns"),
+            ("sensor", [1], "Expected `str`"),
+            ("sensor", None, "Expected `str`"),
+            ("bearing", 0.1, "Expected `array"),
+            ("bearing", ["0.1"], "Expected `float"),
+            ("bearing", [[0.1]], "Expected `float"),
+            ("bearing", [None], "row 0: seen is True but bearing is nan"),
+            ("bearing", [0.1, 0.2], "not a message of"),
+            ("bearing", [float("nan")], "not a message of"),
+            ("target_id", [0.5], "Expected `int`"),
+            ("target_id", [10**12], "column target_id"),
+        )
+    ],
     Case("camera named ..", text(SCENE.replace("name: a", "name: ..")), SIMULATE, "cameras[0].name"),
     Case("camera named by an escape", text(SCENE.replace("name: a", 'name: "\\e[2J"')), SIMULATE, "cameras[0].name"),
     Case(
@@ -275,6 +322,42 @@ BORDER = {
     "sqlite3.connect": {"messages/sqlite_file.py"},
 }
 """Every parser of foreign bytes, and the modules that may call it: each looks at sizes, and turns what it raises."""
+
+
+LIBRARIES = {
+    "import csv": {"io/files/by_reader.py", "io/files/csv_rows.py", "papers/run.py", "pipeline/sweep/run.py"},
+    "import gzip": {"io/files/csv_rows.py", "examine/export/run.py"},  # which writes
+    "import lz4": {"io/recording/chunks.py", "io/recording/salvage.py"},
+    "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mp4", "reader")}
+    | {"io/models/onnx_file.py"},
+    "import pickle": {"track/people/named/by_gallery.py", "conformance/faults.py"},  # of the process itself
+    "import sqlite3": {"io/messages/sqlite_file.py"},
+    "import tomllib": {"io/files/toml_file.py"},
+    "import wave": set(),
+    "import yaml": {"io/files/yaml_file.py", "io/files/yaml_nodes.py", "io/scenes/scene.py"},
+    "import zipfile": {"io/calibration/rigs/arrays.py"},
+    "import tarfile": set(),
+    "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage")}
+    | {"io/messages/bag.py", "io/messages/mcap_file.py"},
+    "from xml": {"io/calibration/qualisys.py", "io/files/xml_file.py", "io/truth/xml_boxes.py"},
+    "from scipy.io": {"io/calibration/rigs/arrays.py"},
+    "from google.protobuf": {"io/messages/decoding.py", "io/recording/reader.py"},
+    "np.load(": {"io/calibration/rigs/arrays.py"},
+    "np.genfromtxt(": set(),
+    "np.loadtxt(": set(),
+    "zlib.decompress": {"io/calibration/rigs/arrays.py"},
+}
+"""What stands in a module that takes foreign bytes apart, and all modules of the program in which it stands."""
+
+
+def test_no_library_is_used_beside_the_border() -> None:
+    root = ROOT / "occlog"
+    texts = {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in root.rglob("*.py")}
+    found = {}
+    for mark in LIBRARIES:
+        stands = re.compile(re.escape(mark) if mark.startswith(("np.", "zlib.")) else rf"^\s*{mark}\b", re.MULTILINE)
+        found[mark] = {name for name, text in texts.items() if stands.search(text)}
+    assert found == LIBRARIES
 
 
 def test_no_parser_is_called_beside_the_border() -> None:

@@ -114,7 +114,9 @@ def text_of(path: Path, what: str) -> str | None:
 @lru_cache(maxsize=4)
 def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, state: tuple[int, int]) -> str:  # noqa: ARG001
     """The text of a file in a state."""
-    return as_text(columns_of(Chosen(plugin, dict(values)), path))
+    columns = columns_of(Chosen(plugin, dict(values)), path)
+    with said_by(plugin):
+        return as_text(columns)
 
 
 def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:

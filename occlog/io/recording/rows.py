@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import msgspec
 import numpy as np
@@ -20,6 +20,7 @@ T = TypeVar("T", bound=Table)
 RECORDED: tuple[type[Table], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Reads, Occluders)
 """Tables that a recording can hold."""
 
+_PYTHON_TYPES = {"i8": int, "i4": int, "f8": float, "f4": float, "?": bool, "U": str}
 _JSON_TYPES = {"i8": "integer", "i4": "integer", "f8": "number", "f4": "number", "?": "boolean", "U": "string"}
 
 
@@ -83,6 +84,17 @@ def table_to_messages(table: Table) -> Iterator[tuple[str, int, bytes]]:
         yield topic_of(kind, name), time, msgspec.json.encode(message)
 
 
+def _decoder(table: type[Table]) -> msgspec.json.Decoder[Any]:
+    """Decoder of a table's messages, which takes no text for a number and no 1.5 for a time."""
+    fields: list[Any] = [("t_ns", int), *([("sensor", str)] if _has_sensor(table) else [])]
+    for c in sorted(_listed(table), key=lambda c: c.optional):
+        item: Any = _PYTHON_TYPES[c.kind]
+        item = item | None if item is float else item
+        values: Any = list[list[item]] if c.width else list[item]
+        fields.append((c.name, values | None, None) if c.optional else (c.name, values))
+    return msgspec.json.Decoder(msgspec.defstruct(schema_of(table), fields))
+
+
 class RowCollector(Generic[T]):
     """Gathers messages of one table and makes chunks of it."""
 
@@ -92,23 +104,25 @@ class RowCollector(Generic[T]):
         self._table, self._source = table, source
         self._lists: dict[str, list[object]] = {c.name: [] for c in table.columns()}
         self._has_sensor = _has_sensor(table)
+        self._decoder = _decoder(table)
+        # What a column holds in messages of older recordings, which do not have it
+        self._columns = {c.name: "" if c.kind == "U" else None for c in _listed(table)}
 
     def add(self, topic: str, data: bytes) -> None:
         """Append the rows of a message; InputError where it does not fit the table."""
         try:
-            message = msgspec.json.decode(data)
-            told = [c for c in _listed(self._table) if not c.optional or c.name in message]
-            (n,) = {len(message[c.name]) for c in told}
-            for c in told:
-                self._lists[c.name].extend(message[c.name])
-            if len(told) < len(self._lists) - 1 - self._has_sensor:  # an older recording
-                for c in _listed(self._table):
-                    if c.name not in message:
-                        self._lists[c.name].extend(["" if c.kind == "U" else None] * n)
-            self._lists["t_ns"].extend([int(message["t_ns"])] * n)
+            message = self._decoder.decode(data)
+            told = {name: values for name in self._columns if (values := getattr(message, name)) is not None}
+            (n,) = set(map(len, told.values()))
+            for name, values in told.items():
+                self._lists[name].extend(values)
+            if len(told) < len(self._columns):  # an older recording
+                for name in self._columns.keys() - told.keys():
+                    self._lists[name].extend([self._columns[name]] * n)
+            self._lists["t_ns"].extend([message.t_ns] * n)
             if self._has_sensor:
-                self._lists["sensor"].extend([str(message["sensor"])] * n)
-        except (msgspec.DecodeError, KeyError, TypeError, ValueError) as error:
+                self._lists["sensor"].extend([message.sensor] * n)
+        except (msgspec.DecodeError, ValueError, RecursionError) as error:
             reason = " ".join(str(error).split())[:100]
             raise InputError(
                 f"{self._source}: topic {topic}: not a message of {schema_of(self._table)} ({reason})"
@@ -120,7 +134,10 @@ class RowCollector(Generic[T]):
         values = {c.name: _array(c, self._lists[c.name], self._source) for c in self._table.columns()}
         self._lists = {c.name: [] for c in self._table.columns()}
         self.rows = 0
-        return self._table(**values).sorted()
+        try:
+            return self._table(**values).sorted()
+        except (InputError, ValueError) as error:
+            raise InputError(f"{self._source}: {error}") from error
 
 
 def _array(c: Column, values: list[object], source: str) -> NDArray[np.generic]:

@@ -11,7 +11,10 @@ A file with one camera gives it its own name; cameras of a stack are cam1, cam2,
 from __future__ import annotations
 
 import re
+import struct
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -20,6 +23,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
+from occlog.io.files.guard import FAILURES
 from occlog.io.files.inputs import check_input
 from occlog.records.scene import Camera
 
@@ -37,6 +41,13 @@ PARTS = {
     "size": ("image_size", "size", "resolution", "imsize"),
 }
 """What arrays may be called, in small letters."""
+_FAILURES = (
+    *(*FAILURES, OSError, EOFError, MemoryError, NotImplementedError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError, NameError),
+)
+_MAT_ORDER = {b"IM": "<", b"MI": ">"}
+"""Order of bytes in MATLAB files from version 5 on, by the end of their head."""
+_MAT_HEAD, _MAT_COMPRESSED = 128, 15
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -61,16 +72,15 @@ def _load(path: Path) -> dict[str, Floats]:
             f"{path}: MATLAB file of version 7.3 (HDF5), which is not read; save('{path.name}', ..., '-v7')"
         )
     try:
+        _check_unpacked(path, content)
         if path.suffix.lower() == ".mat":
-            from scipy.io import loadmat
-
-            found = {key: value for key, value in loadmat(str(path)).items() if not key.startswith("__")}
+            found = _of_matlab(path)
         elif path.suffix.lower() == ".npy":
             found = {"P": np.load(BytesIO(content), allow_pickle=False)}
         else:
             with np.load(BytesIO(content), allow_pickle=False) as file:
                 found = {key: file[key] for key in file.files}
-    except (ValueError, OSError, EOFError, KeyError, TypeError, NotImplementedError, zipfile.BadZipFile) as error:
+    except _FAILURES as error:
         text = " ".join(str(error).split())[:100]
         raise InputError(f"{path}: cannot be read as arrays ({text}); save plain arrays of numbers") from None
     for key, value in found.items():
@@ -79,6 +89,35 @@ def _load(path: Path) -> dict[str, Floats]:
                 f"{path}: {key} is no array of numbers (structures and objects are not read); save P or K, R, t"
             )
     return {key: np.asarray(value, dtype=np.float64) for key, value in found.items()}
+
+
+def _of_matlab(path: Path) -> dict[str, Floats]:
+    """Arrays of a MATLAB file; ValueError where SciPy cannot read it."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        return {key: value for key, value in loadmat(str(path)).items() if not key.startswith("__")}
+    except MatReadError as error:
+        raise ValueError(str(error)) from None
+
+
+def _check_unpacked(path: Path, content: bytes) -> None:
+    """InputError for arrays that are packed and would unpack to more than a calibration may have."""
+    size = 0
+    if zipfile.is_zipfile(BytesIO(content)):
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            size = sum(part.file_size for part in archive.infolist())
+    elif order := _MAT_ORDER.get(content[_MAT_HEAD - 2 : _MAT_HEAD]):
+        at, element = _MAT_HEAD, struct.Struct(f"{order}II")
+        while at + element.size <= len(content) and size <= MAX_BYTES:
+            kind, length = element.unpack_from(content, at)
+            at += element.size
+            if kind == _MAT_COMPRESSED:
+                size += len(zlib.decompressobj().decompress(content[at : at + length], MAX_BYTES + 1))
+            at += length
+    if size > MAX_BYTES:
+        raise InputError(f"{path}: unpacks to more than {MAX_BYTES} bytes, more than a calibration may have")
 
 
 def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
