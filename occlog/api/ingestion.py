@@ -23,7 +23,19 @@ Times: TypeAlias = "float | str | Mapping[str, float | str]"
 """One for all, or that of each camera or array by its name."""
 OF_SENSORS = ("video", "images", "boxes", "mot", "doa", "truth", "timestamps", "arrays")
 PLAIN = ("topics", "reads", "calibration")
-ARGUMENTS = (*OF_SENSORS, *PLAIN, "topic", "image_size", "scene", "readers", "start_time", "fps", "frames", "output")
+ARGUMENTS = (
+    *OF_SENSORS,
+    *PLAIN,
+    "topic",
+    "image_size",
+    "scene",
+    "readers",
+    "start_time",
+    "offset",
+    "fps",
+    "frames",
+    "output",
+)
 
 
 def ingest(
@@ -44,6 +56,7 @@ def ingest(
     arrays: Files = (),
     readers: File | None = None,
     start_time: Times | None = None,
+    offset: Mapping[str, float | str] | None = None,
     fps: Times | None = None,
     frames: tuple[int, int] | None = None,
     output: str | os.PathLike[str] | None = None,
@@ -73,6 +86,7 @@ def ingest(
         arrays: places of direction finders, or microphones of one array.
         readers: places and ranges of the readers of tags.
         start_time: date and time (ISO 8601) or seconds since 1970 of the origin of the times; None: 0.
+        offset: added to the times of a sensor whose clock is off [s], or text with a unit: {"cam2": "-400ms"}.
         fps: frame rate, where nothing else gives times.
         frames: only frames first <= number < stop.
         output: where the recording is written; None: a folder that goes with the last reference to it.
@@ -116,6 +130,7 @@ def ingest(
             "frames": _pair(frames, "frames", frames is None or 0 <= frames[0] < frames[1]),
             "topic": tuple(text for n, each in of_topics.items() for t in each for text in _named({n: t}, "topic")),
             "start_time": _named(start_time, "start_time"),
+            "offset": _named(offset, "offset"),
             "fps": _named(fps, "fps"),
             **{name: _named(value, name) for name, value in of_sensors.items()},
             **own,
