@@ -150,6 +150,8 @@ def test_a_changed_recording_is_another_trial(tmp_path: Path) -> None:
 def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ask = ["reproduce", "ercan", ITEMS[0]]
     bearings, scene_file = str(tmp_path / "b.parquet"), str(tmp_path / "s.yaml")
+    for name in (bearings, scene_file):
+        Path(name).touch()  # a file that is missing would be told first
 
     def told(*args: str) -> tuple[int, str]:
         code = run([*ask, *args])
@@ -170,6 +172,7 @@ def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.Captur
     assert str(tmp_path / "CMC1_detections.csv") in error
     scene, table = walked(8, "unit")
     Path(scene_file).write_text(scene_to_yaml(scene))
+    Path(bearings).unlink()
     write_table(Path(bearings), table, Provenance("detect"))
     code, error = told("--bearings", bearings, "--scene", scene_file)
     assert code == ExitCode.BAD_INPUT
