@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from occlog.array_types import NS, Bools, Floats
+from occlog.array_types import NS, Bools, Bytes, Floats
 from occlog.records.scene import Camera
-from occlog.track.jipda.interface import STATE, Moment
+from occlog.track.jipda.interface import HEIGHT, STATE, WIDTH, Moment, X, Y
 from occlog.track.jipda.kernels.body_box import pack_views
 
 from .boxes_by_moment import FrameLook
@@ -22,6 +23,8 @@ FEWEST = 20
 """Looks that an offset must leave to be compared."""
 NEAR = 0.15
 """A box is where a person was if its middle is this near to that of the expected box, in its heights."""
+BODY = [X, Y, HEIGHT, WIDTH]
+"""Places in a state that say where the box of somebody is expected."""
 SHARE, ABOVE = 0.5, 0.2
 """An offset is told if it explains so many of the boxes, and so many more than none does and offsets usually do."""
 
@@ -51,8 +54,9 @@ class Delays:
         """Nothing was seen yet."""
         self._cameras = cameras
         self._t_ns: list[int] = []
-        self._people: list[Floats] = []  # (m, 6) states
-        self._by: list[Bools] = []  # (m, C) who has a box of them
+        # This is most of what a run keeps for minutes, so it is kept small
+        self._people: list[NDArray[np.float32]] = []  # (m, 4) x, y, height, width
+        self._by: list[Bytes] = []  # (m, C / 8) who has a box of them
         self._looks = [_Spread() for _ in cameras]
 
     def add(self, moment: Moment, looks: Sequence[FrameLook], by: Bools) -> None:
@@ -60,8 +64,8 @@ class Delays:
         if len(self._t_ns) >= MOMENTS:
             return
         self._t_ns.append(moment.t_ns)
-        self._people.append(moment.mean)
-        self._by.append(by)
+        self._people.append(moment.mean[:, BODY].astype(np.float32))
+        self._by.append(np.packbits(by, axis=1))
         for look in (each.look for each in looks):
             if len(look.boxes):
                 self._looks[look.camera].add(look.t_ns, 0.5 * (look.boxes[:, :2] + look.boxes[:, 2:]))
@@ -107,8 +111,11 @@ class Delays:
         """(M, P, 2) middles and (M, P) heights [px] of the boxes of people whom other cameras see; NaN: no more."""
         views = pack_views(self._cameras)
         middles, heights = [], []
-        for mean, by in zip(self._people, self._by, strict=True):
-            own = mean[by.sum(axis=1) - by[:, camera] >= fewest]
+        for body, bits in zip(self._people, self._by, strict=True):
+            by = np.unpackbits(bits, axis=1, count=len(self._cameras))
+            there = np.flatnonzero(by.sum(axis=1) - by[:, camera] >= fewest)
+            own = np.zeros((len(there), STATE))
+            own[:, BODY] = body[there]
             found = np.zeros((len(own), 8))
             project(views, camera, own, np.zeros((len(own), STATE, STATE)), 0.0, found)
             found = found[found[:, 7] > 0.0]
