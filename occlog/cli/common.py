@@ -28,7 +28,7 @@ def add_common(command: click.Command) -> None:
         command.params.append(_input_units())
         if command.callback is not None:
             command.callback = _after_a_look(command.callback)
-    if (reads or command.name == "ingest") and "reader" not in there:
+    if _takes_reader(command) and "reader" not in there:
         command.params.append(_reader())
     if (there & {"output", "png"}) and "dry_run" not in there and command.name not in WITHOUT_DRY_RUN:
         command.params.append(_flag("--dry-run", _dry_run, DRY_RUN_HELP))
@@ -120,6 +120,25 @@ def _reader() -> click.Option:
         help="Reader of a plug-in, for inputs whose names end as it says; its settings are options then (--reader NAME "
         "--help).",
     )
+
+
+def _takes_reader(command: click.Command) -> bool:
+    """Whether inputs of a command can be files of a reader."""
+    return command.name == "ingest" or any(isinstance(param.type, Input) for param in command.params)
+
+
+def reading_by(command: click.Command, name: str) -> click.Command:
+    """The command with `--reader` and the settings of the reader of that name; as it is where it reads no tables.
+
+    Raises:
+        UsageError: there is no such reader.
+    """
+    if all(param.name != "reader" for param in command.params):
+        if not _takes_reader(command):
+            return command
+        command = copy(command)
+        command.params = [*command.params, _reader()]
+    return with_reader(command, ("--reader", name))
 
 
 def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:

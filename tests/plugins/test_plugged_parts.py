@@ -18,9 +18,11 @@ from walk_frames import bearings_frame, stations_frame, truth_frame
 
 import occlog
 from occlog.cli.main import cli, run
+from occlog.io.files.by_reader import reader_of
 from occlog.io.files.parquet import read_provenance, read_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
+from occlog.io.scenes.scene import scene_to_yaml
 from occlog.pipeline.run.stages import plan, read_config
 from occlog.records.tables import Boxes, Views
 
@@ -186,6 +188,54 @@ def test_a_reader_is_used_by_ingest(folder: Path, capsys: pytest.CaptureFixture[
         (folder / "boxes.rows").write_text("\n".join([*rows, "cam 5 0.5 10 20 0 60 0.8"]), encoding="utf-8")
         code, said = failed(capsys, *args, "--allow-uncalibrated", "--overwrite", "-q")
         assert (code, "boxes.rows: row 6: box of 0 x 60 px" in said) == (4, True)
+    finally:
+        sys.path.remove(str(folder))
+
+
+def test_a_stage_of_a_run_names_its_reader(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = "\n".join(
+        (
+            "from dataclasses import dataclass",
+            "from occlog.plugins.interface import Settings, setting",
+            "@dataclass(frozen=True)",
+            "class Own(Settings):",
+            "    OWNER = 'lines'",
+            "    shift_px: float = setting(0.0, 'Moves boxes to the right.', unit='px')",
+            "class Log:",
+            "    summary, settings, endings, table = 'lines', Own, ('.txt',), 'boxes'",
+            "    def __init__(self, settings): self.shift = settings.shift_px",
+            "    def read(self, path):",
+            "        frames = [int(line) for line in path.read_text().split()]",
+            "        left = [20.0 + 2 * k + self.shift for k in frames]",
+            "        boxes = {'left': left * 2, 'top': [30.0] * 10, 'width': [15.0] * 10, 'height': [60.0] * 10}",
+            "        return {'camera': ['a'] * 5 + ['b'] * 5, 'frame': frames * 2, 'confidence': [0.9] * 10, **boxes}",
+        )
+    )
+    (folder / "site/line_log.py").write_text(source, encoding="utf-8")
+    install(folder / "site", "line-log", "1", {"reader": {"lines": "line_log:Log"}})
+    (folder / "boxes.txt").write_text("0\n1\n2\n3\n4\n", encoding="utf-8")
+    room = scene(camera("a", 0.0, 0.0, 45.0), camera("b", 8.0, 0.0, 135.0))
+    (folder / "room.yaml").write_text(scene_to_yaml(room), encoding="utf-8")
+    config = folder / "run.yaml"
+    stages = "detect: {scene: nowhere.yaml}\n"  # refused, once the recording is there
+    text = "occlog_run: 1\ningest:\n  scene: room.yaml\n  fps: 5\n  boxes: boxes.txt\n  reader: lines\n"
+    sys.path.append(str(folder))  # another path: metadata are read anew
+    try:
+        config.write_text(f"{text}  lines_shift_px: 3\n{stages}", encoding="utf-8")
+        assert "nowhere.yaml: no such file" in failed(capsys, "run", config, "-o", folder / "out", "-q")[1]
+        assert occlog.read(folder / "out/recording.mcap", "boxes")["left_px"][0] == 23.0
+        assert reader_of(folder / "boxes.txt") is None  # it holds for its stage alone
+        for old, new, said in (
+            ("reader: lines", "reader: line", "line 6: ingest.reader: 'line': no such reader; did you mean 'lines'?"),
+            ("reader: lines", "lines_shift_px: 3", "line 6: ingest.lines_shift_px: unknown key"),
+            ("reader: lines", "reader: compass", "line 6: ingest.reader: compass: no input has a name that ends in"),
+        ):
+            config.write_text(text.replace(old, new).replace("boxes: boxes.txt", "boxes: b.csv") + stages)
+            (folder / "b.csv").write_text("frame,camera,left,top,right,bottom,confidence\n0,a,20,30,35,90,0.9\n")
+            assert run(["run", str(config), "-o", str(folder / "other"), "-q"]) == 4
+            lines = capsys.readouterr().err.splitlines()
+            assert len(lines) == 1
+            assert said in lines[0]
     finally:
         sys.path.remove(str(folder))
 

@@ -14,8 +14,11 @@ from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
+import click
+
 from occlog import __version__
 from occlog.cli import options
+from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
@@ -134,10 +137,13 @@ def _inside(folder: Path) -> Iterator[None]:
 
 def _do(stage: Stage) -> int:
     """Run a stage's command without its own summary; return its exit code."""
-    with redirect_stdout(io.StringIO()):
-        result = stage.command.main(
-            args=[*stage.args, "--overwrite"], prog_name=f"occlog {stage.name}", standalone_mode=False
-        )
+    args = [*stage.args, "--overwrite"]
+    with redirect_stdout(io.StringIO()), stage.command.make_context(f"occlog {stage.name}", args) as context:
+        result = stage.command.invoke(context)
+        try:
+            check_common(context)
+        except click.UsageError as error:
+            raise UsageError(error.message) from error
     return int(result) if isinstance(result, int) else ExitCode.DONE
 
 

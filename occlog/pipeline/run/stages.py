@@ -14,6 +14,7 @@ from pathlib import Path
 
 import click
 
+from occlog.cli.common import reading_by
 from occlog.cli.main import load_command
 from occlog.cli.plugged import PluggedCommand
 from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
@@ -28,6 +29,8 @@ from occlog.simulate.command import KINDS
 from occlog.track.catalogue import BOXES, METHODS, READS, VIEW
 
 SOURCES = ("recording", "simulate", "ingest")
+READER = "reader"
+"""Key of a stage that names the reader of a plug-in for its inputs."""
 OVERLAY = "overlay"
 """Stage that draws everybody over the video; `overlay: false` leaves it out."""
 STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
@@ -88,8 +91,8 @@ def check_settings(config: Config, stage: Stage) -> None:
     """Read the arguments of a stage as its command will, before any stage runs; InputError names the file's line."""
     if STANDARD_INPUT in stage.args:  # it can be read once
         return
-    with refused_in(config, stage):
-        ctx = stage.command.make_context(stage.name, list(stage.args))
+    # A context that is left lets go of a reader that it names
+    with refused_in(config, stage), stage.command.make_context(stage.name, list(stage.args)) as ctx:
         if isinstance(stage.command, SettingsCommand):
             stage.command.check_set(ctx)
 
@@ -287,12 +290,22 @@ def _stage(
 ) -> Stage:
     if command is None:
         command = load_command(name)
+    if READER in config.stage(name):
+        command = _reading(config, name, command)
     values = {**_common(config, command), **(inputs or {}), **config.stage(name)}
     for key in outputs:
         if key in config.stage(name):
             raise InputError(f"{config.path}: {name}.{key}: outputs of a run lie in its folder; remove this key")
     args = [*arguments, *_to_args(config, name, command, {**values, **outputs}), "--quiet"]
     return Stage(name, command, tuple(args), tuple(str(p) for p in outputs.values()))
+
+
+def _reading(config: Config, name: str, command: click.Command) -> click.Command:
+    """The command of a stage with the reader that its keys name; InputError where there is none of that name."""
+    try:
+        return reading_by(command, str(config.stage(name)[READER]))
+    except UsageError as error:
+        raise InputError(f"{config.at(name, READER)}: {str(error).removeprefix('--reader ')}") from error
 
 
 def _common(config: Config, command: click.Command) -> dict[str, object]:
