@@ -340,12 +340,12 @@ LIBRARIES = {
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
     "from xml": {"io/calibration/qualisys.py", "io/files/xml_file.py", "io/truth/xml_boxes.py"},
-    "from scipy.io": {"io/calibration/rigs/arrays.py"},
+    "from scipy.io": set(),
     "from google.protobuf": {"io/messages/decoding.py", "io/recording/reader.py"},
     "np.load(": {"io/calibration/rigs/arrays.py"},
     "np.genfromtxt(": set(),
     "np.loadtxt(": set(),
-    "zlib.decompress": {"io/calibration/rigs/arrays.py"},
+    "zlib.decompress": {"io/calibration/rigs/matlab.py"},
 }
 """What stands in a module that takes foreign bytes apart, and all modules of the program in which it stands."""
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 import struct
 import tokenize
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -20,6 +21,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
@@ -30,6 +32,7 @@ from occlog.records.scene import Camera
 from ..common import MAX_BYTES, CalibrationOptions
 from ..opencv_toml import rotation_from_vector
 from ..projection import camera_of_parts, take_apart
+from .matlab import read_matlab
 
 SUFFIXES = (".npz", ".npy", ".mat")
 PARTS = {
@@ -43,11 +46,8 @@ PARTS = {
 """What arrays may be called, in small letters."""
 _FAILURES = (
     *(*FAILURES, OSError, EOFError, MemoryError, NotImplementedError, RuntimeError),
-    *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError, NameError),
+    *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError),
 )
-_MAT_ORDER = {b"IM": "<", b"MI": ">"}
-"""Order of bytes in MATLAB files from version 5 on, by the end of their head."""
-_MAT_HEAD, _MAT_COMPRESSED = 128, 15
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -72,14 +72,7 @@ def _load(path: Path) -> dict[str, Floats]:
             f"{path}: MATLAB file of version 7.3 (HDF5), which is not read; save('{path.name}', ..., '-v7')"
         )
     try:
-        _check_unpacked(path, content)
-        if path.suffix.lower() == ".mat":
-            found = _of_matlab(path)
-        elif path.suffix.lower() == ".npy":
-            found = {"P": np.load(BytesIO(content), allow_pickle=False)}
-        else:
-            with np.load(BytesIO(content), allow_pickle=False) as file:
-                found = {key: file[key] for key in file.files}
+        found = _read(path, content)
     except _FAILURES as error:
         text = " ".join(str(error).split())[:100]
         raise InputError(f"{path}: cannot be read as arrays ({text}); save plain arrays of numbers") from None
@@ -91,15 +84,17 @@ def _load(path: Path) -> dict[str, Floats]:
     return {key: np.asarray(value, dtype=np.float64) for key, value in found.items()}
 
 
-def _of_matlab(path: Path) -> dict[str, Floats]:
-    """Arrays of a MATLAB file; ValueError where SciPy cannot read it."""
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        return {key: value for key, value in loadmat(str(path)).items() if not key.startswith("__")}
-    except MatReadError as error:
-        raise ValueError(str(error)) from None
+def _read(path: Path, content: bytes) -> Mapping[str, NDArray[np.generic] | None]:
+    """Arrays by name as the libraries give them, with what they raise."""
+    if path.suffix.lower() == ".mat":
+        return read_matlab(content, MAX_BYTES)
+    _check_unpacked(path, content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # NumPy's of heads of files that Python 2 wrote
+        if path.suffix.lower() == ".npy":
+            return {"P": np.load(BytesIO(content), allow_pickle=False)}
+        with np.load(BytesIO(content), allow_pickle=False) as file:
+            return {key: file[key] for key in file.files}
 
 
 def _check_unpacked(path: Path, content: bytes) -> None:
@@ -108,14 +103,6 @@ def _check_unpacked(path: Path, content: bytes) -> None:
     if zipfile.is_zipfile(BytesIO(content)):
         with zipfile.ZipFile(BytesIO(content)) as archive:
             size = sum(part.file_size for part in archive.infolist())
-    elif order := _MAT_ORDER.get(content[_MAT_HEAD - 2 : _MAT_HEAD]):
-        at, element = _MAT_HEAD, struct.Struct(f"{order}II")
-        while at + element.size <= len(content) and size <= MAX_BYTES:
-            kind, length = element.unpack_from(content, at)
-            at += element.size
-            if kind == _MAT_COMPRESSED:
-                size += len(zlib.decompressobj().decompress(content[at : at + length], MAX_BYTES + 1))
-            at += length
     if size > MAX_BYTES:
         raise InputError(f"{path}: unpacks to more than {MAX_BYTES} bytes, more than a calibration may have")
 
