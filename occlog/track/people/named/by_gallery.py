@@ -71,11 +71,11 @@ class ByGallery:
     def notes(self) -> Iterator[str]:
         """What a user must know beside the figures."""
         if self._figures and not self._figures["tracks_named"]:
-            counts = self._decisions.summary()
+            seen = self._decisions
+            why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
             yield (
-                f"warning: gallery: no track is anybody's of the gallery, by {counts['compared']} comparisons of "
-                f"{counts['boxes']} boxes (suspended: {counts['suspended'] or 'none'}); `occlog label --gallery` says "
-                "of each box why"
+                f"warning: gallery: no track is anybody's of the gallery, by {seen.decided} comparisons of "
+                f"{seen.boxes} boxes (suspended: {why}); `occlog label --gallery` says of each box why"
             )
 
     def figures(self) -> dict[str, object]:

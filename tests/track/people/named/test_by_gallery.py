@@ -64,6 +64,23 @@ def test_all_tables_have_the_names_of_the_gallery(folder, capsys):
     assert any("g.parquet" in str(each) for each in made.inputs)
 
 
+def test_a_gallery_of_nobody_who_is_there_is_told(folder, capsys):
+    table = read_table(folder / "g.parquet", Gallery)
+    # Nobody wears the colour in which nobody was seen
+    unseen = int(np.argmin(table.density[:, : int(table.bins[0])].sum(axis=0)))
+    density = np.zeros_like(table.density)
+    density[:, unseen] = 1.0
+    values = {c.name: getattr(table, c.name) for c in Gallery.columns()} | {"density": density}
+    write_table(folder / "strangers.parquet", Gallery(**values), Provenance("t"), overwrite=True)
+    assert track(folder, gallery="strangers.parquet") == ExitCode.DONE
+    said = capsys.readouterr()
+    assert "warning: gallery: no track is anybody's of the gallery, by " in said.err
+    assert "{" not in said.err
+    assert json.loads(said.out)["gallery"]["tracks_named"] == 0
+    # Their numbers are above those of the gallery
+    assert (read_table(folder / "t.parquet", PeopleTracks).target_id > 41).all()
+
+
 def test_the_same_gallery_gives_the_same_bytes(folder):
     files = []
     for _ in range(2):
