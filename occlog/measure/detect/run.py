@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -37,6 +38,8 @@ from .near import Near, limited, near_of
 from .one_camera import upright
 from .stage import Learned, detect
 from .target import Target
+
+T = TypeVar("T", Boxes, Bearings)
 
 
 @dataclass(frozen=True)
@@ -162,23 +165,41 @@ def _detections(
                 f"{recording.path}: --near limits detection in images, or labelled bearings; boxes are candidates of "
                 "anybody, to which `occlog label` gives the identity of tracks"
             )
-        chunks = options.progress(recording.tables(Boxes), "detect", quiet=quiet)
+        only = _sensors_of(request, [c.name for c in scene.cameras])
+        chunks = options.progress(_rows_of(recording.tables(Boxes), only), "detect", quiet=quiet)
         used: dict[str, object] = {"input": "boxes", "min_confidence": config.min_confidence}
         if config.sigma_px is not None or config.sigma_scale != 1.0:
             used |= {"sigma_px": config.sigma_px, "sigma_scale": config.sigma_scale}
         labels = None
         if config.labels is not None:
-            labels = survey_labels(recording.tables(Boxes), config.labels, config)
+            labels = survey_labels(_rows_of(recording.tables(Boxes), only), config.labels, config)
             used |= {"labels": config.labels}
         return detect_boxes(chunks, scene, config, labels), used
     if recording.has(Bearings):
         near, used = _near(request, config)
         places = {c.name: c.ground for c in scene.cameras if c.placed}
-        return _pass_on(recording.tables(Bearings), near, places), {"input": "bearings", **used}
+        only = _sensors_of(request, [s.name for s in scene.sensors])
+        return _pass_on(_rows_of(recording.tables(Bearings), only), near, places), {"input": "bearings", **used}
     hint = "" if recording.ours else f"; {FOREIGN_BAG}"
     raise InputError(
         f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in{hint}"
     )
+
+
+def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
+    """Names of the sensors whose rows are taken, empty: all; UsageError for one that the scene has not."""
+    for name in request.only:
+        if name not in known:
+            raise UsageError(f"{request.recording}: no camera {name!r}; there are {', '.join(known) or 'none'}")
+    return request.only
+
+
+def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
+    """Rows of some sensors; empty: of all."""
+    for chunk in chunks:
+        kept = chunk.take(np.isin(chunk.sensor, only)) if only else chunk
+        if len(kept):
+            yield kept
 
 
 def _near(request: DetectRequest, config: DetectConfig) -> tuple[Near | None, dict[str, object]]:

@@ -159,6 +159,41 @@ def test_boxes_become_candidates(tmp_path: Path) -> None:
     assert rows.target_id.tolist() == [-1, -1, -1]
 
 
+@pytest.mark.parametrize("kind", ["boxes", "bearings"])
+def test_cameras_are_chosen_without_images(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
+    one = np.ones(4)
+    boxes = Boxes.of(
+        t_ns=[0, 0, STEP_NS, STEP_NS],
+        sensor=["a", "b", "a", "b"],
+        frame=[0, 0, 1, 1],
+        box=np.zeros(4, dtype=np.int32),
+        target_id=np.full(4, -1, dtype=np.int32),
+        left_px=20 * one,
+        top_px=20 * one,
+        width_px=12 * one,
+        height_px=40 * one,
+        confidence=0.9 * one,
+    )
+    with RecordingWriter(tmp_path / "boxes.mcap", ROOM, Provenance("test")) as out:
+        out.table(boxes)
+    assert detect(tmp_path / "boxes.mcap", tmp_path) == ExitCode.DONE
+    source = tmp_path / "boxes.mcap"
+    if kind == "bearings":
+        source = tmp_path / "bearings.mcap"
+        with RecordingWriter(source, ROOM, Provenance("test")) as out:
+            out.table(read_table(tmp_path / "b.parquet", Bearings))
+    (tmp_path / "b.parquet").unlink()
+    (tmp_path / "v.parquet").unlink(missing_ok=True)
+    assert detect(source, tmp_path, "--cameras", "b") == ExitCode.DONE
+    assert read_table(tmp_path / "b.parquet", Bearings).sensor.tolist() == ["b", "b"]
+    (tmp_path / "b.parquet").unlink()
+    (tmp_path / "v.parquet").unlink(missing_ok=True)
+    capsys.readouterr()
+    assert detect(source, tmp_path, "--cameras", "b,z") == ExitCode.USAGE
+    assert "no camera 'z'; there are a, b" in capsys.readouterr().err
+    assert not (tmp_path / "b.parquet").exists()
+
+
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
