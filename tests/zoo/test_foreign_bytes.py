@@ -160,6 +160,9 @@ CASES = [
             ("target_id", [10**12], "column target_id"),
         )
     ],
+    Case("image of 1e20 px", text(SCENE.replace("[64, 48]", "[100000000000000000000, 48]")), SIMULATE, "<= 100000"),
+    Case("image of -1 px", text(SCENE.replace("[64, 48]", "[-1, 48]")), SIMULATE, ">= 1, got -1"),
+    Case("clock of 1e20 ns", text(f"{SCENE}clocks:\n- {{name: a, offset_ns: {10**20}}}\n"), SIMULATE, "offset_ns"),
     Case("camera named ..", text(SCENE.replace("name: a", "name: ..")), SIMULATE, "cameras[0].name"),
     Case("camera named by an escape", text(SCENE.replace("name: a", 'name: "\\e[2J"')), SIMULATE, "cameras[0].name"),
     Case(

@@ -28,6 +28,8 @@ def check_writable(path: Path, overwrite: bool) -> None:
         raise UsageError("-: nothing is written to standard output; name a file")
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
+    if path.exists() and not path.is_file():
+        raise OutputError(f"{path}: is no file but a pipe or a device, which would be replaced; name a file")
     if path.exists() and not overwrite:
         raise OutputExistsError(f"{path}: exists")
     if not path.parent.is_dir():
@@ -95,6 +97,9 @@ def open_output(path: Path, overwrite: bool = False, together: Together | None =
     """
     path = Path(path)
     check_writable(path, overwrite)
+    if path.is_symlink():  # the file it leads to is replaced, and the link stays
+        path = Path(os.path.realpath(path))  # Path.resolve fails on links in a ring
+        check_writable(path, overwrite)
     begin_work()
     _remove_stale(path)
     with translate_write_errors(path):

@@ -7,6 +7,7 @@ them a damaged page is read as wrong numbers.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -264,7 +265,8 @@ def open_parquet(path: Path) -> pq.ParquetFile:
         pyarrow.ArrowException, OSError: it is damaged.
     """
     size = path.stat().st_size
-    file = pq.ParquetFile(path, page_checksum_verification=True)
+    # By bytes, since the library takes no name that is not UTF-8
+    file = pq.ParquetFile(pa.OSFile(os.fsencode(path)), page_checksum_verification=True)
     told = file.metadata
     groups = [told.row_group(number) for number in range(told.num_row_groups)]
     rows, large = max(FREE_ROWS, MAX_ROWS_PER_BYTE * size), max(FREE_BYTES, MAX_GROWTH * size)

@@ -21,6 +21,10 @@ from occlog.errors import InputError
 from occlog.io.files.yaml_file import parse_yaml, read_yaml
 from occlog.records.scene import Camera, Clock, MicrophoneArray, Occluder, Reader, Scene, camera_fov, camera_rotation
 
+MOST_PX = 100_000
+"""Width and height of an image at most [px]."""
+MOST_OFFSET_NS = 4 * 10**18
+"""Of a clock at most, either way: 126 years, so that times and offsets together are whole numbers of 64 bits."""
 Positive = Annotated[float, Meta(gt=0)]
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^(?!\.{1,2}$)[^\s,/=:\x00-\x1f\x7f]+$")]
 Point2 = tuple[float, float]
@@ -78,7 +82,10 @@ class CameraSpec(Spec, kw_only=True):
     ]
     principal_point_px: Annotated[Point2, Meta(description="default: the middle of the image")] | None = None
     image_size_px: (
-        Annotated[list[Annotated[int, Meta(gt=0)]], Meta(min_length=2, max_length=2, description="width and height")]
+        Annotated[
+            list[Annotated[int, Meta(gt=0, le=MOST_PX)]],
+            Meta(min_length=2, max_length=2, description="width and height"),
+        ]
         | None
     ) = None
     distortion: DistortionSpec | None = None
@@ -148,7 +155,7 @@ class ClockSpec(Spec, kw_only=True):
     """World time = sensor time - offset - drift x (sensor time - start)."""
 
     name: Name
-    offset_ns: int = 0
+    offset_ns: Annotated[int, Meta(ge=-MOST_OFFSET_NS, le=MOST_OFFSET_NS)] = 0
     drift_ppm: float = 0.0
 
 

@@ -183,3 +183,23 @@ def test_leftovers_of_killed_writers_are_removed(tmp_path: Path) -> None:
 def test_standard_output_is_refused() -> None:
     with pytest.raises(UsageError, match="nothing is written to standard output; name a file"):
         atomic.check_writable(Path("-"), overwrite=True)
+
+
+def test_a_link_stays_and_the_file_that_it_leads_to_is_replaced(tmp_path: Path) -> None:
+    link, target = tmp_path / "link", tmp_path / "folder" / "target"
+    target.parent.mkdir()
+    link.symlink_to(target)
+    atomic.write_bytes(link, b"first")
+    with pytest.raises(OutputExistsError):
+        atomic.write_bytes(link, b"second")
+    atomic.write_bytes(link, b"second", overwrite=True)
+    assert link.is_symlink()
+    assert target.read_bytes() == b"second"
+
+
+def test_a_pipe_is_not_replaced(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OutputError, match="is no file but a pipe or a device"):
+        atomic.write_bytes(pipe, b"x", overwrite=True)
+    assert pipe.is_fifo()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -232,3 +233,9 @@ def test_vectors_of_several_lengths_in_a_file_are_refused(tmp_path: Path) -> Non
     pq.write_table(ragged, tmp_path / "w.parquet", write_page_checksum=True)
     with pytest.raises(InputError, match="column embedding: lists of 1 and of 2 numbers"):
         parquet.read_table(tmp_path / "w.parquet", Views)
+
+
+def test_a_name_that_is_not_utf_8_is_a_name(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"b\xff.parquet")
+    parquet.write_table(path, random_table(Bearings, 3).sorted(), PROVENANCE)
+    assert parquet.schema_name(path) == "bearings"
