@@ -2,45 +2,51 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from occlog.array_types import NS
 from occlog.errors import UsageError, did_you_mean
-from occlog.records.scene import Clock, Scene
 
-UNITS = {"s": NS, "ms": 1_000_000, "us": 1000, "": NS}
+if TYPE_CHECKING:
+    from occlog.records.scene import Scene
+
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "": 1.0}
 MOST_S = 1e9
 """Largest offset [s]."""
 _OFFSET = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(s|ms|us|)")
 
 
-def offsets_of(texts: Iterable[str]) -> dict[str, int]:
-    """Offsets [ns] by sensor, of `SENSOR=SECONDS`, or with a unit: `cam2=-0.4s`, `mic=250ms`.
+def offsets_of(texts: Iterable[str]) -> dict[str, float]:
+    """Offsets [s] by sensor, of `SENSOR=SECONDS`, or with a unit: `cam2=-0.4s`, `mic=250ms`.
 
     Raises:
         UsageError: a text is no such pair, or a sensor is named twice.
     """
-    out: dict[str, int] = {}
+    out: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
         found = _OFFSET.fullmatch(value.strip())
-        seconds = float(found[1]) * UNITS[found[2]] / NS if found else MOST_S * 2
-        if not name or found is None or not abs(seconds) <= MOST_S:
+        seconds = float(found[1]) * UNITS[found[2]] if found else math.inf
+        if not name or not abs(seconds) <= MOST_S:
             raise UsageError(f"--offset {text}: want SENSOR=SECONDS, at most {MOST_S:g} s either way, as in cam2=-0.4s")
         if name in out:
             raise UsageError(f"--offset: sensor {name} is given twice; give every sensor one offset")
-        out[name] = round(float(found[1]) * UNITS[found[2]])
+        out[name] = seconds
     return out
 
 
-def with_offsets(scene: Scene, offsets: Mapping[str, int]) -> Scene:
-    """The scene with clocks that are off by what is to be added to the times; drifts stay as they are.
+def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
+    """The scene with clocks that are off by what is to be added to the times [s]; drifts stay as they are.
 
     Raises:
         UsageError: the scene lacks a sensor.
     """
+    from occlog.array_types import NS
+    from occlog.records.scene import Clock
+
     names = [s.name for s in scene.sensors]
     for name in offsets:
         if name not in names:
@@ -50,7 +56,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, int]) -> Scene:
     for sensor in scene.sensors:
         if sensor.name in offsets:
             before = clocks.get(sensor.clock or "", Clock(""))
-            offset_ns = before.offset_ns - offsets[sensor.name]
+            offset_ns = before.offset_ns - round(offsets[sensor.name] * NS)
             own[sensor.name] = replace(before, name=f"{sensor.name}-offset", offset_ns=offset_ns)
     return replace(
         scene,

@@ -82,7 +82,7 @@ class IngestPlan(Settings):
     reads: tuple[Path, ...]
     start_time: tuple[tuple[str | None, str], ...]
     fps: tuple[tuple[str | None, str], ...]
-    offset: dict[str, int]  # ns
+    offset: dict[str, float]  # s
     frames: tuple[int, int] | None
 
     stamp: str = setting(

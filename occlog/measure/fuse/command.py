@@ -27,7 +27,9 @@ def _detection_options() -> list[click.Option]:
 
     return [
         path("--views", "The views that the bearings are of (Parquet)."),
-        path("--fused-views", "Write the views after the fusion (Parquet)."),
+        click.Option(
+            ["--fused-views"], type=options.PATH, default=None, help="Write the views after the fusion (Parquet)."
+        ),
         path("--scene", options.SCENE_HELP),
         *options_of(FuseConfig),
     ]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, OutputError
@@ -109,8 +110,9 @@ def test_balls_that_hide_one_another_keep_their_boxes(tmp_path: Path) -> None:
     ],
 )
 def test_options_that_do_not_belong_together(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str], words: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], args: list[str], words: str
 ) -> None:
+    monkeypatch.chdir(ROOT / "examples")
     assert run(["simulate", *args, "-o", str(tmp_path / "x.mcap")]) == ExitCode.USAGE
     assert words in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -147,8 +147,10 @@ def test_a_recording_of_walkers_that_avoid_people_says_how_often_they_were_walke
     ],
 )
 def test_options_of_the_field_want_the_field(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str], words: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], args: list[str], words: str
 ):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "walk.mcap").touch()
     code = run(["simulate", str(EXAMPLES / "room.yaml"), "-o", str(tmp_path / "x.mcap"), *args])
     assert code == ExitCode.USAGE
     assert words in capsys.readouterr().err
