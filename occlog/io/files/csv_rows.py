@@ -66,7 +66,7 @@ class Rows:
 
     def floats(self, name: str, *, blank: bool = False) -> Floats:
         """(n,) numbers; empty cells and `nan` give NaN where `blank` allows it, else InputError."""
-        cells = self.cells[name]
+        cells = self._plain(name)
         if blank:
             cells = np.where(np.isin(np.char.lower(np.char.strip(cells)), ("", "nan", "none")), "nan", cells)
         try:
@@ -86,7 +86,7 @@ class Rows:
 
     def ints(self, name: str) -> Ints:
         """(n,) whole numbers; `3.0` is read as 3, InputError for 3.5."""
-        cells = self.cells[name]
+        cells = self._plain(name)
         try:
             return cells.astype(np.int64)
         except (ValueError, OverflowError):
@@ -98,6 +98,15 @@ class Rows:
                 row, f"{name} is {str(cells[row])!r}; a whole number was expected; correct this {self.place}"
             )
         return values.astype(np.int64)
+
+    def _plain(self, name: str) -> Strings:
+        """The cells, without those that Python alone takes for numbers: `2_0` is a slip, and not 20."""
+        cells = self.cells[name]
+        slips = np.char.find(cells, "_") >= 0
+        if slips.any():
+            row = int(np.flatnonzero(slips)[0])
+            raise self.fail(row, f"{name} is {str(cells[row])!r}; a number was expected; correct this {self.place}")
+        return cells
 
     def has(self, name: str) -> bool:
         """Whether the file has this column."""

@@ -61,3 +61,11 @@ def test_blank_cells_are_nan_only_where_they_may_be(tmp_path: Path) -> None:
         rows.floats("b")
     with pytest.raises(InputError, match="line 2: a is 'inf'; a finite number was expected"):
         read(tmp_path, "a\ninf\n")[0].floats("a", blank=True)
+
+
+def test_numbers_are_not_spelt_as_in_python(tmp_path: Path) -> None:
+    (rows,) = read(tmp_path, "a,b\n1,1.5\n2_0,2_0\n")
+    with pytest.raises(InputError, match="line 3: a is '2_0'; a number was expected"):
+        rows.ints("a")
+    with pytest.raises(InputError, match="line 3: b is '2_0'; a number was expected"):
+        rows.floats("b")
