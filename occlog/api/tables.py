@@ -174,9 +174,11 @@ class Table:
     def _read(self, columns: list[str] | None, datetimes: bool = False) -> Any:
         """The rows of some columns, texts as plain texts."""
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
-        found = pq.read_table(self.path, columns=columns, page_checksum_verification=True)
+        from occlog.io.files.parquet import open_parquet
+
+        with open_parquet(self.path) as file:
+            found = file.read(columns)
         for n, field in enumerate(found.schema):
             kind = field.type
             if pa.types.is_dictionary(kind):
@@ -195,9 +197,9 @@ class Table:
 
     def _repr_html_(self) -> str:
         """The first rows, with units, for a notebook."""
-        import pyarrow.parquet as pq
+        from occlog.io.files.parquet import open_parquet
 
-        with pq.ParquetFile(self.path, page_checksum_verification=True) as file:
+        with open_parquet(self.path) as file:
             first = next(file.iter_batches(batch_size=SHOWN), None)
         rows = [] if first is None else first.to_pylist()
         units = self.units

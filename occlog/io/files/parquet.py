@@ -1,13 +1,12 @@
 """Tables to Parquet and back, the schema derived from the declared columns.
 
-Files are zstd-compressed with page checksums, which are verified on reading: without
-them a damaged page is read as wrong numbers.
+Files are zstd-compressed, with check sums of every byte that are verified on reading: without
+them a damaged page is read as wrong numbers, and a damaged footer as other units and losses.
 """
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +23,7 @@ from occlog.records.columns import ANY, Column, Table
 
 from .arrow_arrays import to_numpy
 from .atomic import Together, open_output
+from .check_sums import Checked, Summed
 from .inputs import check_input
 from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 
@@ -171,9 +171,9 @@ class TableWriter:
 
     def __enter__(self) -> Self:
         """Open the output."""
-        file = self._output.__enter__()
+        self._summed = Summed(self._output.__enter__())
         self._writer = pq.ParquetWriter(
-            file,
+            self._summed,
             self._schema,
             version="2.6",
             compression="zstd",
@@ -211,7 +211,10 @@ class TableWriter:
         try:
             if kind is None:
                 self._flush()
+            self._summed.begin_end()
             self._close(kind is not None)
+            if kind is None:
+                self._summed.finish()
         except BaseException as failure:
             self._close(True)
             if not self._output.__exit__(type(failure), failure, failure.__traceback__):
@@ -257,25 +260,28 @@ def _open(path: Path) -> Iterator[pq.ParquetFile]:
         yield file
 
 
-def open_parquet(path: Path) -> pq.ParquetFile:
-    """A Parquet file with its check sums verified.
+@contextmanager
+def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
+    """A Parquet file with its check sums verified: those of all bytes, or where there are none those of pages.
 
     Raises:
-        InputError: its footer promises more than a file of its size can hold, so that reading it would fill the memory.
+        InputError: a check sum is wrong, or its footer promises more than a file of its size can hold, so that reading
+            it would fill the memory.
         pyarrow.ArrowException, OSError: it is damaged.
     """
-    size = path.stat().st_size
-    # By bytes, since the library takes no name that is not UTF-8
-    file = pq.ParquetFile(pa.OSFile(os.fsencode(path)), page_checksum_verification=True)
-    told = file.metadata
+    with Checked(path) as source:
+        file = pq.ParquetFile(source, page_checksum_verification=source.trailer is None)
+        _check_size(path, source.size, file.metadata)
+        yield file
+
+
+def _check_size(path: Path, size: int, told: pq.FileMetaData) -> None:
     groups = [told.row_group(number) for number in range(told.num_row_groups)]
     rows, large = max(FREE_ROWS, MAX_ROWS_PER_BYTE * size), max(FREE_BYTES, MAX_GROWTH * size)
     unpacked = max((group.total_byte_size for group in groups), default=0)
     fault = f"{told.num_rows} rows" if told.num_rows > rows else f"{unpacked} bytes at once" if unpacked > large else ""
     if fault:
-        file.close()
         raise InputError(f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into")
-    return file
 
 
 def is_ours(path: Path) -> bool:

@@ -13,6 +13,7 @@ from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import Provenance
 
 from .mcap_errors import open_mcap
+from .metadata import add_metadata, read_metadata
 from .reader import Recording
 from .writer import FORMAT, METADATA, VIDEO_METADATA, begin_mcap
 
@@ -48,10 +49,13 @@ def copy_recording(
             writer.add_attachment(0, 0, name, "application/json", data)
         with open_mcap(source.path) as (reader, _):
             messages = _copy_messages(reader, writer)
-        with open_mcap(source.path) as (reader, _):
-            for record in reader.iter_metadata():
-                values = moved_metadata(record.name, dict(record.metadata), source.path, path, provenance)
-                writer.add_metadata(record.name, values)
+        with open_mcap(source.path) as (reader, summary):
+            if source.ours and summary:
+                records = read_metadata(source.path, summary).items()
+                add_metadata(writer, {n: moved_metadata(n, v, source.path, path, provenance) for n, v in records})
+            else:
+                for record in reader.iter_metadata():
+                    writer.add_metadata(record.name, dict(record.metadata))
         writer.finish()
     return messages
 

@@ -27,6 +27,7 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
 from .mcap_errors import SALVAGE, open_mcap, read_attachment
+from .metadata import read_metadata
 from .rows import RowCollector, schema_of
 from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 
@@ -217,7 +218,7 @@ class _JsonImage(msgspec.Struct):
 def open_recording(path: Path) -> Recording:
     """The recording in an MCAP file; InputError where the file is damaged."""
     path = Path(path)
-    with open_mcap(path) as (reader, summary):
+    with open_mcap(path) as (_, summary):
         if summary is None or not (summary.channels or summary.statistics):
             # Read by its index it would look as if it were empty
             raise InputError(f"{path}: has no index, as what was not closed: {SALVAGE.format(path=path)}")
@@ -234,7 +235,7 @@ def open_recording(path: Path) -> Recording:
             for c in sorted(channels.values(), key=lambda c: c.topic)
         )
         attachments = {a.name: (a.offset, a.length) for a in (summary.attachment_indexes if summary else ())}
-        metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()} if summary else {}
+        metadata = read_metadata(path, summary)
         s = summary.statistics if summary else None
         span = (s.message_start_time, s.message_end_time) if s is not None and s.message_count else None
     own = metadata.get(METADATA)

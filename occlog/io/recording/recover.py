@@ -21,6 +21,7 @@ from occlog.io.files.utc import utc
 from occlog.records.losses import Loss
 
 from .copy import moved_metadata
+from .metadata import add_metadata, damaged_metadata
 from .reader import sensor_of
 from .salvage import (
     ATTACHMENT,
@@ -136,6 +137,9 @@ class _Salvage:
 
     def finish(self, videos: Mapping[str, Path]) -> Recovered:
         """Complete the file; InputError where it is none of ours, or nothing is whole."""
+        for name in damaged_metadata(self._metadata):
+            self._metadata.pop(name, None)
+            self._lose(name, "metadata with a wrong digest are left out")
         names = {schema.name for schema in self._schemas.values()}
         ours = OURS in self._metadata or SCENE_ATTACHMENT in self._attached
         if not ours and not any(name.startswith("occlog.") for name in names):
@@ -152,9 +156,8 @@ class _Salvage:
         losses = (*before.losses, *self._losses)
         given = {f"video of {camera}": str(video.name) for camera, video in sorted(videos.items())}
         provenance = Provenance("recover", given, inputs=hash_inputs([self._source, *videos.values()]), losses=losses)
-        for name, values in self._links(videos).items():
-            self._writer.add_metadata(name, values)
-        self._writer.add_metadata(OURS, {"format": FORMAT, "provenance": provenance.json()})
+        own = {"format": FORMAT, "provenance": provenance.json()}
+        add_metadata(self._writer, {**self._links(videos), OURS: own})
         self._writer.finish()
         messages = {self._channels[k].topic: n for k, n in sorted(self._messages.items())}
         return Recovered(messages, self._span, losses)

@@ -20,6 +20,7 @@ from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 
+from .metadata import add_metadata
 from .rows import message_schema, schema_of, table_to_messages
 
 SCENE_ATTACHMENT = "scene.yaml"
@@ -158,9 +159,8 @@ class RecordingWriter:
         return self._output.__exit__(kind, error, trace)
 
     def _finish(self) -> None:
-        for sensor, video in self._videos.items():
-            self._writer.add_metadata(VIDEO_METADATA + sensor, video)
-        self._writer.add_metadata(METADATA, {"format": FORMAT, "provenance": self._provenance.json()})
+        records = {VIDEO_METADATA + sensor: video for sensor, video in self._videos.items()}
+        add_metadata(self._writer, {**records, METADATA: {"format": FORMAT, "provenance": self._provenance.json()}})
         self._writer.finish()
 
 

@@ -1,0 +1,75 @@
+"""Records of metadata in a recording, which MCAP has no check sums for: their digests are in a record of their own.
+
+Its name is told by the index, which has a check sum: it cannot go without a word.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from mcap.data_stream import ReadDataStream
+from mcap.records import Metadata
+from mcap.summary import Summary
+from mcap.writer import Writer
+
+from occlog.errors import InputError
+
+from .chunks import MAX_CHUNK_BYTES
+
+DIGESTS = "occlog.digests"
+"""Record that has the SHA-256 of each other one by its name."""
+_HEAD_BYTES = 9
+
+
+def digest_of(name: str, values: Mapping[str, str]) -> str:
+    """SHA-256 of a record, in hexadecimal: of its name and values as JSON with sorted keys."""
+    return hashlib.sha256(json.dumps([name, dict(values)], sort_keys=True).encode()).hexdigest()
+
+
+def add_metadata(writer: Writer, records: Mapping[str, Mapping[str, str]]) -> None:
+    """Write all records of metadata of a recording, and their digests."""
+    for name, values in records.items():
+        writer.add_metadata(name, dict(values))
+    writer.add_metadata(DIGESTS, {name: digest_of(name, values) for name, values in records.items()})
+
+
+def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
+    """All records of metadata by their names, without the digests, which are tried.
+
+    Raises:
+        InputError: a record is not what was written, or not where the index says.
+        McapError, struct.error, ValueError: it cannot be read as one.
+    """
+    found: dict[str, dict[str, str]] = {}
+    with path.open("rb") as file:
+        for index in summary.metadata_indexes:
+            file.seek(index.offset)
+            data = file.read(min(index.length, MAX_CHUNK_BYTES))[_HEAD_BYTES:]
+            record = Metadata.read(ReadDataStream(io.BytesIO(data)))
+            if record.name != index.name:
+                raise wrong_metadata(path, index.name, index.offset)
+            found[record.name] = dict(record.metadata)
+        damaged = damaged_metadata(found)
+        if damaged:
+            offsets = {index.name: index.offset for index in summary.metadata_indexes}
+            raise wrong_metadata(path, damaged[0], offsets.get(damaged[0], 0))
+    found.pop(DIGESTS, None)
+    return found
+
+
+def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """Names of records that are missing, or not what their digests say; none where there are no digests."""
+    digests = records.get(DIGESTS, {})
+    return [name for name, told in digests.items() if name not in records or digest_of(name, records[name]) != told]
+
+
+def wrong_metadata(path: Path, name: str, at: int) -> InputError:
+    """What to tell of a damaged record."""
+    return InputError(
+        f"{path}: damaged MCAP file: the metadata {name!r} at byte {at} changed since they were written (wrong "
+        f"digest); copy it again, or salvage it: `occlog recover {path} -o OUT.mcap`"
+    )
