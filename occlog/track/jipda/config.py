@@ -42,6 +42,13 @@ class JipdaConfig(LagConfig):
     manoeuvre: float = setting(1.0, "The same while they turn, stop or start.", unit="length^2/s^3", at_least=0)
     calm_s: float = setting(20.0, "They do so after so long on average, at first; it is learned.", unit="s", above=0)
     turn_s: float = setting(1.0, "It takes so long on average.", unit="s", above=0)
+    bend_s: float = setting(
+        60.0,
+        "They bend, fall, lie down or get up after so long on average, at first; it is learned.",
+        unit="s",
+        above=0,
+    )
+    bent_s: float = setting(2.0, "That takes so long on average.", unit="s", above=0)
     speed: float = setting(0.9, "Standard deviation of a new person's velocity, per axis.", unit="length/s", above=0)
 
     # Boxes

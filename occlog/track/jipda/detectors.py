@@ -1,4 +1,4 @@
-"""What is learned of detectors and people on the way: rates of detection, of boxes of nobody, of leaving, of turning.
+"""What is learned of detectors and people on the way: of detection, boxes of nobody, leaving, turning and bending.
 
 Everything begins with a prior that is worth a few boxes, so that one set of defaults serves detectors of all kinds.
 """
@@ -17,7 +17,7 @@ from occlog.array_types import Bools, Floats
 from .box_errors import LASTS_S, Edges, lasting_of, noise_of, slowness_of
 from .config import JipdaConfig
 from .kernels.joint import BLIND, SIZES, WIDER, Boxes, Rates, Result
-from .people import CALM, TURNING, People
+from .people import BENDING, CALM, TURNING, People
 
 CURVE = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
 """At first: probability of detection at the visible shares 0, 0.2, .. 1, against that in plain view."""
@@ -33,6 +33,8 @@ PRIOR_WRONG = (1.0, 50.0)
 """At first so many of so many boxes have a wrong edge."""
 PRIOR_TURNS = 5.0
 """The first rate of manoeuvres is worth so many of them."""
+PRIOR_BENDS = 2.0
+"""The first rate of bending is worth so many times that somebody bent."""
 PRIOR_DEATHS = 2.0
 """The first rate of leaving is worth so many who left."""
 PRIOR_AGAIN = (1.0, 4.0)
@@ -63,6 +65,7 @@ class Counts:
     again: Floats  # (C, 2) boxes of nobody that are there again at the next look, boxes of nobody
     left: Floats  # (2,) people who left, person-seconds
     turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
+    bent: Floats  # (2,) times that somebody bent, person-seconds upright
 
 
 def first_counts(cameras: int, config: JipdaConfig) -> Counts:
@@ -77,6 +80,7 @@ def first_counts(cameras: int, config: JipdaConfig) -> Counts:
         again=np.tile(PRIOR_AGAIN, (cameras, 1)),
         left=PRIOR_DEATHS * np.array([1.0, config.stay_s]),
         turned=PRIOR_TURNS * np.array([1.0, config.calm_s]),
+        bent=PRIOR_BENDS * np.array([1.0, config.bend_s]),
     )
 
 
@@ -115,6 +119,11 @@ def leaving_rate(counts: Counts) -> float:
 def turning_rate(counts: Counts) -> float:
     """How often in a second somebody who walks on begins to manoeuvre."""
     return float(counts.turned[0] / counts.turned[1])
+
+
+def bending_rate(counts: Counts) -> float:
+    """How often in a second somebody bends, falls, lies down or gets up."""
+    return float(counts.bent[0] / counts.bent[1])
 
 
 def boxes_of_nobody(counts: Counts) -> Floats:
@@ -188,7 +197,7 @@ def blind_looks(boxes: Boxes, existence: Floats, detection: Floats) -> Bools:
 
 
 def learn(
-    counts: Counts, people: People, *, dt: float, turn_s: float, boxes: Boxes, rates: Rates, result: Result
+    counts: Counts, people: People, *, dt: float, config: JipdaConfig, boxes: Boxes, rates: Rates, result: Result
 ) -> Counts:
     """The sums with the boxes of one more moment; boxes of nobody are counted elsewhere, when births are known."""
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
@@ -213,7 +222,8 @@ def learn(
             np.add.at(curve[:, 1], place, weight * apart[seen] * rates.detection[c])
     # So many begin as end: the time spent in manoeuvres over how long one takes
     model = dt * people.model[sure].sum(axis=0)
-    turned = counts.turned + np.array([model[TURNING] / turn_s, model[CALM]])
+    turned = counts.turned + np.array([model[TURNING] / config.turn_s, model[CALM]])
+    bent = counts.bent + np.array([model[BENDING] / config.bent_s, model[CALM] + model[TURNING]])
     return replace(
         counts,
         detected=detected,
@@ -222,4 +232,5 @@ def learn(
         merges=merges,
         wrong=counts.wrong + result.wrong,
         turned=turned,
+        bent=bent,
     )

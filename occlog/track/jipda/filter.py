@@ -28,6 +28,7 @@ from .detectors import (
     Counts,
     Nobodys,
     again_rate,
+    bending_rate,
     boxes_of_nobody,
     first_counts,
     learn,
@@ -139,6 +140,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         dt=dt,
         leaving=leaving_at(state.places, state.people.mean[:, :2], leaving_rate(state.counts)),
         turning=turning_rate(state.counts),
+        bending=bending_rate(state.counts),
         config=config,
     )
     apart_ns = state.apart_ns
@@ -164,7 +166,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         people.mean, shown_covariance(people, sway), people.existence, state.views, boxes, rates,
         for_people, NEW_SHARE, GATE,
     )  # fmt: skip
-    people = corrected(people, result.information, result.vector, sway)
+    people = corrected(people, result.information, result.vector, sway, config)
     explained = (result.share + result.joint).sum(axis=1)
     detected = (explained > 0.5)[:, None]
     people = replace(
@@ -174,7 +176,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         boxes=people.boxes + explained,
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
-    counts = learn(state.counts, people, dt=dt, turn_s=config.turn_s, boxes=boxes, rates=rates, result=result)
+    counts = learn(state.counts, people, dt=dt, config=config, boxes=boxes, rates=rates, result=result)
     good = good_boxes(boxes, result.owner, result.share, result.visible, people.existence > SURE, PLAIN)
     good &= result.odd < 0.5
     found = disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)

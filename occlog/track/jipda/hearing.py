@@ -68,7 +68,7 @@ def hear(state: State, heard: Directions, array: MicrophoneArray) -> State:
     strength = share / heard.sigma[None] ** 2
     information = np.einsum("nm,ni,nj->nij", strength, slope, slope)
     vector = np.einsum("nm,ni->ni", strength * residual, slope)
-    people = corrected(people, information, vector, sway_of(state.edges))
+    people = corrected(people, information, vector, sway_of(state.edges), state.config)
     known = share.sum(axis=1)
     existence = np.clip(people.existence + (1.0 - people.existence) * known, SUREST, 1.0 - SUREST)
     seen_ns = np.where(known > HEARD, heard.t_ns, people.seen_ns)

@@ -1,9 +1,9 @@
 """Everybody who is tracked, how they move between moments, and who is whose double.
 
-People walk on or manoeuvre: two motion models with white acceleration of different intensity, mixed and merged as an
-interacting multiple model estimator does (Blom and Bar-Shalom 1988, IEEE T-AC 33(8)).  Association sees one Gaussian
-of each person, the mixture's; what it says of the state, a Gaussian factor, updates both models and their
-probabilities.
+People walk on, manoeuvre, or bend, fall, lie and get up: motion models with white acceleration and growth of the body
+of different intensity, mixed and merged as an interacting multiple model estimator does (Blom and Bar-Shalom 1988,
+IEEE T-AC 33(8)).  Association sees one Gaussian of each person, the mixture's; what it says of the state, a Gaussian
+factor, updates all models and their probabilities.
 """
 
 from __future__ import annotations
@@ -18,9 +18,13 @@ from .config import JipdaConfig
 from .interface import HEIGHT, NOBODY, STATE, WIDTH, X, Y
 from .kernels.exclusion import exclude
 
-CALM, TURNING = 0, 1
+CALM, TURNING, BENDING = MODELS = 0, 1, 2
 GROWTH = 0.01
 """Standard deviation by which a body changes in a second, as a share of its size: how people carry themselves."""
+BENT_HEIGHT, BENT_WIDTH = 0.4, 0.8
+"""The same of its height and its width while somebody bends, falls, lies or gets up."""
+SMALLEST = 0.15
+"""No body is lower or narrower than this share of the usual one."""
 SUREST = 1e-6
 """Nobody's existence is surer than this, nor their absence."""
 OUTSIDE, OUTSIDE_AFTER_S = 0.5, 1.0
@@ -35,7 +39,7 @@ RIVAL = 0.5
 class People:
     """N people, confirmed or not."""
 
-    mean: Floats  # (N, 6) as `interface.Moment.mean`, of both models together
+    mean: Floats  # (N, 6) as `interface.Moment.mean`, of all models together
     covariance: Floats  # (N, 6, 6)
     existence: Floats  # (N,)
     key: Ints  # (N,) number of the birth, rising; the identity once confirmed
@@ -46,9 +50,9 @@ class People:
     apart_ns: Ints  # (N,) when they last stood apart from everybody else
     first: Floats  # (N, 2) where they were detected first
     last: Floats  # (N, 2) where they were detected last
-    model: Floats  # (N, 2) probabilities of the models
-    means: Floats  # (N, 2, 6) of each model
-    covariances: Floats  # (N, 2, 6, 6)
+    model: Floats  # (N, 3) probabilities of the models
+    means: Floats  # (N, 3, 6) of each model
+    covariances: Floats  # (N, 3, 6, 6)
 
 
 def born(mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, first_key: int, t_ns: int) -> People:
@@ -66,9 +70,9 @@ def born(mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, fir
         apart_ns=np.full(K, t_ns, dtype=np.int64),
         first=mean[:, :2].copy(),
         last=mean[:, :2].copy(),
-        model=np.tile([1.0, 0.0], (K, 1)),
-        means=np.repeat(mean[:, None], 2, axis=1),
-        covariances=np.repeat(covariance[:, None], 2, axis=1),
+        model=np.tile(np.eye(len(MODELS))[CALM], (K, 1)),
+        means=np.repeat(mean[:, None], len(MODELS), axis=1),
+        covariances=np.repeat(covariance[:, None], len(MODELS), axis=1),
     )
 
 
@@ -87,7 +91,9 @@ def join(people: People, more: People) -> People:
     return People(**{name: np.concatenate([value, getattr(more, name)]) for name, value in vars(people).items()})
 
 
-def predict(people: People, t_ns: int, *, dt: float, leaving: Floats, turning: float, config: JipdaConfig) -> People:
+def predict(
+    people: People, t_ns: int, *, dt: float, leaving: Floats, turning: float, bending: float, config: JipdaConfig
+) -> People:
     """The people dt seconds later.
 
     Args:
@@ -96,10 +102,11 @@ def predict(people: People, t_ns: int, *, dt: float, leaving: Floats, turning: f
         dt: seconds since the last moment, >= 0.
         leaving: (N,) rates at which they leave [1/s]; those who are out of all images leave at the rate `OUTSIDE`.
         turning: rate at which people who walk on begin to manoeuvre [1/s].
+        bending: rate at which people begin to bend, fall, lie down or get up [1/s].
         config: spectral densities of the acceleration, how long manoeuvres last.
     """
     # Mix the models: [0] after [1] before
-    to = _transitions(dt, turning, 1.0 / config.turn_s)
+    to = _transitions(dt, turning, bending, config)
     joint = people.model[:, None, :] * to
     model = joint.sum(axis=2)
     weight = joint / np.maximum(model, 1e-300)[..., None]
@@ -108,13 +115,14 @@ def predict(people: People, t_ns: int, *, dt: float, leaving: Floats, turning: f
     covariances = np.einsum("nab,nbij->naij", weight, people.covariances)
     covariances += np.einsum("nab,nabi,nabj->naij", weight, apart, apart)
     # White acceleration, integrated (Bar-Shalom, Li and Kirubarajan 2001, Sec. 6.2.2)
-    F, Q = np.eye(STATE), np.zeros((2, STATE, STATE))
-    q = np.array([config.acceleration, config.manoeuvre])
+    F, Q = np.eye(STATE), np.zeros((len(MODELS), STATE, STATE))
+    q = np.array([config.acceleration, config.manoeuvre, config.manoeuvre])
     for place, velocity in ((0, 2), (1, 3)):
         F[place, velocity] = dt
         Q[:, place, place], Q[:, velocity, velocity] = q * dt**3 / 3.0, q * dt
         Q[:, place, velocity] = Q[:, velocity, place] = q * dt**2 / 2.0
-    Q[:, HEIGHT, HEIGHT], Q[:, WIDTH, WIDTH] = (GROWTH * config.height) ** 2 * dt, (GROWTH * config.width) ** 2 * dt
+    Q[:, HEIGHT, HEIGHT] = (np.array([GROWTH, GROWTH, BENT_HEIGHT]) * config.height) ** 2 * dt
+    Q[:, WIDTH, WIDTH] = (np.array([GROWTH, GROWTH, BENT_WIDTH]) * config.width) ** 2 * dt
     outside = t_ns - people.seen_ns > OUTSIDE_AFTER_S * NS
     rate = np.where(outside, np.maximum(leaving, OUTSIDE), leaving)
     people = replace(
@@ -127,7 +135,7 @@ def predict(people: People, t_ns: int, *, dt: float, leaving: Floats, turning: f
     return _merged(people)
 
 
-def corrected(people: People, information: Floats, vector: Floats, sway: float) -> People:
+def corrected(people: People, information: Floats, vector: Floats, sway: float, config: JipdaConfig) -> People:
     """The people after a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
 
     Args:
@@ -135,6 +143,7 @@ def corrected(people: People, information: Floats, vector: Floats, sway: float) 
         information: (N, 6, 6) I.
         vector: (N, 6) v.
         sway: variance of the place that a body shows about the one where it walks; the factor is of the former.
+        config: how large people are: no body is smaller than the share `SMALLEST` of it.
     """
     information, vector = _without_sway(information, vector, sway)
     # Each model: information filter; evidence: the ratio of the normalisations before and after
@@ -148,6 +157,8 @@ def corrected(people: People, information: Floats, vector: Floats, sway: float) 
     evidence -= 0.5 * np.einsum("nai,nai->na", people.means, first)
     model = people.model * np.exp(evidence - evidence.max(axis=1, keepdims=True))
     model /= model.sum(axis=1, keepdims=True)
+    for size, usual in ((HEIGHT, config.height), (WIDTH, config.width)):
+        np.maximum(means[..., size], SMALLEST * usual, out=means[..., size])
     return _merged(replace(people, model=model, means=means, covariances=covariances))
 
 
@@ -187,15 +198,31 @@ def kept_apart(people: People, s: float) -> People:
     return _merged(replace(people, model=model, means=means, covariances=covariances))
 
 
-def _transitions(dt: float, begin: float, end: float) -> Floats:
-    """(2, 2) probabilities of the models after dt given those before: a Markov chain in continuous time."""
+def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig) -> Floats:
+    """(3, 3) probabilities of the models after dt given those before.
+
+    Two Markov chains in continuous time, one in the other: people bend or not, and while they do not, they turn or
+    not.  Whoever has got up stands still or walks on.
+    """
+    turn, bend = (
+        _two_states(dt, turning, 1.0 / config.turn_s),
+        _two_states(dt, bending, 1.0 / config.bent_s),
+    )
+    out = np.zeros((len(MODELS), len(MODELS)))
+    out[:BENDING, :BENDING] = turn * bend[0, 0]
+    out[BENDING, :BENDING], out[CALM, BENDING], out[BENDING, BENDING] = bend[1, 0], bend[0, 1], bend[1, 1]
+    return out
+
+
+def _two_states(dt: float, begin: float, end: float) -> Floats:
+    """(2, 2) probabilities of two states after dt given those before, by the rates of change [1/s] from each."""
     total = begin + end
     gone = (1.0 - np.exp(-total * dt)) / total
     return np.array([[1.0 - begin * gone, end * gone], [begin * gone, 1.0 - end * gone]])
 
 
 def _merged(people: People) -> People:
-    """The people with the moments of both models together."""
+    """The people with the moments of all models together."""
     mean = np.einsum("na,nai->ni", people.model, people.means)
     apart = people.means - mean[:, None]
     covariance = np.einsum("na,naij->nij", people.model, people.covariances)

@@ -90,6 +90,7 @@ def crowd(
     seed: int = 0,
     colours: int = 0,
     alike: float = 20.0,
+    lean: Floats | None = None,
 ) -> Crowd:
     """A crowd and its boxes.
 
@@ -107,6 +108,7 @@ def crowd(
         seed: of everything.
         colours: of a histogram of each box, Dirichlet about that of the person; 0: boxes have none.
         alike: concentration of boxes' histograms about the person's; that of persons, and of nobody's boxes, is 1.
+        lean: (frames, people) angle [rad] by which a body has fallen over along x, about its feet; None: all stand.
     """
     rng = np.random.default_rng(seed)
     # Colours have draws of their own, so that boxes are the same with and without
@@ -121,7 +123,9 @@ def crowd(
     for t in range(frames):
         looks = []
         for c, view in enumerate(views):
-            boxes, far = _bodies(view, truth[t], height, girth, ring, metre)
+            boxes, far = _bodies(
+                view, truth[t], height, girth, ring, metre, np.zeros(people) if lean is None else lean[t]
+            )
             own = [i for i in range(people) if _seen(i, boxes, far, hidden, rng) and rng.random() > miss]
             found = boxes[own].reshape(-1, 4)
             found = found + rng.normal(0.0, px, found.shape)
@@ -163,12 +167,15 @@ def _histograms(clothes: Floats, nobody: int, alike: float, rng: np.random.Gener
 
 
 def _bodies(
-    view: Camera, places: Floats, height: Floats, girth: Floats, ring: Floats, metre: float
+    view: Camera, places: Floats, height: Floats, girth: Floats, ring: Floats, metre: float, lean: Floats
 ) -> tuple[Floats, Floats]:
     """Boxes (n, 4) of all points of n bodies, NaN of those that are not in the image, and their distances (n,)."""
     points = np.empty((len(places), len(ring), 3))
-    points[..., :2] = places[:, None] + girth[:, None, None] * ring[:, :2]
-    points[..., 2] = height[:, None] * ring[:, 2]
+    across, up = girth[:, None, None] * ring[:, :2], height[:, None] * ring[:, 2]
+    cos, sin = np.cos(lean)[:, None], np.sin(lean)[:, None]
+    points[..., :2] = places[:, None] + across
+    points[..., 0] += (cos - 1.0) * across[..., 0] + sin * up
+    points[..., 2] = np.maximum(cos * up - sin * across[..., 0], 0.0)
     pixels = view.project(points.reshape(-1, 3) * metre).reshape(len(places), len(ring), 2)
     boxes = np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
     u, v = 0.5 * (boxes[:, 0] + boxes[:, 2]), 0.5 * (boxes[:, 1] + boxes[:, 3])

@@ -14,6 +14,7 @@ from occlog.track.jipda.detectors import (
     Counts,
     Nobodys,
     again_rate,
+    bending_rate,
     blind_looks,
     boxes_of_nobody,
     first_counts,
@@ -65,18 +66,25 @@ def after(looks: int, visible: float, found: int) -> Counts:
     for _ in range(looks):
         now = rates(counts)
         counts = learn(
-            counts, everybody(), dt=0.5, turn_s=1.0, boxes=look_at(found), rates=now, result=seen(visible, found)
+            counts,
+            everybody(),
+            dt=0.5,
+            config=JipdaConfig(),
+            boxes=look_at(found),
+            rates=now,
+            result=seen(visible, found),
         )
     return counts
 
 
 def test_at_first_the_settings_hold() -> None:
-    config = JipdaConfig(detection=0.7, clutter=1.5, stay_s=30.0, calm_s=10.0)
+    config = JipdaConfig(detection=0.7, clutter=1.5, stay_s=30.0, calm_s=10.0, bend_s=40.0)
     counts = first_counts(2, config)
     np.testing.assert_allclose(rates(counts, config).detection, 0.7)
     np.testing.assert_allclose(boxes_of_nobody(counts), 1.5)
     assert leaving_rate(counts) == pytest.approx(1.0 / 30.0)
     assert turning_rate(counts) == pytest.approx(0.1)
+    assert bending_rate(counts) == pytest.approx(0.025)
 
 
 def test_the_rate_of_detection_is_that_of_people_in_plain_view() -> None:
@@ -128,3 +136,8 @@ def test_boxes_of_nobody_are_never_sure_to_be_there_again() -> None:
     counts = first_counts(1, JipdaConfig())
     assert again_rate(counts) == pytest.approx(0.25)
     assert again_rate(replace(counts, again=np.array([[99.0, 100.0]]))) == MOST_AGAIN
+
+
+def test_people_who_never_bend_are_expected_to_bend_more_seldom() -> None:
+    seconds = 100 * 0.5 * N
+    assert bending_rate(after(100, 1.0, 3)) == pytest.approx(2.0 / (2.0 * JipdaConfig().bend_s + seconds))

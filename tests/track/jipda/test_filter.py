@@ -62,6 +62,27 @@ def test_covariances_are_consistent() -> None:
     assert np.mean(np.array(nees) < 5.99) > 0.88
 
 
+def test_most_people_who_fall_lie_and_get_up_keep_their_identity() -> None:
+    # Each of four falls over along x within 0.7 s, lies for 1.5 s and gets up
+    lean, down = np.zeros((70, 4)), np.concatenate([np.linspace(0.0, 1.0, 7), np.ones(15), np.linspace(1.0, 0.0, 9)])
+    for i in range(4):
+        lean[10 + 5 * i : 41 + 5 * i, i] = 0.5 * np.pi * down
+    found, kept = {True: 0, False: 0}, {True: 0, False: 0}
+    for seed in (14, 15, 16):
+        made = crowd(people=4, frames=70, seed=seed, lean=lean)
+        # Whoever lies is where the body's middle is
+        made = made._replace(truth=made.truth + np.stack([0.85 * np.sin(lean), np.zeros_like(lean)], axis=2))
+        for bend in (True, False):
+            matches = pairs(made, follow(made, None if bend else JipdaConfig(bend_s=1e12)))
+            found[bend] += len(matches)
+            kept[bend] += sum(len({k for _, i, k, _ in matches if i == person}) == 1 for person in range(4))
+    # Of 12 people 10 keep their identity; without the model of those who bend all lose it, and their rows meanwhile
+    assert kept[True] >= 9
+    assert kept[False] <= 2
+    assert found[True] > 0.9 * 3 * 4 * 70
+    assert found[False] < 0.7 * 3 * 4 * 70
+
+
 def test_the_unit_of_length_does_not_matter() -> None:
     metres = follow(crowd(people=4, frames=15, seed=5))
     centimetres = follow(crowd(people=4, frames=15, seed=5, metre=100.0))

@@ -10,12 +10,15 @@ import pytest
 from occlog.array_types import NS, Floats
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.people import (
+    BENDING,
     CALM,
     DOUBLE,
     DOUBLE_S,
     RIVAL,
+    SMALLEST,
     TURNING,
     People,
+    _transitions,
     born,
     corrected,
     doubles,
@@ -35,12 +38,14 @@ def covariance(n: int) -> Floats:
 
 def some(n: int = 3):
     """People at random places."""
-    return born(RNG.normal(size=(n, 6)), covariance(n), np.full(n, 0.9), np.full(n, 2.0), 0, 0)
+    mean = RNG.normal(size=(n, 6))
+    mean[:, 4:] = np.abs(mean[:, 4:]) + 1.0
+    return born(mean, covariance(n), np.full(n, 0.9), np.full(n, 2.0), 0, 0)
 
 
 def test_people_who_walk_on_are_predicted_as_by_a_kalman_filter() -> None:
     config, people, dt = JipdaConfig(), some(), 0.4
-    after = predict(people, 0, dt=dt, leaving=np.zeros(3), turning=1e-12, config=config)
+    after = predict(people, 0, dt=dt, leaving=np.zeros(3), turning=1e-12, bending=1e-12, config=config)
     F, Q, q = np.eye(6), np.zeros((6, 6)), config.acceleration
     F[0, 2] = F[1, 3] = dt
     for a in (0, 1):
@@ -52,21 +57,23 @@ def test_people_who_walk_on_are_predicted_as_by_a_kalman_filter() -> None:
 
 def test_many_short_steps_are_one_long_one() -> None:
     config, people = JipdaConfig(), some()
-    once = predict(people, 0, dt=0.5, leaving=np.zeros(3), turning=1e-12, config=config)
+    once = predict(people, 0, dt=0.5, leaving=np.zeros(3), turning=1e-12, bending=1e-12, config=config)
     for _ in range(50):
-        people = predict(people, 0, dt=0.01, leaving=np.zeros(3), turning=1e-12, config=config)
+        people = predict(people, 0, dt=0.01, leaving=np.zeros(3), turning=1e-12, bending=1e-12, config=config)
     np.testing.assert_allclose(people.covariance, once.covariance, rtol=1e-6, atol=1e-9)
 
 
 def test_existence_falls_with_the_rate_of_leaving() -> None:
-    after = predict(some(1), 0, dt=3.0, leaving=np.array([0.1]), turning=0.05, config=JipdaConfig())
+    after = predict(some(1), 0, dt=3.0, leaving=np.array([0.1]), turning=0.05, bending=1e-3, config=JipdaConfig())
     assert after.existence[0] == pytest.approx(0.9 * np.exp(-0.3))
 
 
 def test_people_out_of_all_images_leave_sooner() -> None:
     people = some(2)
     people = replace(people, seen_ns=np.array([0, 1_500_000_000]))
-    after = predict(people, 2_000_000_000, dt=1.0, leaving=np.full(2, 0.01), turning=0.05, config=JipdaConfig())
+    after = predict(
+        people, 2_000_000_000, dt=1.0, leaving=np.full(2, 0.01), turning=0.05, bending=1e-3, config=JipdaConfig()
+    )
     assert after.existence[0] < 0.6 * 0.9 + 0.01
     assert after.existence[1] == pytest.approx(0.9 * np.exp(-0.01))
 
@@ -76,7 +83,7 @@ def test_a_factor_updates_as_a_kalman_filter_does() -> None:
     H, R, z = RNG.normal(size=(2, 6)), np.diag([0.04, 0.09]), RNG.normal(size=2)
     information = np.repeat((H.T @ np.linalg.inv(R) @ H)[None], 3, axis=0)
     vector = np.repeat((H.T @ np.linalg.inv(R) @ z)[None], 3, axis=0)
-    after = corrected(people, information, vector, 0.0)
+    after = corrected(people, information, vector, 0.0, JipdaConfig())
     for i in range(3):
         P = people.covariance[i]
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
@@ -89,9 +96,9 @@ def test_sway_is_noise_of_the_place() -> None:
     H = np.zeros((2, 6))
     H[0, 0] = H[1, 1] = 1.0
     information, vector = (H.T @ H / 0.01)[None], (H.T @ np.array([1.0, 2.0]) / 0.01)[None]
-    after = corrected(people, information, vector, sway)
+    after = corrected(people, information, vector, sway, JipdaConfig())
     R = 0.01 + sway
-    plain = corrected(people, (H.T @ H / R)[None], (H.T @ np.array([1.0, 2.0]) / R)[None], 0.0)
+    plain = corrected(people, (H.T @ H / R)[None], (H.T @ np.array([1.0, 2.0]) / R)[None], 0.0, JipdaConfig())
     np.testing.assert_allclose(after.mean, plain.mean, rtol=1e-9)
     np.testing.assert_allclose(after.covariance, plain.covariance, rtol=1e-7, atol=1e-12)
 
@@ -106,14 +113,55 @@ def test_a_turn_makes_the_manoeuvre_probable_and_is_followed() -> None:
     place, seen = np.zeros(2), []
     for k in range(20):
         place = place + 0.1 * (np.array([1.2, 0.0]) if k < 8 else np.array([0.0, 1.2]))
-        people = predict(people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, config=config)
-        people = corrected(people, (H.T @ H / 4e-4)[None], (H.T @ place / 4e-4)[None], 0.0)
+        people = predict(people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, bending=1e-3, config=config)
+        people = corrected(people, (H.T @ H / 4e-4)[None], (H.T @ place / 4e-4)[None], 0.0, config)
         seen.append(people.model[0, TURNING])
     assert max(seen[:8]) < 0.2
     assert max(seen[8:14]) > 0.7
     assert np.hypot(*(people.mean[0, :2] - place)) < 0.1
     assert people.model.sum() == pytest.approx(1.0)
     assert people.model[0, CALM] >= 0.0
+
+
+def test_models_change_by_their_rates() -> None:
+    config, turning = JipdaConfig(bent_s=3.0, turn_s=0.7), 0.2
+    rates = np.array([[-0.22, 1 / 0.7, 1 / 3.0], [0.2, -1 / 0.7 - 0.02, 0.0], [0.02, 0.02, -1 / 3.0]])
+    dt = 1e-5
+    np.testing.assert_allclose((_transitions(dt, turning, 0.02, config) - np.eye(3)) / dt, rates, atol=2e-5)
+    for dt in (0.0, 0.04, 1.0, 1e6):
+        to = _transitions(dt, turning, 0.02, config)
+        np.testing.assert_allclose(to.sum(axis=0), 1.0, rtol=1e-12)
+        assert (to >= 0.0).all()
+    # After long the share of people who are bent is what the two rates make it
+    np.testing.assert_allclose(to[BENDING], 3.0 / 53.0, rtol=1e-9)
+
+
+def test_whoever_falls_is_followed_down_and_up_again() -> None:
+    config, seen = JipdaConfig(), []
+    mean = np.array([[0.0, 0.0, 0.0, 0.0, 1.7, 0.5]])
+    people = born(mean, 1e-3 * np.eye(6)[None], np.ones(1) * 0.9, np.ones(1), 0, 0)
+    H = np.zeros((2, 6))
+    H[0, 4] = H[1, 5] = 1.0
+    for k in range(60):
+        body = np.array([1.7, 0.5] if k < 10 or k >= 45 else [0.45, 1.2])
+        people = predict(people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, bending=1e-3, config=config)
+        people = corrected(people, (H.T @ H / 4e-3)[None], (H.T @ body / 4e-3)[None], 0.0, config)
+        seen.append((people.model[0, BENDING], np.abs(people.mean[0, 4:] - body).max()))
+    bends, off = np.array(seen).T
+    assert bends[:10].max() < 0.01
+    assert bends[10:12].min() > 0.9
+    assert off[12:45].max() < 0.1
+    # Whoever lies still, or has got up, does not bend
+    assert bends[[30, 44, 59]].max() < 0.01
+    assert off[59] < 0.05
+
+
+def test_no_body_is_smaller_than_a_share_of_the_usual_one() -> None:
+    config, people = JipdaConfig(), some(1)
+    information, vector = np.zeros((1, 6, 6)), np.zeros((1, 6))
+    information[0, [4, 5], [4, 5]], vector[0, 4:] = 1e6, -1e6
+    after = corrected(people, information, vector, 0.0, config)
+    np.testing.assert_allclose(after.mean[0, 4:], [SMALLEST * config.height, SMALLEST * config.width], rtol=1e-6)
 
 
 def three_people() -> People:
@@ -159,8 +207,10 @@ def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> Non
     config, people = JipdaConfig(), head_on()
     free = people
     for _ in range(4):
-        free = predict(free, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, config=config)
-        people = kept_apart(predict(people, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, config=config), config.apart)
+        free = predict(free, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config)
+        people = kept_apart(
+            predict(people, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config), config.apart
+        )
     # Where they would have met they are still before each other, and slower
     np.testing.assert_allclose(free.mean[:, 0], 0.4, atol=1e-9)
     assert people.mean[1, 0] - people.mean[0, 0] > 0.5 * config.apart
