@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,41 +42,83 @@ def boxes_of(table: Boxes | Views | ViewTracks) -> Boxes:
     ).sorted()
 
 
-def of_camera(boxes: Boxes, camera: str | None) -> Boxes:
-    """The boxes of one camera; UsageError where there are several and none is named, or that one is not there."""
-    cameras = np.unique(boxes.sensor).tolist()
+class Cameras(NamedTuple):
+    """What a pass over a table in images finds.
+
+    Attributes:
+        boxed: cameras that have a box, rising.
+        ends: of each camera frame and time of the first row with its lowest frame, and of that with its highest.
+        rising: cameras whose frames rise with time, so that rows in the order of time are in that of frames.
+    """
+
+    boxed: list[str]
+    ends: dict[str, tuple[Frame, Frame]]
+    rising: frozenset[str]
+
+
+class Frame(NamedTuple):
+    """Number and time of a frame."""
+
+    number: int
+    t_ns: int
+
+
+def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
+    """The cameras of a table, given in pieces that split no time."""
+    boxed: set[str] = set()
+    ends: dict[str, tuple[Frame, Frame]] = {}
+    back: set[str] = set()
+    for piece in pieces:
+        boxed.update(np.unique(piece.sensor[piece.box >= 0] if isinstance(piece, Boxes) else piece.sensor).tolist())
+        for name in np.unique(piece.sensor).tolist():
+            own = np.flatnonzero(piece.sensor == name)
+            frame, t_ns = piece.frame[own], piece.t_ns[own]
+            low, high = (Frame(int(frame[at]), int(t_ns[at])) for at in (np.argmin(frame), np.argmax(frame)))
+            first, last = ends.get(name, (low, high))
+            later = np.diff(t_ns) > 0
+            if (np.diff(frame)[later] <= 0).any() or (np.diff(frame)[~later] != 0).any():
+                back.add(name)
+            if name in ends and low.number <= last.number:
+                back.add(name)
+            ends[name] = (low if low.number < first.number else first, high if high.number > last.number else last)
+    return Cameras(sorted(boxed), ends, frozenset(ends) - back)
+
+
+def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
+    """The camera whose boxes are written; None: there is no box.
+
+    UsageError where there are several and none is named, InputError where that one is not there.
+    """
     if camera is None and len(cameras) > 1:
         raise UsageError(f"the text holds one camera, and there are {', '.join(cameras)}; choose one (camera)")
     if camera is not None and camera not in cameras:
         raise InputError(f"no boxes of camera {camera!r}; there are: {', '.join(cameras) or 'none'}")
-    return boxes if camera is None else boxes.take(boxes.sensor == camera)
+    return camera if camera is not None else next(iter(cameras), None)
 
 
-def sequence_info(
-    rows: Boxes | Views | ViewTracks, camera: str | None, folder: str, scene: Scene | None
-) -> SequenceInfo:
+def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene | None) -> SequenceInfo:
     """What `seqinfo.ini` says of the video of one camera: frames up to the last one that has a row, at their mean rate.
 
     Args:
-        rows: of the table; those of frames without a box count too.
+        found: in the table; rows of frames without a box count too.
         camera: the camera; None: there is one.
         folder: of the sequence, whose name it has.
         scene: has the sizes of images.
 
     Raises:
-        InputError: the size of the images is not known, or there is one frame only, so that there is no rate.
+        InputError: the size of the images is not known, or there is no rate, of one frame or none.
     """
-    names = np.unique(rows.sensor).tolist()
-    chosen = camera if camera is not None else names[0]
+    if not found.ends:
+        raise InputError("there is no row, so that nothing is known of the video")
+    chosen = camera if camera is not None else min(found.ends)
     size = next((c.image_size for c in scene.cameras if c.name == chosen), None) if scene is not None else None
     if size is None:
         raise InputError(f"the size of the images of {chosen} is not known, which seqinfo.ini has; give their scene")
-    own = np.flatnonzero(rows.sensor == chosen)
-    first, last = own[np.argmin(rows.frame[own])], own[np.argmax(rows.frame[own])]
-    if rows.t_ns[last] == rows.t_ns[first]:
+    first, last = found.ends[chosen]
+    if last.t_ns == first.t_ns:
         raise InputError(f"{chosen} has one frame only, so that the frame rate in seqinfo.ini is not known")
-    rate_hz = NS * float(rows.frame[last] - rows.frame[first]) / float(rows.t_ns[last] - rows.t_ns[first])
-    return SequenceInfo(folder, int(rows.frame[last]) + 1, round(rate_hz, 6), *size)
+    rate_hz = NS * float(last.number - first.number) / float(last.t_ns - first.t_ns)
+    return SequenceInfo(folder, last.number + 1, round(rate_hz, 6), *size)
 
 
 def kitti_text(boxes: Boxes) -> str:

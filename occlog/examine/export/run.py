@@ -24,6 +24,7 @@ from occlog.plugins.interface import World
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.people import JoinedTracks, PeopleTracks, PeopleViews
+from occlog.records.pieces import whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import TABLES, Boxes, FusedTracks, TagTracks, Tracks, Truth, Views
 from occlog.records.views import ViewTracks
@@ -31,10 +32,21 @@ from occlog.records.views import ViewTracks
 from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
 from .columns import write_csv, write_parquet
 from .formats import FORMATS, Format, format_of
-from .in_images import boxes_of, coco_text, kitti_text, of_camera, sequence_info
-from .trajectories import geojson_text, mot3d_text, places_of, trc_text, tum_text
+from .in_images import Cameras, boxes_of, chosen_camera, coco_text, kitti_text, sequence_info, survey
+from .trajectories import (
+    Places,
+    check_one_target,
+    check_targets,
+    geojson_text,
+    mot3d_text,
+    places_of,
+    trc_text,
+    tum_text,
+)
 
 STANDARD = Path("-")
+LINE_BY_LINE = ("mot3d", "tum")
+"""Formats of places that are written piece by piece; documents are made whole."""
 WIDER: tuple[type[Table], ...] = (JoinedTracks, PeopleTracks, TagTracks, FusedTracks, PeopleViews)
 """Tables that have the name of another one and more columns, those with the most first."""
 
@@ -98,16 +110,13 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
         elif name == "parquet":
             summary["rows"] = write_parquet(opened.rows(table), table, file, unit)
         else:
-            rows = opened.read(table)
             try:
-                text, written = _text(name, rows, request, unit, scene)
+                summary["rows"], found = _write_text(name, opened, table, request, file, (unit, scene))
             except (InputError, UsageError) as error:
                 raise type(error)(f"{request.input}: {error}") from None
-            file.write(text.encode())
-            summary["rows"] = written
-            if info is not None and isinstance(rows, Boxes | Views | ViewTracks):
+            if info is not None and found is not None:
                 try:
-                    about = sequence_info(rows, request.camera, info.resolve().parent.name, scene)
+                    about = sequence_info(found, request.camera, info.resolve().parent.name, scene)
                 except InputError as error:
                     options.note(f"{info}: not written: {error}")
                 else:
@@ -169,29 +178,82 @@ def _widest(opened: Opened, table: type[Table]) -> type[Table]:
     return next((each for each in wider if {c.name for c in each.columns()} <= names), table)
 
 
-def _text(name: str, rows: Table, request: ExportRequest, unit: str, scene: Scene | None) -> tuple[str, int]:
-    """The whole text of a format that is not written row by row, and how many rows are in it."""
-    if isinstance(rows, Tracks | Truth):
-        places = places_of(rows, request.targets)
+def _write_text(
+    name: str,
+    opened: Opened,
+    table: type[Table],
+    request: ExportRequest,
+    file: IO[bytes],
+    world: tuple[str, Scene | None],
+) -> tuple[int, Cameras | None]:
+    """Write a format that is no table: the rows that are in it, and of one in images what it holds.
+
+    The rows are gone through twice: once for what a message or a head must know of all of them.
+    """
+    if issubclass(table, Tracks | Truth):
+        return _write_places(name, opened, table, request, file, world[0]), None
+    if not issubclass(table, Boxes | Views | ViewTracks):
+        raise InputError(f"format {name} takes no {table.NAME}")
+    return _write_boxes(name, opened, table, request, file, world[1])
+
+
+def _write_places(
+    name: str, opened: Opened, table: type[Tracks] | type[Truth], request: ExportRequest, file: IO[bytes], unit: str
+) -> int:
+    """Write places of targets, piece by piece where each line of the format is a row; the number of rows."""
+    targets = check_targets(opened.rows(table), request.targets)
+    if name == "tum":
+        check_one_target(targets)
+    if name not in LINE_BY_LINE:
+        places = places_of(opened.read(table), request.targets)
         if name == "geojson" and request.origin is not None:
             text = geojson_text(places, request.origin, unit)
-        elif name == "trc":
-            text = trc_text(places, unit, request.output.name)
         else:
-            text = mot3d_text(places) if name == "mot3d" else tum_text(places)
-        return text, len(places.t_ns)
-    if not isinstance(rows, Boxes | Views | ViewTracks):
-        raise InputError(f"format {name} takes no {rows.NAME}")
-    boxes = boxes_of(rows)
-    if name != "coco" or request.camera is not None:
-        boxes = of_camera(boxes, request.camera)
-    if name == "coco":
-        text = coco_text(boxes, scene)
-    elif name == "kitti":
-        text = kitti_text(boxes)
-    else:
-        text = mot_text(request.output, boxes, "tracks" if isinstance(rows, ViewTracks) else "detections")
-    return text, len(boxes)
+            text = trc_text(places, unit, request.output.name)
+        file.write(text.encode())
+        return len(places.t_ns)
+    count = 0
+
+    def pieces() -> Iterator[Places]:
+        nonlocal count
+        for piece in whole_times(opened.rows(table)):
+            places = places_of(piece, request.targets)
+            count += len(places.t_ns)
+            yield places
+
+    for text in mot3d_text(pieces()) if name == "mot3d" else map(tum_text, pieces()):
+        file.write(text.encode())
+    return count
+
+
+def _write_boxes(
+    name: str,
+    opened: Opened,
+    table: type[Boxes] | type[Views] | type[ViewTracks],
+    request: ExportRequest,
+    file: IO[bytes],
+    scene: Scene | None,
+) -> tuple[int, Cameras]:
+    """Write boxes, piece by piece where each line of the format is a box; their number, and what the table holds."""
+    found = survey(whole_times(opened.rows(table)))
+    camera = request.camera
+    if name != "coco" or camera is not None:
+        camera = chosen_camera(found.boxed, camera)
+    # Lines are in the order of frames
+    streams = name == "kitti" or (name == "mot" and (camera is None or camera in found.rising))
+    count = 0
+    for piece in whole_times(opened.rows(table)) if streams else [opened.read(table)]:
+        boxes = boxes_of(piece)
+        boxes = boxes if camera is None else boxes.take(boxes.sensor == camera)
+        if name == "coco":
+            text = coco_text(boxes, scene)
+        elif name == "kitti":
+            text = kitti_text(boxes)
+        else:
+            text = mot_text(request.output, boxes, "tracks" if isinstance(piece, ViewTracks) else "detections")
+        file.write(text.encode())
+        count += len(boxes)
+    return count, found
 
 
 @contextmanager

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Floats, Ints
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.errors import InputError, UsageError
 from occlog.io.trajectories.earth import Origin, degrees_of
 from occlog.io.trajectories.geojson import COLLECTION, KEYS, ORIGIN
@@ -26,25 +27,40 @@ class Places(NamedTuple):
     confidence: Floats  # (N,) NaN: not known
 
 
+def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) -> list[int]:
+    """The identities that are written, rising: a pass over the rows.
+
+    Args:
+        chunks: of the table.
+        targets: identities to keep; none: all.
+
+    Raises:
+        InputError: none is left, or an identity is not there.
+    """
+    known = sorted({identity for part in chunks for identity in np.unique(part.target_id[_used(part)]).tolist()})
+    for target in targets:
+        if target not in known:
+            raise InputError(f"no target {target}; there are: {', '.join(map(str, known)) or 'none'}")
+    if not known:
+        raise InputError("there are no rows to write")
+    return sorted(set(targets)) or known
+
+
+def _used(table: Tracks | Truth) -> Bools:
+    """(N,) rows of targets: of a truth those with the role of one."""
+    return table.role == "target" if isinstance(table, Truth) else np.ones(len(table), dtype=np.bool_)
+
+
 def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> Places:
     """The targets of a table; of a truth those with the role of one.
 
     Args:
         table: rows in any order.
         targets: identities to keep; none: all.
-
-    Raises:
-        InputError: none is left, or an identity is not there.
     """
-    used = table.role == "target" if isinstance(table, Truth) else np.ones(len(table), dtype=np.bool_)
-    known = np.unique(table.target_id[used]).tolist()
-    for target in targets:
-        if target not in known:
-            raise InputError(f"no target {target}; there are: {', '.join(map(str, known)) or 'none'}")
+    used = _used(table)
     used = used & np.isin(table.target_id, targets) if targets else used
     rows = table.take(used).sorted()
-    if not len(rows):
-        raise InputError("there are no rows to write")
     nothing = np.full(len(rows), np.nan)
     velocity = np.column_stack([nothing, nothing] if isinstance(rows, Truth) else [rows.vx, rows.vy])
     z = np.where(np.isnan(rows.z), 0.0, rows.z)
@@ -52,27 +68,32 @@ def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> Places:
     return Places(rows.t_ns, rows.target_id.astype(np.int64), np.column_stack([rows.x, rows.y, z]), velocity, sure)
 
 
-def mot3d_text(places: Places) -> str:
-    """Lines `frame,id,-1,-1,-1,-1,confidence,x,y,z`; frames are the distinct times, from 1."""
-    _, frame = np.unique(places.t_ns, return_inverse=True)
-    rows = zip(
-        (frame + 1).tolist(), places.identity.tolist(), places.confidence.tolist(), places.xyz.tolist(), strict=True
-    )
-    return "".join(
-        f"{f},{identity},-1,-1,-1,-1,{-1 if p != p else repr(p)},{x!r},{y!r},{z!r}\n"
-        for f, identity, p, (x, y, z) in rows
-    )
+def mot3d_text(pieces: Iterable[Places]) -> Iterator[str]:
+    """Lines `frame,id,-1,-1,-1,-1,confidence,x,y,z`, a text for each piece; frames are the distinct times, from 1.
 
-
-def tum_text(places: Places) -> str:
-    """Lines `t x y z qx qy qz qw` of one target [s]; it looks to where it goes, along +x where that is not known.
-
-    UsageError for several targets.
+    A time is in one piece only.
     """
-    names = np.unique(places.identity).tolist()
+    first = 1
+    for places in pieces:
+        times, frame = np.unique(places.t_ns, return_inverse=True)
+        numbers = (first + frame).tolist()
+        rows = zip(numbers, places.identity.tolist(), places.confidence.tolist(), places.xyz.tolist(), strict=True)
+        yield "".join(
+            f"{f},{identity},-1,-1,-1,-1,{-1 if p != p else repr(p)},{x!r},{y!r},{z!r}\n"
+            for f, identity, p, (x, y, z) in rows
+        )
+        first += len(times)
+
+
+def check_one_target(names: list[int]) -> None:
+    """UsageError for several targets, of which TUM text holds one."""
     if len(names) > 1:
         few = ", ".join(map(str, names[:10])) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
         raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)")
+
+
+def tum_text(places: Places) -> str:
+    """Lines `t x y z qx qy qz qw` of one target [s]; it looks to where it goes, along +x where that is not known."""
     heading = np.arctan2(places.velocity[:, 1], places.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(places.t_ns.tolist(), places.xyz.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)

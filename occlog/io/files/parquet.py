@@ -7,7 +7,7 @@ them a damaged page is read as wrong numbers, and a damaged footer as other unit
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -332,12 +332,28 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
         _check_schema(path, file.schema_arrow, table)
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
         previous = None
-        for batch in file.iter_batches(batch_size=rows, columns=names):
+        for batch in batches(file, rows, names):
             chunk = from_arrow(batch, table)
             if len(chunk) and previous is not None and chunk.t_ns[0] < previous:  # type: ignore[attr-defined]
                 raise InputError(f"{path}: t_ns goes back between two chunks; sort the table by t_ns")
             previous = int(chunk.t_ns[-1]) if len(chunk) else previous  # type: ignore[attr-defined]
             yield chunk
+
+
+def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
+    """Rows of some columns in file order, at most `rows` at a time, in memory that does not grow with the file.
+
+    The library keeps all that it has read for one call until that ends, so that each call is of a few groups of rows:
+    as many as have `rows` rows together.
+    """
+    groups: list[int] = []
+    together = 0
+    for number in range(file.num_row_groups):
+        groups.append(number)
+        together += file.metadata.row_group(number).num_rows
+        if together >= rows or number == file.num_row_groups - 1:
+            yield from file.iter_batches(batch_size=rows, columns=columns, row_groups=groups)
+            groups, together = [], 0
 
 
 def read_table(path: Path, table: type[T]) -> T:

@@ -14,7 +14,7 @@ from occlog.io.files.by_reader import table_of
 from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.inputs import STANDARD_INPUT, check_input
-from occlog.io.files.parquet import SCHEMA_KEY, open_parquet
+from occlog.io.files.parquet import SCHEMA_KEY, batches, open_parquet
 from occlog.io.files.timestamps import TIME_COLUMNS
 from occlog.io.trajectories.reader import Trajectories, find_trajectories
 
@@ -110,7 +110,7 @@ def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch
     """Batches of some columns of at most `ROWS` rows."""
     if kind == "Parquet":
         with open_parquet(path) as file:
-            yield from file.iter_batches(batch_size=ROWS, columns=names)
+            yield from batches(file, ROWS, names)
         return
     reader = _open_arrow(path)
     several = (

@@ -67,6 +67,18 @@ def test_chunks_are_written_in_groups_and_read_in_chunks(tmp_path: Path) -> None
     assert same(Bearings.concat(parts), want)
 
 
+def test_what_was_read_of_a_file_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parquet, "ROWS_PER_GROUP", 500)
+    path, rows = tmp_path / "t.parquet", 40_000
+    parquet.write_table(path, random_table(Tracks, rows).sorted(), PROVENANCE)
+    before, most, count = pa.total_allocated_bytes(), 0, 0
+    for part in parquet.iter_table(path, Tracks, rows=500):
+        most, count = max(most, pa.total_allocated_bytes() - before), count + len(part)
+    assert count == rows
+    assert pq.ParquetFile(path).num_row_groups == 80
+    assert 0 < most < 0.2 * path.stat().st_size
+
+
 def test_provenance_known_at_the_end_replaces_the_first(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     with parquet.TableWriter(path, Bearings, Provenance("detect")) as writer:

@@ -1,0 +1,104 @@
+"""`occlog export` in pieces: a file is the same whether a table is read in one piece or in many small ones."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io import open as opening
+from occlog.io.files.parquet import iter_table, write_table
+from occlog.io.files.provenance import Provenance
+from occlog.records.columns import Table
+from occlog.records.tables import Boxes, Tracks, Truth
+from occlog.records.views import ViewTracks
+
+STEPS, TARGETS = 7, 3
+T_NS = np.repeat(np.arange(STEPS) * 10**8, TARGETS)
+IDS = np.tile(np.array([5, 2, 9], dtype=np.int32), STEPS)
+X = np.linspace(0.0, 3.0, len(IDS))
+
+
+def tracks() -> Tracks:
+    """Three targets, whose rows of a time are not in the order of identities."""
+    ones = {name: np.ones(len(IDS)) for name in ("vx", "vy", "cov_xx", "cov_yy")}
+    return Tracks.of(t_ns=T_NS, target_id=IDS, x=X, y=-X, cov_xy=np.zeros(len(IDS)), **ones)
+
+
+def truth() -> Truth:
+    role = np.where(IDS == 9, "occluder", "target")
+    return Truth.of(t_ns=T_NS, target_id=IDS, role=role, x=X, y=X, z=np.zeros(len(IDS)))
+
+
+def in_images(frame: np.ndarray) -> ViewTracks:
+    """Three targets in two cameras."""
+    numbers = ("a_px", "b_px", "cov_xx_px", "cov_yy_px", "likeness", "ess")
+    values = {name: np.ones(len(IDS)) for name in numbers} | {
+        "rho": np.zeros(len(IDS)),
+        "cov_xy_px": np.zeros(len(IDS)),
+    }
+    texts = {name: np.full(len(IDS), "") for name in ("mode", "counterpart", "neighbours", "helpers", "event")}
+    sensor = np.where(IDS == 9, "b", "a")
+    return ViewTracks.of(t_ns=T_NS, sensor=sensor, frame=frame, target_id=IDS, x_px=X, y_px=X, **values, **texts)
+
+
+def boxes() -> Boxes:
+    """Boxes of one camera, and a frame of it without a box."""
+    there = T_NS != 2 * 10**8
+    edges = {name: np.where(there, X + 1.0, np.nan) for name in ("left_px", "top_px", "width_px", "height_px")}
+    keep = there | (IDS == 5)
+    columns = {"t_ns": T_NS, "frame": T_NS // 10**8, "box": np.where(there, IDS, -1), "confidence": edges["top_px"]}
+    columns |= {"sensor": np.full(len(IDS), "a"), "target_id": np.where(there, IDS, -1), **edges}
+    return Boxes.of(**{name: values[keep] for name, values in columns.items()})
+
+
+FRAME = T_NS // 10**8
+CASES = [
+    (tracks(), "out.txt", ("--to", "mot3d")),
+    (tracks(), "out.tum", ("--target", "2")),
+    (tracks(), "out.trc", ()),
+    (truth(), "out.txt", ("--to", "mot3d")),
+    (truth(), "out.csv", ()),
+    (in_images(FRAME), "out.txt", ("--to", "mot", "--camera", "a")),
+    (in_images(FRAME), "out.txt", ("--to", "kitti", "--camera", "a")),
+    (in_images(FRAME), "out.json", ()),
+    (boxes(), "out.txt", ("--to", "mot")),
+    (boxes(), "out.json", ()),
+]
+
+
+@pytest.mark.parametrize(("table", "name", "args"), CASES, ids=[f"{t.NAME}-{a or n}" for t, n, a in CASES])
+def test_small_pieces_make_the_same_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, table: Table, name: str, args: tuple[str, ...]
+) -> None:
+    write_table(tmp_path / "in.parquet", table, Provenance("test"))
+    made = []
+    for rows in (1000, 2, 1):
+        monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
+        output = tmp_path / name
+        assert run(["export", str(tmp_path / "in.parquet"), "-o", str(output), "--overwrite", *args]) == ExitCode.DONE
+        made.append(output.read_bytes())
+    assert len(made[0].splitlines()) >= (1 if name == "out.json" else STEPS)
+    assert made[1] == made[2] == made[0]
+
+
+def test_frames_that_go_back_are_no_text_of_rising_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_table(tmp_path / "in.parquet", in_images(FRAME[::-1].copy()), Provenance("test"))
+    for rows in (1000, 2):
+        monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
+        args = ["--to", "mot", "--camera", "a", "-o", str(tmp_path / "out.txt")]
+        assert run(["export", str(tmp_path / "in.parquet"), *args]) == ExitCode.BAD_INPUT
+        assert "t_ns goes back at row 2 (500000000 after 600000000)" in capsys.readouterr().err
+        assert not (tmp_path / "out.txt").exists()
+
+
+def test_an_empty_table_of_boxes_is_an_empty_data_set(tmp_path: Path) -> None:
+    write_table(tmp_path / "in.parquet", Boxes.empty(), Provenance("test"))
+    assert run(["export", str(tmp_path / "in.parquet"), "-o", str(tmp_path / "out.json")]) == ExitCode.DONE
+    assert '"images": [], "annotations": []' in (tmp_path / "out.json").read_text()
