@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -13,6 +14,8 @@ COMPILING: list[Callable[[bool], None]] = []
 """Who is told, in whatever thread, that this process compiles kernels and takes long, and whether they are kept for
 later ones; nobody twice."""
 _UNCACHED: list[bool] = []
+THREADS = "OCCLOG_THREADS"
+"""Variable of the environment: how many threads commands take that are not told how many."""
 
 
 class Plan:
@@ -88,3 +91,9 @@ def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
     if plan is not None:
         plan.reads += [path for path in reads if path not in plan.reads]
         plan.writes += [path for path in writes if path not in plan.writes]
+
+
+def threads_by_default() -> int:
+    """Threads of a command that is not told how many: one a processor, or what `OCCLOG_THREADS` says."""
+    told = os.environ.get(THREADS, "")
+    return int(told) if told.isdigit() and int(told) > 0 else os.cpu_count() or 1

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from occlog.cli import options
+from occlog.details import threads_by_default
 from occlog.errors import UsageError
 from occlog.measure.detect.config import DetectConfig
 from occlog.measure.fuse.config import FuseConfig
@@ -75,7 +76,7 @@ def detect(
     background = {"target": target, "target_boxes": target_boxes or None, "near": near, "fuse": fuse or None}
     alien = [name for name, value in background.items() if value is not None] + ([] if learn else ["learn"])
     detector = detector_of(Network(onnx, classes, names, embed), bearings, settings, alien)
-    home, threads = Folder(), workers or os.cpu_count() or 1
+    home, threads = Folder(), workers or threads_by_default()
     with Inputs() as inputs, options.notes_kept() as notes:
         path, place, only = inputs.rows(recording, "recording"), inputs.scene(scene), names_of(cameras)
         if detector is not None:

@@ -53,6 +53,7 @@ COMMANDS = {
     "evaluate": Command("occlog.evaluate.command", "Compare tracks with the truth and with the Cramer-Rao bound."),
     "report": Command("occlog.report.command", "Show a run as one offline page and a picture."),
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
+    "batch": Command("occlog.pipeline.batch.command", "Do the stages of a run for each of many recordings."),
     "sweep": Command("occlog.pipeline.sweep.command", "Monte Carlo runs over seeds and parameters, in parallel."),
     "reproduce": Command("occlog.papers.command", "Run a paper's experiments and judge each of its statements."),
     "diff": Command(
@@ -180,24 +181,37 @@ def run(args: list[str] | None = None) -> int:
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         return ExitCode.USAGE
-    except click.UsageError as error:
-        path = error.ctx.command_path if error.ctx else "occlog"
-        return _fail(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE, words)
-    except click.ClickException as error:
-        return _fail(error.format_message(), ExitCode.BAD_INPUT, words)
     except streams.ReaderGoneError as error:
         return error.exit_code
-    except OutputExistsError as error:
-        return _fail(f"{error}; give --overwrite to replace it", error.exit_code, words)
-    except OcclogError as error:
-        return _fail(str(error), error.exit_code, words)
-    except MemoryError:
-        remedy = "use fewer particles, a shorter --lag or smaller images, or free memory"
-        return _fail(f"out of memory; {remedy}", ExitCode.BAD_INPUT, words)
     except Exception as error:
-        if os.environ.get(DEBUG):
+        explained = explain(error)
+        if explained.code == ExitCode.BUG and os.environ.get(DEBUG):
             raise
-        return _fail(_bug(error), ExitCode.BUG, words)
+        return _fail(explained.message, explained.code, words)
+
+
+class Explained(NamedTuple):
+    """What a user is told of an error."""
+
+    message: str  # one line
+    code: ExitCode
+
+
+def explain(error: Exception) -> Explained:
+    """Put an error that ends a command into a line, with the exit code."""
+    if isinstance(error, click.UsageError):
+        path = error.ctx.command_path if error.ctx else "occlog"
+        return Explained(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE)
+    if isinstance(error, click.ClickException):
+        return Explained(error.format_message(), ExitCode.BAD_INPUT)
+    if isinstance(error, OutputExistsError):
+        return Explained(f"{error}; give --overwrite to replace it", error.exit_code)
+    if isinstance(error, OcclogError):
+        return Explained(str(error), error.exit_code)
+    if isinstance(error, MemoryError):
+        remedy = "use fewer particles, a shorter --lag or smaller images, or free memory"
+        return Explained(f"out of memory; {remedy}", ExitCode.BAD_INPUT)
+    return Explained(_bug(error), ExitCode.BUG)
 
 
 def _bug(error: Exception) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import os
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -19,6 +18,7 @@ from occlog.cli.setting_options import flag_of
 from occlog.core.navigation.moving import Moving
 from occlog.core.navigation.potentials import distance
 from occlog.core.numerics.time_grid import Grid
+from occlog.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -128,7 +128,7 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
     world = _walkers(scene, request) if script is None else _scripted(scene, request, script)
     observing = not request.video if request.bearings is None else request.bearings
     watch = configure(ObserveConfig(diameter=world.diameter), request.observe) if observing else None
-    workers = request.workers or os.cpu_count() or 1
+    workers = request.workers or threads_by_default()
     look = configure(RenderConfig(diameter=world.diameter, workers=workers), request.render)
     fields = configure(FieldConfig.in_unit(scene.length_unit), request.avoidance)
     heights = world.z is not None or (script is not None and script.heights)

@@ -361,6 +361,18 @@ def read_table(path: Path, table: type[T]) -> T:
     return table.concat(iter_table(path, table))
 
 
+def arrow_schema_of(path: Path) -> pa.Schema:
+    """The Arrow schema of a Parquet file, as it was written."""
+    with _open(path) as file:
+        return file.schema_arrow
+
+
+def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordBatch]:
+    """Chunks of a Parquet file as Arrow has them, unchecked but for its check sums, at most `rows` rows each."""
+    with _open(path) as file:
+        yield from file.iter_batches(batch_size=rows)
+
+
 class Header(NamedTuple):
     """What a table says of itself: its name, the unit of its lengths, and how it was made."""
 

@@ -16,6 +16,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 
 from occlog.errors import InputError
+from occlog.io.files.content import Content, content_of
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_file, provenance_from_json
 from occlog.io.frames.codec import decode_image
@@ -179,6 +180,17 @@ class Recording:
         with open_mcap(self.path) as (reader, _):
             for _schema, channel, message in reader.iter_messages(topics=topics):
                 yield channel.topic, message.log_time, message.data, message.sequence
+
+
+def linked_videos(path: Path) -> tuple[Path, ...]:
+    """Files of the videos that a recording links to; none of what is no recording, or one that cannot be opened."""
+    try:
+        if content_of(path, "a recording") is not Content.RECORDING:
+            return ()
+        links = open_recording(path).videos.values()
+    except InputError:  # whoever reads it says so
+        return ()
+    return tuple(path.parent / link["path"] for link in links if "path" in link)
 
 
 def sensor_of(topic: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
@@ -10,6 +9,7 @@ import click
 from occlog.cli import options
 from occlog.cli.plugged import PluggedCommand, chosen_in
 from occlog.cli.setting_options import add_options, given, options_of, with_options
+from occlog.details import threads_by_default
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.networks.config import NetworkConfig
 from occlog.plugins.loading import DETECTOR
@@ -161,7 +161,7 @@ def command(
     options.check_outputs(
         [recording, scene, references, near, onnx, names, embed], [output, views, bearings], overwrite
     )
-    settings, threads = given(DetectConfig, values), workers or os.cpu_count() or 1
+    settings, threads = given(DetectConfig, values), workers or threads_by_default()
     if onnx is not None:
         networks = NetworkRequest(
             recording=recording,

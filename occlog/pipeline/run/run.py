@@ -9,10 +9,11 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
@@ -20,10 +21,12 @@ from occlog import __version__
 from occlog.cli import options
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
+from occlog.io.files.atomic import PARTIAL
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
+from occlog.io.recording.reader import linked_videos
 
-from .stages import Stage, check_settings, plan, read_config, refused_in
+from .stages import Config, Stage, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
 GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
@@ -37,6 +40,31 @@ class Outcome:
     key: str  # hash of everything that the outputs depend on
     code: int
     outputs: dict[str, str]  # hashes by path in the run folder
+
+
+class Step(NamedTuple):
+    """What was done of a stage."""
+
+    stage: str
+    what: str  # "up to date", "would run" or "done"
+    code: int
+    outputs: tuple[str, ...]  # paths in the run folder; none of a stage that failed
+
+
+class Digests:
+    """Hashes of files, each read once unless it changes."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._known: dict[tuple[str, int, int], str] = {}
+
+    def of(self, path: Path) -> str:
+        """SHA-256 of a file's bytes, in hexadecimal; InputError where it cannot be read."""
+        status = path.stat()
+        key = (str(path), status.st_mtime_ns, status.st_size)
+        if key not in self._known:
+            self._known[key] = hash_file(path)
+        return self._known[key]
 
 
 def run_stages(
@@ -57,40 +85,73 @@ def run_stages(
     for stage in plan(wanted, output.resolve()):  # checks every key and value before any stage runs
         check_settings(wanted, stage)
     folder = _folder(output, dry_run)
+    steps: list[Step] = []
+    for step in do_stages(wanted, folder, force=force, dry_run=dry_run, begin=lambda name: _note_begin(name, quiet)):
+        steps.append(step)
+    if steps and steps[-1].code not in GOING_ON:
+        return steps[-1].code
+    summary = _summary(folder, {step.stage: step.what for step in steps}, as_json)
+    options.note_findings((("", "warning", text) for text in sentences(summary)), quiet)
+    options.echo_summary(summary, as_json)
+    return options.strict_code(worst(step.code for step in steps), bool(summary.get("plausible", True)), strict)
+
+
+def do_stages(
+    wanted: Config, output: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None]
+) -> Iterator[Step]:
+    """Do the stages of a configuration that are not up to date, in order, until one fails.
+
+    Args:
+        wanted: the configuration; its paths are relative to its folder.
+        output: run folder; made if missing.
+        force: true: do every stage.
+        dry_run: true: only say which stages would run.
+        begin: called with the name of each stage that is done, before it is.
+
+    Raises:
+        OcclogError, click.ClickException: what a stage refuses.
+    """
+    folder = _folder(output, dry_run)
     state = _read_state(folder)
-    codes: list[int] = []
-    done: dict[str, str] = {}
+    if not dry_run and not (folder / STATE).exists():
+        _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder
+    digests = Digests()
     for stage in plan(wanted, folder):
-        with _inside(config.resolve().parent):
-            key = _key(stage, folder)
-            if not force and _is_current(state.get(stage.name), key, folder):
-                done[stage.name], code = "up to date", state[stage.name].code
+        with _inside(wanted.path.resolve().parent):
+            key = key_of(stage, folder, digests)
+            kept = state.get(stage.name)
+            if not force and kept is not None and _is_current(kept, key, folder):
+                step = Step(stage.name, "up to date", kept.code, tuple(kept.outputs))
             elif dry_run:
-                done[stage.name], code = "would run", ExitCode.DONE
+                step = Step(stage.name, "would run", ExitCode.DONE, ())
             else:
-                options.note(f"{stage.name} ...", quiet)
+                begin(stage.name)
                 with refused_in(wanted, stage):
                     code = _do(stage)
-                done[stage.name] = "done"
+                step = Step(stage.name, "done", code, ())
                 if code in GOING_ON:
-                    state[stage.name] = Outcome(key, code, _hashes(stage, folder))
+                    hashes = _hashes(stage, folder)
+                    state[stage.name] = Outcome(key, code, hashes)
                     _write_state(folder, state)
-        codes.append(code)
-        if code not in GOING_ON:
-            return code
-    summary = _summary(folder, done, as_json)
-    options.note_findings((("", "warning", text) for text in _sentences(summary)), quiet)
-    options.echo_summary(summary, as_json)
-    return options.strict_code(_worst(codes), bool(summary.get("plausible", True)), strict)
+                    step = Step(stage.name, "done", code, tuple(hashes))
+        yield step
+        if step.code not in GOING_ON:
+            return
 
 
-def _sentences(summary: Mapping[str, object]) -> list[str]:
+def _note_begin(stage: str, quiet: bool) -> None:
+    options.note(f"{stage} ...", quiet)
+
+
+def sentences(summary: Mapping[str, object]) -> list[str]:
     """The warnings of a summary."""
     warnings = summary.get("warnings")
     return [str(w["sentence"]) for w in warnings] if isinstance(warnings, list) else []
 
 
-def _worst(codes: list[int]) -> int:
+def worst(codes: Iterable[int]) -> int:
+    """The exit code that says most of several after each of which the work went on."""
+    codes = list(codes)
     for code in (ExitCode.THRESHOLD, ExitCode.LOSSY):
         if code in codes:
             return code
@@ -147,18 +208,23 @@ def _do(stage: Stage) -> int:
     return int(result) if isinstance(result, int) else ExitCode.DONE
 
 
-def _key(stage: Stage, folder: Path) -> str:
-    """Hash everything that the stage's outputs depend on: program, arguments, and content of the inputs."""
+def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
+    """Hash everything that the stage's outputs depend on: program, arguments, and content of the inputs.
+
+    Files are known by name and content, not by their folder, so that a run may be moved.
+    """
     digest = hashlib.sha256(f"{__version__}\0{stage.name}\0".encode())
     for text in stage.args:
         path = Path(text.split("=", 1)[-1])
         shown = text.replace(str(folder), "RUN")
-        digest.update(f"{shown}\0".encode())
         if text in stage.output_paths:
+            digest.update(f"{shown}\0".encode())
             continue
-        for file in [path] if path.is_file() else sorted(path.rglob("*")) if path.is_dir() else []:
+        whole = path.is_file()
+        digest.update(f"{shown.replace(str(path), path.name) if whole else shown}\0".encode())
+        for file in [path, *linked_videos(path)] if whole else sorted(path.rglob("*")) if path.is_dir() else []:
             if file.is_file():
-                digest.update(f"{file.name}\0{hash_file(file)}\0".encode())
+                digest.update(f"{file.name}\0{digests.of(file)}\0".encode())
     return digest.hexdigest()
 
 
@@ -167,8 +233,8 @@ def _hashes(stage: Stage, folder: Path) -> dict[str, str]:
     return {str(p.relative_to(folder)): hash_file(p) for p in paths if p.is_file()}
 
 
-def _is_current(outcome: Outcome | None, key: str, folder: Path) -> bool:
-    if outcome is None or outcome.key != key:
+def _is_current(outcome: Outcome, key: str, folder: Path) -> bool:
+    if outcome.key != key:
         return False
     return all((folder / n).is_file() and hash_file(folder / n) == digest for n, digest in outcome.outputs.items())
 
@@ -176,7 +242,7 @@ def _is_current(outcome: Outcome | None, key: str, folder: Path) -> bool:
 def _read_state(folder: Path) -> dict[str, Outcome]:
     path = folder / STATE
     if not path.exists():
-        if folder.is_dir() and any(folder.iterdir()):
+        if folder.is_dir() and any(not each.name.endswith(PARTIAL) for each in folder.iterdir()):
             raise UsageError(
                 f"{folder}: holds files but no {STATE}, so it is not a run folder; name a new or empty one"
             )
@@ -185,6 +251,14 @@ def _read_state(folder: Path) -> dict[str, Outcome]:
         return {name: Outcome(**outcome) for name, outcome in read_json(path)["stages"].items()}
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not the state of a run; remove it to do every stage again") from error
+
+
+def drop_empty(folder: Path) -> None:
+    """Remove a run folder in which no stage has ever ended."""
+    if (folder / STATE).is_file() and not _read_state(folder):
+        (folder / STATE).unlink()
+    with suppress(OSError):  # it holds something, or is not there
+        folder.rmdir()
 
 
 def _write_state(folder: Path, state: dict[str, Outcome]) -> None:

@@ -70,8 +70,13 @@ class Config:
         return dict(values) if isinstance(values, dict) else {}
 
 
-def read_config(path: Path) -> Config:
-    """Read a configuration (YAML); InputError names an unknown key and the nearest valid one."""
+def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
+    """Read a configuration (YAML); InputError names an unknown key and the nearest valid one.
+
+    Args:
+        path: the file.
+        sources: keys of which it must have exactly one; none: it must have no source of recordings.
+    """
     values = read_yaml(path, dict, "a run configuration (YAML)")
     for key in values:
         if key not in KEYS:
@@ -79,8 +84,10 @@ def read_config(path: Path) -> Config:
     if values.get("occlog_run") != 1:
         raise InputError(f"{path}: want `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}")
     given = [s for s in SOURCES if s in values]
-    if len(given) != 1:
-        raise InputError(f"{path}: give exactly one of {', '.join(SOURCES)}; got {', '.join(given) or 'none'}")
+    if given and not sources:
+        raise InputError(f"{path}: {given[0]}: a batch has its recordings from the command line; remove this key")
+    if sources and len(given) != 1:
+        raise InputError(f"{path}: give exactly one of {', '.join(sources)}; got {', '.join(given) or 'none'}")
     for name in ("simulate", "ingest", *STAGES):
         if not isinstance(values.get(name) or {}, dict):
             raise InputError(f"{path}: {name}: want keys and values, got {values[name]!r}")

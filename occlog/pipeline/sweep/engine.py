@@ -1,4 +1,4 @@
-"""Runs many trials in this process, in several processes, or on a Dask cluster, and stores each as it finishes.
+"""Runs many trials on an executor, and stores each as it finishes.
 
 The result of a trial depends on its description alone, so that any number of workers gives the
 same results, in the order of the descriptions.  Finished trials are kept in a file, one JSON object
@@ -7,29 +7,26 @@ a line: the process may be killed at any time, and the sweep goes on from there.
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import json
 import math
-import multiprocessing
 import os
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from occlog import __version__
-from occlog.errors import InputError, OcclogError, OutputError, UsageError
+from occlog.errors import InputError, OcclogError, OutputError
+from occlog.pipeline.executors.chosen import executor_of
+from occlog.pipeline.executors.interface import Lost
 
 from .trial import Spec, run_trial
 
 Result = dict[str, float]
 Trial = Callable[[Spec], Result]
 """Runs a trial; a function of a module, so that other processes can import it."""
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Variables that give each worker one thread: as many workers as processors then share them evenly."""
 
 
 def key_of(spec: Spec, run: Trial = run_trial) -> str:
@@ -173,91 +170,6 @@ def describe(spec: Spec) -> str:
 def _outcomes(
     todo: Mapping[str, Spec], workers: int, scheduler: str | None, run: Trial
 ) -> Iterator[tuple[str, Outcome]]:
-    if scheduler is not None:
-        yield from _on_cluster(todo, scheduler, run)
-    elif workers > 1 and len(todo) > 1:
-        yield from _in_processes(todo, min(workers, len(todo)), run)
-    else:
-        for key, spec in todo.items():
-            yield key, attempt(spec, run)
-
-
-def _in_processes(todo: Mapping[str, Spec], workers: int, run: Trial) -> Iterator[tuple[str, Outcome]]:
-    """Run trials in new processes, which inherit no state of this one."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_leave_with_parent)
-    try:
-        running = {pool.submit(attempt, spec, run): key for key, spec in todo.items()}
-        for future in as_completed(running):
-            yield running[future], future.result()
-    except BaseException:
-        # Interrupted: end the processes without waiting for their trials.
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def _leave_with_parent() -> None:
-    """End this worker when the process that started it has ended, in whatever way."""
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
-
-
-async def _greet(library: Any, scheduler: str) -> None:
-    """Connect to a scheduler and leave, within the time that the configuration of Dask gives a connection."""
-    arguments = library.Security().get_connection_args("client")
-    comm = await library.core.connect(scheduler, **arguments)
-    await comm.close()
-
-
-def _on_cluster(todo: Mapping[str, Spec], scheduler: str, run: Trial) -> Iterator[tuple[str, Outcome]]:
-    try:
-        import distributed
-    except ImportError as error:
-        raise UsageError(
-            "a scheduler wants the package `distributed`; install occlog[cluster], or use processes of this machine"
-        ) from error
-    library: Any = distributed  # it has no types
-    try:
-        # A client that finds no scheduler waits for itself when it is deleted, and complains: ask without one first
-        asyncio.run(_greet(library, scheduler))
-        client = library.Client(scheduler, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise UsageError(
-            f"scheduler {scheduler}: does not answer ({error}); start it, or use processes of this machine"
-        ) from error
-    with client:
-        _check_versions(client)
-        running = {client.submit(attempt, dict(spec), run, key=f"occlog-{key}"): key for key, spec in todo.items()}
-        for future in library.as_completed(running, loop=client.loop):
-            yield running[future], future.result()
-
-
-def _check_versions(client: Any) -> None:
-    """Raise InputError for a worker with another version of occlog: its figures would not be comparable."""
-    from occlog import __version__
-
-    for address, version in client.run(_version).items():
-        if version != __version__:
-            raise InputError(f"worker {address} has occlog {version}, this is {__version__}; install the same")
-
-
-def _version() -> str:
-    from occlog import __version__
-
-    return __version__
+    executor = executor_of(min(workers, len(todo)), scheduler)
+    for key, found in executor.outcomes({key: dict(spec) for key, spec in todo.items()}, partial(attempt, run=run)):
+        yield key, Outcome(None, found.reason) if isinstance(found, Lost) else found

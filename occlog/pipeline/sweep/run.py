@@ -5,13 +5,9 @@ A table has a row of figures for every trial; another has statistics over the ru
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +15,6 @@ import click
 import msgspec
 import numpy as np
 from scipy.special import stdtrit
-from tqdm import tqdm
 
 from occlog import __version__
 from occlog.cli import options
@@ -28,6 +23,8 @@ from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_inputs
+from occlog.pipeline.csv_text import to_csv
+from occlog.pipeline.progress import shown_progress
 
 from .engine import run_all
 from .plan import Setting, check_values, read_sweep, settings_of
@@ -78,7 +75,7 @@ def run_sweep(
     note_files([path, path.parent / spec.scene], [folder])
     begin_work()
     _prepare(folder, made, overwrite)
-    with _progress(len(trials), quiet) as progress:
+    with shown_progress("sweep", "trial", len(trials), quiet) as progress:
         results = run_all(trials, workers, scheduler, folder / STORE, progress)
     unknown = [name for name in figures if name not in results[0]]
     summary = summary_rows(settings, results)
@@ -112,20 +109,6 @@ def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
     for name in (STORE, *RESULTS):
         (folder / name).unlink(missing_ok=True)
     write_json(marker, made, overwrite=True)
-
-
-@contextmanager
-def _progress(total: int, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """Show a progress bar on a terminal; yield what advances it, None elsewhere."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    with tqdm(total=total, desc="sweep", unit="trial", file=sys.stderr, leave=False) as bar:
-
-        def advance(done: int) -> None:
-            bar.update(done)
-
-        yield advance
 
 
 class Summary(NamedTuple):
@@ -197,16 +180,6 @@ def _label(setting: Setting) -> Row:
     return {
         name: json.dumps(value) if isinstance(value, list | dict) else value for name, value in setting.label.items()
     }
-
-
-def to_csv(rows: Sequence[Row]) -> bytes:
-    """Write rows as CSV with one header, numbers with all their digits."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue().encode()
 
 
 def to_text(rows: Sequence[SummaryRow], figures: Sequence[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from occlog.cli import options
+from occlog.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance
@@ -58,7 +58,7 @@ def balls_setup(
         scene=balls_scene(config, rate_hz),
         rate_hz=rate_hz,
         store=configure(StoreConfig(), store),
-        workers=workers or os.cpu_count() or 1,
+        workers=workers or threads_by_default(),
     )
 
 

@@ -13,7 +13,9 @@ from occlog.errors import ExitCode
 from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
-from occlog.pipeline.run.stages import plan, read_config
+from occlog.pipeline.run import run as stages_in_order
+from occlog.pipeline.run.run import Digests, key_of
+from occlog.pipeline.run.stages import Stage, plan, read_config
 from occlog.records.tables import PeopleTracks, Tracks
 
 SCENE = """
@@ -209,3 +211,44 @@ def test_reads_of_tags_are_not_for_a_run(tmp_path: Path, capsys: pytest.CaptureF
     config.write_text("occlog_run: 1\nrecording: tags.mcap\ntrack: {method: rssi}\n")
     assert run(["run", str(config), "-o", str(tmp_path / "out"), "--dry-run"]) == ExitCode.BAD_INPUT
     assert "method rssi takes reads of tags" in capsys.readouterr().err
+
+
+def recording_with_video(folder: Path) -> Path:
+    """A recording that links to a video of no content beside it."""
+    folder.mkdir()
+    (folder / "a.avi").write_bytes(b"frames")
+    with RecordingWriter(folder / "hall.mcap", hall("a"), Provenance("test")) as out:
+        out.table(boxes(hall("a"), 0.2))
+        out.video("a", "a.avi", "0" * 64)
+    return folder / "hall.mcap"
+
+
+def key_of_detect(recording: Path) -> str:
+    config = recording.parent / "run.yaml"
+    config.write_text("occlog_run: 1\nrecording: hall.mcap\n")
+    stage = next(iter(plan(read_config(config), recording.parent / "out")))
+    return key_of(stage, recording.parent / "out", Digests())
+
+
+def test_a_stage_depends_on_linked_videos_and_not_on_where_its_inputs_lie(tmp_path: Path) -> None:
+    one, two = recording_with_video(tmp_path / "one"), recording_with_video(tmp_path / "two")
+    before = key_of_detect(one)
+    assert key_of_detect(two) == before
+    (tmp_path / "one" / "a.avi").write_bytes(b"framez")
+    (tmp_path / "two" / "a.avi").unlink()
+    assert len({before, key_of_detect(one), key_of_detect(two)}) == 3
+
+
+def test_a_run_that_was_interrupted_in_its_first_stage_goes_on(
+    config: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = config.parent / "out"
+
+    def interrupted(stage: Stage) -> int:
+        (Path(stage.output_paths[0]).parent / "bearings.parquet").write_bytes(b"whole")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stages_in_order, "_do", interrupted)
+    assert run(["run", str(config), "-o", str(out), "-q"]) == ExitCode.INTERRUPTED
+    capsys.readouterr()
+    assert stages(config, capsys, "--dry-run")["simulate"] == "would run"

@@ -8,8 +8,9 @@ import pytest
 from sweep_scene import SCENE
 
 from occlog.errors import InputError
+from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.sweep.plan import read_sweep, settings_of
-from occlog.pipeline.sweep.run import summarise, summary_rows, to_csv, to_text, trial_rows
+from occlog.pipeline.sweep.run import summarise, summary_rows, to_text, trial_rows
 
 HEAD = "occlog_sweep: 1\nscene: scene.yaml\nruns: 2\nseed: 5\n"
 

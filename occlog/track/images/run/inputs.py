@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 from occlog.cli import options
+from occlog.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.models.ellipses import FIRST, MOST_ID, GivenEllipse, read_ellipses
 from occlog.io.open import Opened, losses_of, open_if_ours, open_input
@@ -154,7 +154,7 @@ class ViewsInput:
         if not self.stage.background:
             return ()
         frames = options.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
-        return background_models(frames, with_cameras(self.scene, self.views), self.views, os.cpu_count() or 1)
+        return background_models(frames, with_cameras(self.scene, self.views), self.views, threads_by_default())
 
     def region_stream(self) -> RegionStream | None:
         """Regions of a detector; None where trackers begin from a file only."""
@@ -165,7 +165,9 @@ class ViewsInput:
             return None
         if self.recording.has(Boxes):
             return RegionStream(regions_of_boxes(self.recording.tables(Boxes), self.stage.birth_confidence), False)
-        regions = moving_regions(lambda: self.recording.frames(self.names), self.scene, self.views, os.cpu_count() or 1)
+        regions = moving_regions(
+            lambda: self.recording.frames(self.names), self.scene, self.views, threads_by_default()
+        )
         return RegionStream(regions, True)
 
     def _given(self, path: Path) -> RegionStream:

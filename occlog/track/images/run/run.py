@@ -6,7 +6,6 @@ the counts.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -18,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.cli import options
+from occlog.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.parquet import TableWriter
@@ -217,7 +217,7 @@ def run_track_views(
         options.note(f"no --initial and no --detections: trackers begin from {source}", quiet)
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
-    moments = in_step(frames, inputs.views, window, os.cpu_count() or 1, stage.bits, inputs.background(quiet))
+    moments = in_step(frames, inputs.views, window, threads_by_default(), stage.bits, inputs.background(quiet))
     parts = track_views(moments, setup, request.seed, stream)
     parameters = {
         "method": request.method,

@@ -1,0 +1,1 @@
+"""Tables over many recordings: what each run gave, with a column that names its recording."""

@@ -1,0 +1,83 @@
+"""Tables of one kind, one of each recording, as one table with a column that names the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pyarrow as pa
+
+from occlog.errors import InputError
+from occlog.io.files.parquet import ROWS_PER_GROUP, arrow_batches, arrow_schema_of, read_header
+from occlog.io.files.provenance import Provenance
+
+from .schema import NAMES, gathered_schema, gathered_writer
+
+
+def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Provenance) -> int:
+    """Write the rows of all parts, one part after another; the number of rows.
+
+    A column that a part does not have has no value (null) in its rows.  Memory does not grow with the number of parts.
+
+    Args:
+        path: the new table, which replaces an older one.
+        parts: a table of each recording, by the recording's name.
+        name: of the tables, e.g. `tracks`.
+        provenance: how the new table is made.
+
+    Raises:
+        InputError: parts are of another kind, in different units of length, or a column has different types.
+    """
+    fields, unit = _columns(parts, name)
+    schema = gathered_schema(name, fields.values(), provenance, unit)
+    count, kept, rows = 0, list[pa.Table](), 0
+    with gathered_writer(path, schema) as writer:
+        for batch in _batches(parts, schema):
+            kept.append(batch)
+            rows, count = rows + batch.num_rows, count + batch.num_rows
+            if rows >= ROWS_PER_GROUP:
+                writer.write_table(pa.concat_tables(kept).unify_dictionaries())
+                kept, rows = [], 0
+        if kept:
+            writer.write_table(pa.concat_tables(kept).unify_dictionaries())
+    return count
+
+
+def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field], str]:
+    """Columns of all parts by their names, in the order in which they come up, and the unit of lengths."""
+    fields: dict[str, pa.Field] = {}
+    first: dict[str, str] = {}
+    held: dict[str, int] = {}
+    unit, where = "", ""
+    for recording, part in parts.items():
+        header = read_header(part)
+        if header.table != name:
+            raise InputError(f"{part}: holds {header.table}, want {name}")
+        if where and header.length_unit != unit:
+            raise InputError(
+                f"{name}: lengths are in {unit} in {where} and in {header.length_unit} in {recording}; a table has one "
+                "unit: make a batch of the recordings of each"
+            )
+        unit, where = header.length_unit, where or recording
+        for field in arrow_schema_of(part):
+            known = fields.setdefault(field.name, field)
+            if known.type != field.type:
+                raise InputError(
+                    f"{name}: {field.name} is {known.type} in {first[field.name]} and {field.type} in {recording}; "
+                    "make both with one version of occlog"
+                )
+            first.setdefault(field.name, recording)
+            held[field.name] = held.get(field.name, 0) + 1
+    return {key: field.with_nullable(held[key] < len(parts)) for key, field in fields.items()}, unit
+
+
+def _batches(parts: Mapping[str, Path], schema: pa.Schema) -> Iterator[pa.Table]:
+    """Rows of all parts in chunks, with all columns."""
+    for recording, part in parts.items():
+        for batch in arrow_batches(part):
+            index = pa.repeat(pa.scalar(0, pa.int32()), batch.num_rows)
+            columns = [pa.DictionaryArray.from_arrays(index, pa.array([recording], NAMES.value_type))]
+            for field in list(schema)[1:]:
+                there = field.name in batch.schema.names
+                columns.append(batch.column(field.name) if there else pa.nulls(batch.num_rows, field.type))
+            yield pa.Table.from_arrays(columns, schema=schema)

@@ -1,0 +1,63 @@
+"""The `occlog batch` command."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from occlog.cli import options
+
+
+@click.command(name="batch", short_help="Do the stages of a run for each of many recordings.")
+@click.argument("config", type=options.PATH)
+@click.argument("recordings", nargs=-1, required=True)
+@click.option("-o", "--output", type=options.PATH, required=True, help="Folder of the results; made if missing.")
+@click.option("--workers", type=click.IntRange(min=1), default=None, help="Processes. [default: one a processor]")
+@click.option("--scheduler", default=None, metavar="ADDRESS", help="Use a Dask cluster, e.g. tcp://10.0.0.1:8786.")
+@click.option(
+    "--tables",
+    default="tracks",
+    show_default=True,
+    metavar="A,B,...",
+    help="Tables of the run folders that are joined over all recordings.",
+)
+@click.option(
+    "--force", "--overwrite", "force", is_flag=True, help="Do every stage again, also those that are up to date."
+)
+@options.strict_opt
+@options.quiet_opt
+@options.json_opt
+def command(
+    config: Path,
+    recordings: tuple[str, ...],
+    output: Path,
+    workers: int | None,
+    scheduler: str | None,
+    tables: str,
+    force: bool,
+    strict: bool,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Do the stages of CONFIG (YAML, as of `occlog run`, without a recording) for each of RECORDINGS.
+
+    RECORDINGS are files and patterns, which are best quoted.  The folder gets runs/NAME, a run
+    folder for each recording, and tables over all: runs.parquet (a row a recording: state, exit
+    code, message, losses), metrics.parquet (a row a figure), tracks.parquet (with a column
+    `recording`), and timings.csv.  A recording that fails is listed, and the others go on; the
+    exit code is 3 then.  After an interruption, or with more recordings, the same command does
+    what is not up to date.  Results do not depend on the number of workers.
+
+    \b
+      occlog batch study.yaml 'recordings/*.mcap' -o results/
+      occlog batch study.yaml 'recordings/**/*.mcap' -o results/ --scheduler tcp://127.0.0.1:8786 --json
+    """
+    from .run import BatchRequest, run_batch
+
+    if workers is not None and scheduler is not None:
+        raise click.UsageError("--workers and --scheduler exclude each other; the cluster has its own workers")
+    wanted = tuple(dict.fromkeys(name.strip() for name in tables.split(",") if name.strip()))
+    request = BatchRequest(config, recordings, output, wanted, workers or os.cpu_count() or 1, scheduler, force)
+    return run_batch(request, strict=strict, quiet=quiet, as_json=as_json)

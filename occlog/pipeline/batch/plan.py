@@ -1,0 +1,88 @@
+"""The recordings of a batch: patterns are expanded, each recording gets the name of its run folder."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+from occlog.errors import InputError
+
+FEWEST_DIGITS = 8
+"""Digits of the hash that tells recordings of one name apart; more if they do not."""
+
+
+class Source(NamedTuple):
+    """A recording of a batch.
+
+    Attributes:
+        name: of its run folder, different from every other one, also where case does not count.
+        shown: its file name, with folders where these are needed to find it among the others; names no machine.
+        place: where it is.
+    """
+
+    name: str
+    shown: str
+    place: str
+
+
+def sources_of(patterns: Sequence[str]) -> list[Source]:
+    """Find the recordings that patterns name, each once, in the order of their names.
+
+    A recording is called by its file name without the ending; those of one name have a hash of their folder below the
+    common one behind it, so that names do not depend on where everything lies.
+
+    Args:
+        patterns: files, or patterns with `*`, `?`, `[...]` and `**`.
+
+    Raises:
+        InputError: a file is missing, or a pattern finds none.
+    """
+    places = dict.fromkeys(place for pattern in patterns for place in _places(pattern))
+    shown = _shown(list(places))
+    alike: dict[str, list[str]] = defaultdict(list)
+    for place in places:
+        alike[_stem(place).casefold()].append(place)
+    taken = {stem for stem, group in alike.items() if len(group) == 1}
+    found = []
+    for stem, group in alike.items():
+        for place in sorted(group, key=shown.__getitem__):
+            name = _stem(place) if stem in taken else _with_hash(_stem(place), shown[place], taken)
+            found.append(Source(name, shown[place], place))
+    return sorted(found)
+
+
+def _places(pattern: str) -> Iterable[str]:
+    if Path(pattern).is_file():  # also one whose name has brackets
+        return [os.path.abspath(pattern)]  # noqa: PTH100 -- Path.absolute keeps `..`
+    if Path(pattern).is_dir():
+        raise InputError(f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'")
+    if not glob.has_magic(pattern):
+        raise InputError(f"{pattern}: no such file; check the name and the folder")
+    names = sorted(name for name in glob.glob(pattern, recursive=True) if Path(name).is_file())  # noqa: PTH207
+    if not names:
+        raise InputError(f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone")
+    return [os.path.abspath(name) for name in names]  # noqa: PTH100
+
+
+def _stem(place: str) -> str:
+    return PurePosixPath(place).stem
+
+
+def _shown(places: Sequence[str]) -> dict[str, str]:
+    """What each place is called: its path below the folder that all have in common."""
+    common = os.path.commonpath([str(Path(place).parent) for place in places])
+    return {place: Path(place).relative_to(common).as_posix() for place in places}
+
+
+def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
+    """A name that nobody else has; it is taken then."""
+    digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
+    names = (f"{stem}-{digest[:length]}" for length in range(FEWEST_DIGITS, len(digest) + 1))
+    name = next(name for name in names if name.casefold() not in taken)
+    taken.add(name.casefold())
+    return name

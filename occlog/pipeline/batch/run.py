@@ -1,0 +1,169 @@
+"""Work of `occlog batch`: runs every recording on an executor, and gathers the results in tables."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+
+from occlog import __version__
+from occlog.cli import options
+from occlog.details import begin_work, note_files
+from occlog.errors import ExitCode, InputError, OutputError, UsageError
+from occlog.io.files.atomic import PARTIAL, write_bytes
+from occlog.io.files.json_file import read_json, write_json
+from occlog.pipeline.csv_text import to_csv
+from occlog.pipeline.executors.chosen import executor_of
+from occlog.pipeline.executors.interface import Lost
+from occlog.pipeline.progress import shown_progress
+from occlog.pipeline.run.run import worst
+from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
+
+from .plan import Source, sources_of
+from .recording import FAILED, Outcome, Task, process
+from .tables import METRICS_TABLE, RUNS_TABLE, gather
+
+MARK = "batch.json"
+"""File that says that a folder is one of a batch."""
+RUNS = "runs"
+"""Folder of the run folders."""
+TIMINGS = "timings.csv"
+"""What differs from run to run; the other files have the same bytes each time."""
+TOLD = 20
+"""So many recordings that failed are named; the table has all."""
+
+
+@dataclass(frozen=True)
+class BatchRequest:
+    """What the command line asks for.
+
+    Attributes:
+        config: file of the configuration.
+        recordings: files and patterns.
+        output: folder of the batch.
+        tables: names of tables that are joined over all recordings.
+        workers: processes of this machine.
+        scheduler: what does the work instead of these; None: nothing.
+        force: do every stage.
+    """
+
+    config: Path
+    recordings: tuple[str, ...]
+    output: Path
+    tables: tuple[str, ...]
+    workers: int
+    scheduler: str | None
+    force: bool
+
+
+def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool) -> int:
+    """Do the stages of every recording that are not up to date, and write the tables; return the exit code.
+
+    Args:
+        request: what is asked for.
+        strict: true: exit code 6 if tracks of a recording are not plausible.
+        quiet: true: no progress and no notes.
+        as_json: true: print the summary as JSON.
+    """
+    config = read_config(request.config, ())
+    sources = sources_of(request.recordings)
+    _check_config(config, request.output)
+    note_files([request.config, *(Path(source.place) for source in sources)], [request.output])
+    begin_work()
+    folder = _prepare(request.output, request.tables)
+    outcomes = _outcomes(request, config, sources, folder / RUNS, quiet)
+    gathered = gather(folder, folder / RUNS, outcomes, request.tables, config)
+    times = [{"recording": o.name, "seconds": o.seconds, "cpu_seconds": o.cpu_seconds} for o in outcomes]
+    write_bytes(folder / TIMINGS, to_csv(times), overwrite=True)
+    _tell(outcomes, quiet)
+    for loss in gathered.losses:
+        options.note(f"lost: {loss}")
+    options.echo_summary(_summary(folder, outcomes, gathered.rows), as_json)
+    plausible = all(each.plausible is not False for each in outcomes)
+    return options.strict_code(_code(outcomes, bool(gathered.losses)), plausible, strict)
+
+
+def _check_config(config: Config, output: Path) -> None:
+    """Refuse keys and values that every run would refuse, before any recording is looked at."""
+    # What a recording holds is not known yet; the video that is drawn on depends on it
+    values = {key: value for key, value in config.values.items() if key != OVERLAY}
+    unknown = replace(config, values={**values, "recording": str(output / "recording.mcap")})
+    for stage in plan(unknown, output.resolve()):
+        check_settings(unknown, stage)
+
+
+def _prepare(output: Path, tables: Sequence[str]) -> Path:
+    """Make the folder; remove the tables of an earlier command, since runs change from here on."""
+    if output.exists() and not output.is_dir():
+        raise OutputError(f"{output}: is a file; name a folder for the batch")
+    mark = output / MARK
+    if output.is_dir() and not mark.exists() and any(not each.name.endswith(PARTIAL) for each in output.iterdir()):
+        raise UsageError(f"{output}: holds files but no {MARK}, so it is not of a batch; name a new or empty folder")
+    if mark.exists() and read_json(mark).get("program") != "occlog":
+        raise InputError(f"{mark}: not of a batch; name a new or empty folder")
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        write_json(mark, {"program": "occlog", "version": __version__, "occlog_batch": 1}, overwrite=True)
+        (output / RUNS).mkdir(exist_ok=True)
+        for name in (RUNS_TABLE, METRICS_TABLE, TIMINGS, *(f"{table}.parquet" for table in tables)):
+            (output / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"{output}: the folder of the batch cannot be made: {error.strerror or error}") from error
+    return output.resolve()
+
+
+def _outcomes(
+    request: BatchRequest, config: Config, sources: Sequence[Source], runs: Path, quiet: bool
+) -> list[Outcome]:
+    """The outcome of every recording, in their order."""
+    tasks = {s.name: Task(s.name, s.shown, s.place, config, str(runs / s.name), request.force) for s in sources}
+    executor = executor_of(min(request.workers, len(tasks)), request.scheduler, isolated=True)
+    done: dict[str, Outcome] = {}
+    with shown_progress("batch", "recording", len(tasks), quiet) as progress:
+        for name, found in executor.outcomes(tasks, process):
+            if isinstance(found, Lost):
+                task = tasks[name]
+                found = Outcome(name, task.shown, code=ExitCode.BUG, stage="worker", message=found.reason, redone=True)
+            done[name] = found
+            if progress is not None:
+                progress(1)
+    return [done[source.name] for source in sources]
+
+
+def _code(outcomes: Sequence[Outcome], lost: bool) -> int:
+    """The exit code: 3 where recordings failed, as where anything else was lost; that of the first if all did."""
+    if all(each.state == FAILED for each in outcomes):
+        return outcomes[0].code
+    codes = [ExitCode.LOSSY if each.state == FAILED else ExitCode(each.code) for each in outcomes]
+    return worst([*codes, ExitCode.LOSSY] if lost else codes)
+
+
+def _tell(outcomes: Sequence[Outcome], quiet: bool) -> None:
+    """Name recordings that failed or that are not to be believed, on standard error."""
+    failed = [each for each in outcomes if each.state == FAILED]
+    for each in failed[:TOLD]:
+        click.echo(f"occlog: failed: {each.name}: {each.stage}: {each.message}", err=True)
+    if len(failed) > TOLD:
+        click.echo(f"occlog: {len(failed) - TOLD} more have failed; {RUNS_TABLE} names them", err=True)
+    lossy = [each for each in outcomes if each.losses]
+    if lossy:
+        click.echo(f"occlog: lost: input of {len(lossy)} recordings; {RUNS_TABLE} lists it (losses)", err=True)
+    doubted = [each for each in outcomes if each.plausible is False]
+    if doubted:
+        names = ", ".join(each.name for each in doubted[:TOLD]) + (", ..." if len(doubted) > TOLD else "")
+        options.note(f"warning: tracks of {len(doubted)} recordings are not plausible: {names}", quiet)
+
+
+def _summary(folder: Path, outcomes: Sequence[Outcome], rows: object) -> dict[str, object]:
+    states = Counter(each.state for each in outcomes)
+    return {
+        "recordings": len(outcomes),
+        **{state: states[state] for state in ("done", "lossy", "threshold", FAILED)},
+        "up_to_date": sum(not each.redone for each in outcomes),
+        "not_plausible": sum(each.plausible is False for each in outcomes),
+        "rows": rows,
+        "folder": str(folder),
+    }

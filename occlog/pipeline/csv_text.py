@@ -1,0 +1,17 @@
+"""Rows as text with commas, for tables that people open in other programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+
+
+def to_csv(rows: Sequence[Mapping[str, object]]) -> bytes:
+    """Write rows as CSV with one header, numbers with all their digits."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue().encode()

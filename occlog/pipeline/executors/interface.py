@@ -1,0 +1,45 @@
+"""What every executor does: run independent pieces of work, and hand over each outcome as it comes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple, Protocol, TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Lost(NamedTuple):
+    """What there is of a piece of work instead of its result, since whoever did it is gone.
+
+    Attributes:
+        reason: what is known of the end, in words.
+    """
+
+    reason: str
+
+
+class Executor(Protocol):
+    """Runs pieces of work, in any order and side by side."""
+
+    def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
+        """Iterate over the key and the result of every piece, in the order in which they finish.
+
+        Args:
+            todo: pieces of work by their keys; other processes must be able to read them.
+            work: does one; a function of a module, so that other processes can import it.  What it raises ends the
+                iteration: it returns errors that concern one piece alone.
+
+        Raises:
+            UsageError: the executor wants a package that is not installed, or does not answer.
+        """
+        ...
+
+
+class InThisProcess:
+    """Does one piece after another, here."""
+
+    def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
+        """Iterate over the results in the order of the pieces."""
+        for key, piece in todo.items():
+            yield key, work(piece)

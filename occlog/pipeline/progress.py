@@ -1,0 +1,23 @@
+"""The progress bar of work that is made of many pieces."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from tqdm import tqdm
+
+
+@contextmanager
+def shown_progress(label: str, unit: str, total: int, quiet: bool) -> Iterator[Callable[[int], None] | None]:
+    """Show a progress bar on a terminal; yield what advances it, None elsewhere."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    with tqdm(total=total, desc=label, unit=unit, file=sys.stderr, leave=False) as bar:
+
+        def advance(done: int) -> None:
+            bar.update(done)
+
+        yield advance

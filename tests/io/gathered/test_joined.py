@@ -1,0 +1,70 @@
+"""Tables of many recordings in one: all rows, the recording beside each, and nothing that does not go together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from random_tables import random_table
+
+from occlog.errors import InputError
+from occlog.io.files.parquet import describe, read_provenance, read_table, write_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.gathered import joined
+from occlog.io.gathered.joined import join_tables
+from occlog.records.losses import Loss
+from occlog.records.tables import PeopleTracks, Tracks
+
+MADE = Provenance("batch", losses=(Loss("b: cam1", "frame 3", "cannot be decoded", 1),))
+
+
+def parts(folder: Path, kind: type = Tracks, **units: str) -> dict[str, Path]:
+    made = {}
+    for seed, name in enumerate(("a", "b", "c")):
+        made[name] = folder / f"{name}.parquet"
+        write_table(
+            made[name], random_table(kind, 5 + seed, seed), Provenance("test"), length_unit=units.get(name, "m")
+        )
+    return made
+
+
+@pytest.mark.parametrize("rows", [4, 65_536])
+def test_all_rows_are_there_beside_their_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
+    monkeypatch.setattr(joined, "ROWS_PER_GROUP", rows)
+    made = parts(tmp_path)
+    assert join_tables(tmp_path / "all.parquet", made, "tracks", MADE) == 5 + 6 + 7
+    whole = pq.read_table(tmp_path / "all.parquet")
+    assert whole["recording"].to_pylist() == ["a"] * 5 + ["b"] * 6 + ["c"] * 7
+    expected = np.concatenate([read_table(path, Tracks).x for path in made.values()])
+    assert np.array_equal(whole["x"].to_numpy(), expected)
+    told = describe(tmp_path / "all.parquet")
+    assert (told["schema"], told["length_unit"], told["rows"]) == ("batch.tracks", "m", 18)
+    assert read_provenance(tmp_path / "all.parquet").losses == MADE.losses
+
+
+def test_no_command_takes_it_for_the_table_of_one_recording(tmp_path: Path) -> None:
+    join_tables(tmp_path / "all.parquet", parts(tmp_path), "tracks", MADE)
+    with pytest.raises(InputError, match=r"holds batch.tracks/1, want tracks/"):
+        read_table(tmp_path / "all.parquet", Tracks)
+
+
+def test_columns_that_a_part_does_not_have_are_empty_there(tmp_path: Path) -> None:
+    made = parts(tmp_path)
+    write_table(tmp_path / "d.parquet", random_table(PeopleTracks, 4, 9), Provenance("test"))
+    join_tables(tmp_path / "all.parquet", {**made, "d": tmp_path / "d.parquet"}, "tracks", MADE)
+    whole = pq.read_table(tmp_path / "all.parquet")
+    assert whole["seen_by"].null_count == 18
+    assert whole["existence"].null_count == 18
+    assert whole["x"].null_count == 0
+    assert not whole.schema.field("x").nullable
+
+
+def test_what_does_not_go_together_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
+    made = parts(tmp_path, c="cm")
+    with pytest.raises(InputError, match="lengths are in m in a and in cm in c"):
+        join_tables(tmp_path / "all.parquet", made, "tracks", MADE)
+    with pytest.raises(InputError, match="holds tracks, want errors"):
+        join_tables(tmp_path / "all.parquet", made, "errors", MADE)
+    assert not (tmp_path / "all.parquet").exists()

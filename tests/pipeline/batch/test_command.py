@@ -1,0 +1,176 @@
+"""`occlog batch`: a run folder for each recording, tables over all, failures that are listed, and kills."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from sweep_scene import SCENE
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.pipeline.batch import run as batch
+from occlog.pipeline.executors.interface import InThisProcess
+
+CONFIG = "occlog_run: 1\nseed: 2\ntrack: {particles: 50}\n"
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two recordings, one that is cut off, and a configuration."""
+    folder = tmp_path_factory.mktemp("simulated")
+    (folder / "scene.yaml").write_text(SCENE)
+    for seed, name in enumerate(("hall", "yard")):
+        args = ["simulate", str(folder / "scene.yaml"), "--steps", "6", "--seed", str(seed), "-q"]
+        assert run([*args, "-o", str(folder / f"{name}.mcap")]) == ExitCode.DONE
+    whole = (folder / "hall.mcap").read_bytes()
+    (folder / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    (folder / "batch.yaml").write_text(CONFIG)
+    return folder
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the work be done in this process, where everything is compiled."""
+    monkeypatch.setattr(batch, "executor_of", lambda *_, **__: InThisProcess())
+
+
+def do(folder: Path, out: Path, *more: str, pattern: str = "*.mcap", code: int = ExitCode.DONE) -> None:
+    args = ["batch", str(folder / "batch.yaml"), str(folder / pattern), "-o", str(out), "-q", "--json", *more]
+    assert run(args) == code
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file but that of times."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "timings.csv")
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.mark.usefixtures("here")
+def test_failures_are_listed_and_the_rest_goes_on(simulated: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = simulated / "whole"
+    do(simulated, out, code=ExitCode.LOSSY)
+    printed = capsys.readouterr()
+    told = json.loads(printed.out)
+    assert (told["recordings"], told["done"], told["failed"], told["up_to_date"]) == (3, 2, 1, 0)
+    assert printed.err.startswith("occlog: failed: cut: detect: cut.mcap: ")
+    rows = {row["recording"]: row for row in pq.read_table(out / "runs.parquet").to_pylist()}
+    assert len(rows) == 3
+    assert rows["cut"]["state"] == "failed"
+    assert (rows["cut"]["exit_code"], rows["cut"]["stage"]) == (ExitCode.BAD_INPUT, "detect")
+    assert "cut.mcap" in rows["cut"]["message"]
+    assert rows["yard"]["state"] == "done"
+    assert {row["source"] for row in rows.values()} == {"hall.mcap", "yard.mcap", "cut.mcap"}
+    assert str(simulated) not in str(rows), "the table names folders of this machine"
+    assert {path.name for path in (out / "runs").iterdir()} == set(rows) - {"cut"}
+
+    tracks = pq.read_table(out / "tracks.parquet")
+    assert set(tracks["recording"].to_pylist()) == set(rows) - {"cut"}
+    own = pq.read_table(out / "runs" / "yard" / "tracks.parquet")
+    joined = tracks.filter([name == "yard" for name in tracks["recording"].to_pylist()])
+    assert joined["x"].to_pylist() == own["x"].to_pylist()
+    metrics = json.loads((out / "runs" / "yard" / "metrics.json").read_text())
+    (found,) = [
+        row["value"]
+        for row in pq.read_table(out / "metrics.parquet").to_pylist()
+        if (row["recording"], row["name"]) == ("yard", "rmse_unit")
+    ]
+    assert found == metrics["rmse_unit"]
+    with (out / "timings.csv").open() as file:
+        assert [row["recording"] for row in csv.DictReader(file)] == sorted(rows)
+    assert run(["info", str(out / "tracks.parquet")]) == ExitCode.DONE
+    assert "lost      cut: the whole recording" in capsys.readouterr().out
+
+    before = contents(out)
+    do(simulated, out, code=ExitCode.LOSSY)
+    assert json.loads(capsys.readouterr().out)["up_to_date"] == 2
+    assert contents(out) == before
+
+
+@pytest.mark.usefixtures("here")
+def test_more_recordings_join_and_a_changed_one_is_done_again(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    shutil.copytree(simulated, folder, ignore=shutil.ignore_patterns("whole"))
+    do(folder, out, pattern="hall.mcap")
+    do(folder, out, pattern="[hy]a*.mcap")
+    lines = capsys.readouterr().out.splitlines()
+    assert [json.loads(line)["up_to_date"] for line in lines] == [0, 1]
+    shutil.copy(folder / "yard.mcap", folder / "hall.mcap")
+    do(folder, out, pattern="[hy]a*.mcap")
+    assert json.loads(capsys.readouterr().out)["up_to_date"] == 1
+    runs = {row["recording"]: row["sha256"] for row in pq.read_table(out / "runs.parquet").to_pylist()}
+    assert runs["hall"] == runs["yard"]
+
+
+@pytest.mark.usefixtures("here")
+def test_all_that_fail_are_no_batch(simulated: Path, tmp_path: Path) -> None:
+    do(simulated, tmp_path / "out", pattern="cut.mcap", code=ExitCode.BAD_INPUT)
+    assert pq.read_table(tmp_path / "out" / "runs.parquet")["state"].to_pylist() == ["failed"]
+    assert not (tmp_path / "out" / "tracks.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("recording: hall.mcap\n", "recording: a batch has its recordings from the command line; remove this key"),
+        ("simulate: {scene: scene.yaml}\n", "simulate: a batch has its recordings from the command line"),
+        ("detect: {gap: x}\n", "batch.yaml: line 4: detect.gap: unknown key"),
+        ("priors: {source: hul}\n", "did you mean 'hull'?"),
+    ],
+)
+def test_a_configuration_that_fits_no_recording_is_refused_at_once(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str
+) -> None:
+    (tmp_path / "batch.yaml").write_text(CONFIG + text)
+    args = ["batch", str(tmp_path / "batch.yaml"), str(simulated / "*.mcap"), "-o", str(tmp_path / "out")]
+    assert run(args) == ExitCode.BAD_INPUT
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_other_folders_are_left_alone(simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "thesis.tex").write_text("words")
+    do(simulated, tmp_path, code=ExitCode.USAGE)
+    assert "not of a batch" in json.loads(capsys.readouterr().err)["error"]
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+    do(simulated, tmp_path / "out", "--dry-run")
+    assert not (tmp_path / "out").exists()
+    do(simulated, tmp_path / "out", "--workers", "2", "--scheduler", "tcp://x:1", code=ExitCode.USAGE)
+
+
+@pytest.mark.slow
+@pytest.mark.jit
+def test_killed_again_and_again_it_ends_with_the_same_bytes(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is killed when the first files of two kinds appear, which is in the midst of stages."""
+    killed, whole = tmp_path / "killed", simulated / "whole"
+    args = ["batch", str(simulated / "batch.yaml"), str(simulated / "*.mcap"), "-q", "--workers", "1"]
+    for wanted in ("bearings.parquet", "report.html"):
+        program = subprocess.Popen([sys.executable, "-m", "occlog", *args, "-o", str(killed)], env=ENVIRONMENT)
+        deadline = time.monotonic() + 120
+        while not any(killed.glob(f"runs/*/{wanted}")) and time.monotonic() < deadline:
+            assert program.poll() is None, "it ended before it could be killed"
+            time.sleep(0.002)
+        program.send_signal(signal.SIGKILL)
+        program.wait()
+        assert not (killed / "runs.parquet").exists()
+    done = subprocess.run([sys.executable, "-m", "occlog", *args, "-o", str(killed)], env=ENVIRONMENT, check=False)
+    assert done.returncode == ExitCode.LOSSY
+    monkeypatch.setattr(batch, "executor_of", lambda *_, **__: InThisProcess())
+    do(simulated, whole, code=ExitCode.LOSSY)
+    assert contents(killed) == contents(whole)

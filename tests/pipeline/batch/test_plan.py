@@ -1,0 +1,68 @@
+"""Names of run folders: one each, whatever the recordings are called and wherever they lie."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from occlog.errors import InputError
+from occlog.pipeline.batch.plan import sources_of
+
+
+def touch(folder: Path, *names: str) -> None:
+    for name in names:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"x")
+
+
+def test_recordings_of_one_name_have_folders_of_their_own(tmp_path: Path) -> None:
+    touch(tmp_path, "a/hall.mcap", "b/hall.mcap", "b/HALL.mcap", "b/yard.mcap")
+    found = sources_of([str(tmp_path / "**/*.mcap")])
+    names = [source.name for source in found]
+    assert names == sorted(names)
+    assert len({name.casefold() for name in names}) == 4
+    assert "yard" in names
+    assert sum(name.startswith("hall-") for name in names) == 2
+    assert {source.shown for source in found} == {"a/hall.mcap", "b/hall.mcap", "b/HALL.mcap", "b/yard.mcap"}
+
+
+def test_a_name_that_looks_like_one_with_a_hash_is_kept_apart(tmp_path: Path) -> None:
+    touch(tmp_path, "a/hall.mcap", "b/hall.mcap")
+    first = sources_of([str(tmp_path / "*/*.mcap")])[0].name
+    touch(tmp_path, f"a/{first}.mcap")
+    names = [source.name for source in sources_of([str(tmp_path / "*/*.mcap")])]
+    assert len(set(names)) == 3
+    assert first in names
+
+
+def test_names_do_not_depend_on_where_everything_lies(tmp_path: Path) -> None:
+    touch(tmp_path, "one/a/hall.mcap", "one/b/hall.mcap")
+    shutil.copytree(tmp_path / "one", tmp_path / "two")
+    one, two = (sources_of([str(tmp_path / name / "*" / "*.mcap")]) for name in ("one", "two"))
+    assert [source[:2] for source in one] == [source[:2] for source in two]
+    assert str(tmp_path) not in "".join(source.shown for source in one)
+
+
+def test_a_recording_that_is_named_twice_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    touch(tmp_path, "hall.mcap", "odd[1].mcap")
+    monkeypatch.chdir(tmp_path)
+    found = sources_of(["hall.mcap", "*.mcap", "./hall.mcap", "odd[1].mcap"])
+    assert [(source.name, source.shown) for source in found] == [("hall", "hall.mcap"), ("odd[1]", "odd[1].mcap")]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "words"),
+    [
+        ("none.mcap", "none.mcap: no such file"),
+        ("*.bag", "finds no file; check the pattern"),
+        (".", "is a folder; name the recordings in it"),
+    ],
+)
+def test_what_is_not_there_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pattern: str, words: str) -> None:
+    touch(tmp_path, "hall.mcap")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=words.replace("*", r"\*")):
+        sources_of(["hall.mcap", pattern])
