@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -115,6 +116,11 @@ class LazyGroup(click.Group):
         try:
             with announced(ctx):
                 result = super().invoke(ctx)
+        except KeyboardInterrupt:
+            # click would write an empty line wherever standard error goes
+            if sys.stderr is not None and sys.stderr.isatty():
+                click.echo(err=True)  # after the terminal's ^C
+            raise click.exceptions.Abort from None
         except NothingIsWritten:
             _show_plan("--json" in ctx.meta.get(WORDS, ()))
             result = ExitCode.DONE
@@ -158,9 +164,16 @@ def main(args: list[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
     INTERRUPTS.install()
     streams.install()
+    _only_own_lines()
     code = run(args)
     INTERRUPTS.end()
     sys.exit(code)
+
+
+def _only_own_lines() -> None:
+    """Keep warnings of libraries, for programmers, out of what users read, unless they asked for them."""
+    if not sys.warnoptions and not os.environ.get(DEBUG):
+        warnings.simplefilter("ignore")
 
 
 def run(args: list[str] | None = None) -> int:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from occlog.io.recording.reader import Recording
     from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene
 
+SHOWN_VERSIONS = ("python", "numpy", "scipy", "numba", "opencv-python-headless", "pyarrow")
+"""Packages whose versions change figures most; `--json` has all."""
 TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".feather")
 """Endings of names of files whose reader says what is wrong with the content."""
 
@@ -288,6 +290,8 @@ def _epipolar_lines(recording: Recording) -> Iterator[str]:
 def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
     seed = "" if p.get("seed") is None else f", seed {p['seed']}"
     lines = [f"made by   {p.get('program', '?')} {p.get('version', '?')} {p.get('command', '?')}{seed}"]
+    versions = ", ".join(f"{name} {p['versions'][name]}" for name in SHOWN_VERSIONS if name in p.get("versions", {}))
+    lines += [f"with      {versions}"] if versions else []
     lines += [f"from      {i['name']} (sha256 {i['sha256'][:12]}...)" for i in p.get("inputs", ())]
     return lines
 

@@ -210,7 +210,15 @@ def _of_others(source: Source, wants: Sequence[type[Table]] = ()) -> Opened:
         STATED.get().note_use(name, kind_of(column), said_unit(table.layout.table, column, name))
     names = (f"{s.name} is {s.column.name}" + (f" [{s.unit}]" if s.unit else "") for s in table.layout.columns)
     tell(f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}")
-    return Opened(source.path, Provenance("unknown"), None, table.length_unit, None, table.layout.table.NAME, table)
+    return Opened(
+        source.path,
+        Provenance("unknown", version="", versions={}),
+        None,
+        table.length_unit,
+        None,
+        table.layout.table.NAME,
+        table,
+    )
 
 
 def _recording(path: Path) -> Opened:

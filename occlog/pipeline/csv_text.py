@@ -6,12 +6,14 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 
+from occlog.io.files.csv_rows import no_formula
+
 
 def to_csv(rows: Sequence[Mapping[str, object]]) -> bytes:
-    """Write rows as CSV with one header, numbers with all their digits."""
+    """Write rows as CSV with one header, numbers with all their digits, texts that are no formulas."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({k: no_formula(v) if isinstance(v, str) else v for k, v in row.items()} for row in rows)
     return text.getvalue().encode()

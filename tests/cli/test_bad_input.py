@@ -241,7 +241,7 @@ def test_stopped_in_the_middle(work: Path, how: int, code: int) -> None:
             process.kill()
     assert process.returncode == code
     assert "Traceback" not in error
-    assert error.strip() == ("occlog: interrupted" if how == signal.SIGINT else "")
+    assert error == ("occlog: interrupted\n" if how == signal.SIGINT else "")
     assert output.read_text() == "old"
     assert not [name for name in os.listdir(work) if "partial" in name]
 
@@ -294,6 +294,28 @@ main.main([])
     run_it = [sys.executable, "-m", "program"]
     done = subprocess.run(run_it, cwd=tmp_path, stderr=subprocess.PIPE, text=True, timeout=50, check=False)
     assert (done.returncode, done.stderr.strip()) == (ExitCode.INTERRUPTED, "occlog: interrupted")
+
+
+@pytest.mark.parametrize("debug", ["", "1"])
+def test_warnings_of_libraries_are_no_lines_of_ours(tmp_path: Path, debug: str) -> None:
+    (tmp_path / "program.py").write_text("""
+import warnings
+from occlog.cli import main
+
+def work(**_):
+    warnings.warn("overflow", RuntimeWarning)
+    raise main.OutputExistsError("x.parquet: exists")
+
+main.cli.main = work
+main.main([])
+""")
+    run_it = [sys.executable, "-m", "program"]
+    told = {**os.environ, "OCCLOG_DEBUG": debug}
+    done = subprocess.run(run_it, cwd=tmp_path, env=told, stderr=subprocess.PIPE, text=True, timeout=50, check=False)
+    lines = done.stderr.splitlines()
+    assert lines[-1].startswith("occlog: error: x.parquet: exists")
+    assert ("RuntimeWarning" in done.stderr) == bool(debug)
+    assert bool(debug) or len(lines) == 1
 
 
 def test_the_scene_of_another_unit_is_refused(work: Path, capsys: pytest.CaptureFixture[str]) -> None:

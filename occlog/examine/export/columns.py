@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from occlog.io.files.csv_rows import no_formula
 from occlog.io.foreign.names import POWERS, ending
 from occlog.records.columns import Column, Table
 
@@ -44,7 +45,7 @@ def _cells(part: Table, column: Column) -> Sequence[str]:
     """The values of a column as text; what is not known is empty."""
     values = getattr(part, column.name)
     if column.kind == "U":
-        return [_quoted(text) for text in values.tolist()]
+        return [_quoted(no_formula(text)) for text in values.tolist()]
     if column.kind == "?":
         return ["true" if value else "false" for value in values.tolist()]
     if values.dtype.kind == "f":
@@ -53,7 +54,7 @@ def _cells(part: Table, column: Column) -> Sequence[str]:
 
 
 def _quoted(text: str) -> str:
-    if not any(mark in text for mark in ',"\n'):
+    if not any(mark in text for mark in ',"\n\r'):
         return text
     return CELL + text.replace(CELL, CELL + CELL) + CELL
 

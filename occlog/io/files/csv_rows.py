@@ -31,7 +31,22 @@ GZIP_MAGIC = b"\x1f\x8b"
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+(?:[eE][+-]?[0-9]+)?$")
 LONGEST_LINE = 1_000_000
 """Characters of a line at most."""
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""Texts that a spreadsheet takes for a formula, and those that begin with the marks that say they are none."""
 _NUMBER = re.compile(r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$")
+
+
+def no_formula(text: str) -> str:
+    """A text as it is written into CSV: with an apostrophe where a spreadsheet would take it for a formula.
+
+    `-1.5` and other numbers stay as they are.
+    """
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.match(text) else text
+
+
+def plain_text(text: str) -> str:
+    """What `no_formula` was given."""
+    return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How a file was made: program, version, parameters, seed, inputs. No clock time, no host name."""
+"""How a file was made: program, versions, parameters, seed, inputs. No clock time, no host name."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from occlog.errors import InputError
 from occlog.records.losses import Loss
 
 from .stated_units import STATED
+from .versions import installed_versions
 
 PROVENANCE_KEY = "occlog.provenance"
 READERS_USED: dict[str, Mapping[str, object]] = {}
@@ -31,6 +32,8 @@ class Provenance:
         losses: input that was lost so far, also in earlier stages.
         input_units: units that were stated for columns of inputs whose names say none.
         readers: name of each input that a plug-in has read, with the plug-in and its settings; None: as it was.
+        version: of occlog; empty: not known.
+        versions: of Python and of the packages that are installed, by name; empty: not known.
     """
 
     command: str
@@ -40,6 +43,8 @@ class Provenance:
     losses: tuple[Loss, ...] = ()
     input_units: tuple[str, ...] = field(default_factory=lambda: STATED.get().texts())
     readers: tuple[Mapping[str, object], ...] | None = None
+    version: str = __version__
+    versions: Mapping[str, str] = field(default_factory=installed_versions)
 
     def __post_init__(self) -> None:
         if self.readers is None:
@@ -51,7 +56,7 @@ class Provenance:
         """The record as JSON-ready values."""
         return {
             "program": "occlog",
-            "version": __version__,
+            "version": self.version,
             "command": self.command,
             "parameters": dict(self.parameters),
             "seed": self.seed,
@@ -59,11 +64,16 @@ class Provenance:
             "losses": [loss.as_dict() for loss in self.losses],
             **({"input_units": list(self.input_units)} if self.input_units else {}),
             **({"readers": [dict(reader) for reader in self.readers]} if self.readers else {}),
+            **({"versions": dict(self.versions)} if self.versions else {}),
         }
 
     def json(self) -> str:
         """The record as one line of JSON with sorted keys."""
         return json.dumps(self.as_dict(), sort_keys=True, default=str)
+
+
+UNKNOWN = Provenance("unknown", input_units=(), readers=(), version="", versions={})
+"""How files of others were made."""
 
 
 def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
@@ -74,14 +84,16 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
             table whose provenance is damaged would look as if nothing had been.
     """
     if not text:
-        return Provenance("unknown", input_units=(), readers=())
+        return UNKNOWN
     try:
         raw = json.loads(text)
         inputs = tuple((str(i["name"]), str(i["sha256"])) for i in raw.get("inputs", ()))
         losses = tuple(Loss(**loss) for loss in raw.get("losses", ()))
         units = tuple(str(text) for text in raw.get("input_units", ()))
         readers = tuple(dict(each) for each in raw.get("readers", ()))
-        return Provenance(str(raw["command"]), dict(raw["parameters"]), raw.get("seed"), inputs, losses, units, readers)
+        version, versions = str(raw.get("version", "")), {str(k): str(v) for k, v in raw.get("versions", {}).items()}
+        command, parameters = str(raw["command"]), dict(raw["parameters"])
+        return Provenance(command, parameters, raw.get("seed"), inputs, losses, units, readers, version, versions)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{where}: its provenance is damaged ({type(error).__name__}), so that nobody knows what was lost on the "

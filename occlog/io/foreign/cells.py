@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.arrow_arrays import to_numpy
-from occlog.io.files.csv_rows import Rows
+from occlog.io.files.csv_rows import Rows, plain_text
 from occlog.io.files.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
 from occlog.records.columns import ANY
 
@@ -77,7 +77,8 @@ class TextCells:
         texts = self._rows.cells[name]
         if not blank and (texts == "").any():
             raise self.fail(int(np.flatnonzero(texts == "")[0]), f"{name} is empty; a text was expected")
-        return texts
+        marked = np.char.startswith(texts, "'")
+        return np.asarray([plain_text(text) for text in texts.tolist()], np.str_) if marked.any() else texts
 
     def lists(self, name: str, width: int) -> Floats:
         """Not in text: a cell has one value."""

@@ -18,7 +18,7 @@ from google.protobuf.message import DecodeError
 from occlog.errors import InputError
 from occlog.io.files.content import Content, content_of
 from occlog.io.files.inputs import check_input
-from occlog.io.files.provenance import Provenance, hash_file, provenance_from_json
+from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
 from occlog.io.frames.codec import decode_image
 from occlog.io.frames.decode import Picture, VideoFile, decode, examine, quiet
 from occlog.io.scenes.scene import scene_from_yaml
@@ -255,7 +255,7 @@ def open_recording(path: Path) -> Recording:
         path=path,
         scene=None,
         topics=topics,
-        provenance=provenance_from_json(own.get("provenance", ""), path) if own else Provenance("unknown"),
+        provenance=provenance_from_json(own.get("provenance", ""), path) if own else UNKNOWN,
         attachments=attachments,
         videos={n.removeprefix(VIDEO_METADATA): m for n, m in metadata.items() if n.startswith(VIDEO_METADATA)},
         time_ns=span,

@@ -16,7 +16,7 @@ from mcap.data_stream import ReadDataStream
 
 from occlog.errors import InputError
 from occlog.io.files.atomic import open_output
-from occlog.io.files.provenance import Provenance, hash_file, hash_inputs, provenance_from_json
+from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inputs, provenance_from_json
 from occlog.io.files.utc import utc
 from occlog.records.losses import Loss
 
@@ -219,7 +219,7 @@ class _Salvage:
 
     def _provenance_before(self) -> Provenance:
         """How the recording was made, with what was lost then; a loss where that itself is lost."""
-        before = Provenance("unknown", input_units=(), readers=())
+        before = UNKNOWN
         with suppress(InputError):
             before = provenance_from_json(self._metadata.get(OURS, {}).get("provenance", ""), self._source)
         if before.command == "unknown":

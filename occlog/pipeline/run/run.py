@@ -24,6 +24,7 @@ from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
+from occlog.io.files.versions import installed_versions
 from occlog.io.recording.reader import linked_videos
 
 from .stages import Config, Stage, check_settings, plan, read_config, refused_in
@@ -213,7 +214,7 @@ def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
 
     Files are known by name and content, not by their folder, so that a run may be moved.
     """
-    digest = hashlib.sha256(f"{__version__}\0{stage.name}\0".encode())
+    digest = hashlib.sha256(f"{__version__}\0{installed_versions()}\0{stage.name}\0".encode())
     for text in stage.args:
         path = Path(text.split("=", 1)[-1])
         shown = text.replace(str(folder), "RUN")
@@ -263,4 +264,5 @@ def drop_empty(folder: Path) -> None:
 
 def _write_state(folder: Path, state: dict[str, Outcome]) -> None:
     stages = {name: outcome.__dict__ for name, outcome in state.items()}
-    write_json(folder / STATE, {"program": "occlog", "version": __version__, "stages": stages}, overwrite=True)
+    made = {"program": "occlog", "version": __version__, "versions": installed_versions()}
+    write_json(folder / STATE, {**made, "stages": stages}, overwrite=True)

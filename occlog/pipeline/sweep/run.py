@@ -23,6 +23,7 @@ from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_inputs
+from occlog.io.files.versions import installed_versions
 from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.progress import shown_progress
 
@@ -69,6 +70,7 @@ def run_sweep(
     made = {
         "program": "occlog",
         "version": __version__,
+        "versions": installed_versions(),
         "sweep": msgspec.to_builtins(spec),
         "inputs": [list(i) for i in hash_inputs([path, path.parent / spec.scene])],
     }

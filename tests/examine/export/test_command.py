@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,14 @@ def test_what_is_exported_and_read_again_is_the_same(tmp_path: Path, table: type
     for c in table.columns():
         if not (c.width and "csv" in ending):
             np.testing.assert_array_equal(getattr(found, c.name), getattr(wanted, c.name), err_msg=c.name)
+
+
+def test_names_that_a_spreadsheet_would_run_are_marked_and_read_again(tmp_path: Path) -> None:
+    named = random_table(TABLES["doa"], 3)
+    named = replace(named, sensor=np.array(["=cmd|calc!A1", "'=x", "mic"])).sorted()
+    out = export(tmp_path, named, "d.csv")
+    assert {"'=cmd|calc!A1", "''=x", "mic"} == {row.split(",")[1] for row in out.read_text().splitlines()[1:]}
+    assert open_input(out, TABLES["doa"]).read(TABLES["doa"]).sensor.tolist() == named.sensor.tolist()
 
 
 def test_names_of_columns_state_their_units(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import MAX_CELL, Rows, read_rows
+from occlog.io.files.csv_rows import MAX_CELL, Rows, no_formula, plain_text, read_rows
 
 COLUMNS = {"a": ("a", "first"), "b": ("b",)}
 
@@ -69,3 +69,14 @@ def test_numbers_are_not_spelt_as_in_python(tmp_path: Path) -> None:
         rows.ints("a")
     with pytest.raises(InputError, match="line 3: b is '2_0'; a number was expected"):
         rows.floats("b")
+
+
+@pytest.mark.parametrize("text", ["=cmd|calc!A1", "+1+1", "-a", "@x", "\tx", "'=x", "''@"])
+def test_what_a_spreadsheet_takes_for_a_formula_is_marked_and_comes_back(text: str) -> None:
+    assert no_formula(text) == "'" + text
+    assert plain_text(no_formula(text)) == text
+
+
+@pytest.mark.parametrize("text", ["", "cam1", "-1.5", "+2e-3", "'cam'", "a=b", "x@y"])
+def test_other_texts_and_numbers_stay_as_they_are(text: str) -> None:
+    assert no_formula(text) == plain_text(text) == text

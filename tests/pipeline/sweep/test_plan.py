@@ -85,6 +85,7 @@ def test_tables(tmp_path):
     rows = trial_rows(found, results)
     assert rows[1] == {"cameras": 1, "run": 1, "rmse": 3.0}
     assert to_csv(rows).decode().splitlines() == ["cameras,run,rmse", "1,0,1.0", "1,1,3.0", "2,0,5.0", "2,1,5.0"]
+
     summary = summary_rows(found, results)
     assert summary[0].summary.mean == 2.0
     assert summary[1].summary.sd == 0.0
@@ -98,3 +99,8 @@ def test_as_many_cameras_as_are_ordered_can_be_used(tmp_path):
     for number in (0, 3):
         with pytest.raises(InputError, match="how many of the 2 names"):
             settings(tmp_path, f"order: [a, b]\ncameras: {number}\n")
+
+
+def test_names_that_a_spreadsheet_would_run_are_marked() -> None:
+    rows = [{"order": "=cmd|calc!A1", "run": -1, "rmse": -0.5}]
+    assert to_csv(rows).decode().splitlines()[1] == "'=cmd|calc!A1,-1,-0.5"
