@@ -14,7 +14,7 @@ INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINTS) --editable
 # Tests start the program often, and pytest rewrites their assertions: compiled code is kept, whatever the user's settings.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-fast lint golden schemas docs lock clean
+.PHONY: demo test test-fast fuzz lint golden schemas docs lock clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -37,6 +37,12 @@ KERNELS = core measure/clusters measure/regions simulate/balls simulate/render s
 test-fast: $(VENV)/installed-dev
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit and not serial" $(KERNELS:%=tests/%)
 
+# Changed files for every reader: a million each takes days; `make fuzz INPUTS=10000` looks for an hour or two.
+INPUTS ?= 1000000
+fuzz: $(VENV)/installed-dev
+	$(INSTALL) ".[fuzz]"
+	$(BIN)/python -m tests.fuzz --inputs $(INPUTS) --out fuzz
+
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -56,7 +62,7 @@ docs: $(VENV)/installed-dev
 COMPILE = $(BIN)/uv pip compile pyproject.toml --quiet --upgrade --no-annotate --custom-compile-command "make lock"
 lock: $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet uv
-	$(COMPILE) --extra dev --extra openvino --universal --python-version 3.11 -o constraints.txt
+	$(COMPILE) --extra dev --extra openvino --extra fuzz --universal --python-version 3.11 -o constraints.txt
 	$(COMPILE) --extra test --extra cluster --extra qp --extra ros2 --extra sound --resolution lowest-direct --python-version 3.11 -o .ci/lowest.txt
 
 $(VENV)/bin/python:

@@ -1,11 +1,19 @@
-"""Words beside numbers."""
+"""Words beside numbers, and words of files."""
 
 from __future__ import annotations
 
-from occlog.words import counted, noun
+from occlog.words import LONGEST, counted, noun, told
 
 
 def test_one_is_not_many() -> None:
     assert [counted(n, "camera") for n in (0, 1, 2)] == ["0 cameras", "1 camera", "2 cameras"]
     assert [counted(n, "box", "boxes") for n in (1, 3)] == ["1 box", "3 boxes"]
     assert noun(1.5, "row") == "rows"
+
+
+def test_what_comes_from_files_moves_no_cursor_and_fills_no_page() -> None:
+    assert told("a\x1b[2J\x00b\x85\u2028\u202ec\nd\té") == "a\\x1b[2J\\x00b\\x85\\u2028\\u202ec\nd\té"
+    long = told(f"begin {'x' * 10_000} end")
+    assert len(long) <= LONGEST
+    assert long.startswith("begin xx")
+    assert long.endswith("xx end")

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from occlog.details import dry_run, told_to
+from occlog.words import told
 
 from .input_paths import Input, check_there, named
 from .setting_options import SettingOption, value_after
@@ -75,7 +76,7 @@ def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> No
     start, command = time.perf_counter(), ctx.info_name
 
     def say(text: str) -> None:
-        click.echo(f"occlog: {time.perf_counter() - start:7.2f} s  {named(text)}", err=True)
+        click.echo(f"occlog: {time.perf_counter() - start:7.2f} s  {told(named(text))}", err=True)
 
     def end() -> None:
         import resource

@@ -254,9 +254,11 @@ def _show_plan(as_json: bool) -> None:
 
 def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
     """Say on standard error what went wrong: in a line, or where `--json` was given as one JSON object."""
+    from occlog.words import told
+
     from .input_paths import named
 
-    one_line = named(" ".join(message.split()))
+    one_line = told(named(" ".join(message.split())))
     if "--json" in words:
         import json
 

@@ -25,6 +25,7 @@ import click
 
 from occlog.details import begin_work, note_files, tell
 from occlog.errors import ExitCode, UsageError
+from occlog.words import told
 
 from .first_run import note_quiet
 from .input_paths import Input, named
@@ -93,7 +94,7 @@ def note(message: str, quiet: bool = False) -> None:
     if kept is not None:
         kept.append(message)
     elif not quiet:
-        click.echo(f"occlog: {named(message)}", err=True)
+        click.echo(f"occlog: {told(named(message))}", err=True)
 
 
 def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
@@ -191,7 +192,7 @@ def finish(summary: Mapping[str, object], losses: Iterable[Loss], as_json: bool)
     lost = list(losses)
     echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)
     for loss in lost:
-        click.echo(named(f"occlog: lost: {loss}"), err=True)
+        click.echo(told(named(" ".join(f"occlog: lost: {loss}".split()))), err=True)
     return ExitCode.LOSSY if lost else ExitCode.DONE
 
 

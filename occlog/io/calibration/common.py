@@ -232,7 +232,7 @@ def _rotation(matrix: Floats, where: str) -> Floats:
     if r.shape != (3, 3) or not np.isfinite(r).all():
         raise InputError(f"{where}: the rotation is not a matrix of 3 x 3 finite numbers")
     off = float(np.abs(r @ r.T - np.eye(3)).max())
-    if off > 1e-3:
+    if not off <= 1e-3:
         raise InputError(f"{where}: the rotation matrix is not orthonormal (off by {off:.2g}, limit 0.001)")
     if np.linalg.det(r) < 0:
         raise InputError(f"{where}: the rotation matrix is mirrored (determinant -1); an axis has the wrong sign")

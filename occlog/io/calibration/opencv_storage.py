@@ -28,6 +28,8 @@ ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
 TRANSLATION = ("t", "tvec", "translation", "translation_vector")
 SIZE = (("image_width", "image_height"), ("width", "height"))
 MAX_NUMBERS = 10_000
+DIGITS = 9
+"""Of a number of rows or columns, at most."""
 
 
 def detect(text: str) -> bool:
@@ -119,7 +121,8 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
     shape = None
     if isinstance(value, dict):
         rows, columns = str(value.get("rows")), str(value.get("cols"))
-        shape = (int(rows), int(columns)) if rows.isdecimal() and columns.isdecimal() else _sizes(value.get("sizes"))
+        stated = all(cell.isdecimal() and len(cell) <= DIGITS for cell in (rows, columns))
+        shape = (int(rows), int(columns)) if stated else _sizes(value.get("sizes"))
         value = value.get("data")
     try:
         array = np.array(value, dtype=np.float64)
@@ -133,7 +136,8 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
 def _sizes(value: object) -> tuple[int, ...] | None:
     """Shape of a matrix of OpenCV 5 (`sizes`); None where it is not stated."""
     cells = value.split() if isinstance(value, str) else value if isinstance(value, list) else []
-    return tuple(int(cell) for cell in cells) if cells and all(str(cell).isdecimal() for cell in cells) else None
+    stated = cells and all(str(cell).isdecimal() and len(str(cell)) <= DIGITS for cell in cells)
+    return tuple(int(cell) for cell in cells) if stated else None
 
 
 def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
@@ -142,6 +146,6 @@ def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
         if width in values and height in values:
             try:
                 return int(values[width]), int(values[height])
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 return None
     return None

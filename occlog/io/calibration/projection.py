@@ -71,7 +71,7 @@ def camera_of_parts(
     """
     half_height = image_size[1] / 2 if image_size else 540.0
     lean = abs(float(k[0, 1])) * half_height / float(k[1, 1])
-    if lean > MAX_SKEW_PX:
+    if not lean <= MAX_SKEW_PX:
         raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")
     pose = Pose(
         name=name,

@@ -15,11 +15,12 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
+from occlog.io.files.guard import guarded
 from occlog.records.scene import Camera
 from occlog.words import counted
 
 from . import opencv_storage, opencv_toml, projection, qualisys, tsai
-from .common import CalibrationOptions, read_text
+from .common import WHAT, CalibrationOptions, read_text
 from .rigs import arrays, colmap, kalibr, pairs, ros
 
 
@@ -90,7 +91,9 @@ def read_calibration(
     if name not in IMPORTERS:
         raise UsageError(f"calibration format {name!r} is not known; known: auto, {', '.join(IMPORTERS)}")
     options = options or CalibrationOptions()
-    cameras = IMPORTERS[name].read(files, options)
+    # Numbers beyond all range become infinite, and no camera has such
+    with guarded(files[0], WHAT), np.errstate(all="ignore"):
+        cameras = IMPORTERS[name].read(files, options)
     if not cameras:
         raise InputError(f"{files[0]}: describes no camera ({IMPORTERS[name].doc})")
     names = [c.name for c in cameras]

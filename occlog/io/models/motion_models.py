@@ -67,7 +67,7 @@ def read_motion(path: Path) -> MotionModel:
     A, sigma = np.array(spec.A, dtype=np.float64), np.array(spec.sigma, dtype=np.float64)
     _check_numbers(path, spec, A, sigma)
     _check_sigma(path, sigma)
-    return MotionModel(A, 0.5 * (sigma + sigma.T), spec.step_s, spec.length_unit)
+    return MotionModel(A, 0.5 * sigma + 0.5 * sigma.T, spec.step_s, spec.length_unit)
 
 
 def write_motion(

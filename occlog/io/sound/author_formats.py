@@ -112,6 +112,8 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
     if is_header(head):
         columns = {"x": ("x", "x_m"), "y": ("y", "y_m"), "z": ("z", "z_m")}
         parts = list(read_rows(path, columns, WHAT))
+        if not parts:
+            raise InputError(f"{path}: holds a header and no row; columns x, y and z of microphones were expected")
         if not all(parts[0].has(c) for c in columns):
             raise InputError(f"{path}: columns x, y and z of microphones were expected")
         microphones = np.concatenate([np.column_stack([rows.floats(c) for c in columns]) for rows in parts])

@@ -36,23 +36,29 @@ def read_trc(path: Path) -> Iterator[Rows]:
     names = names_of(path)
     targets = _targets(path, header)
     records: list[tuple[int, tuple[str, ...]]] = []
-    with path.open(encoding="utf-8-sig") as file:
-        for line, text in islice(enumerate(file, start=1), HEADER, None):
-            if text.strip():
-                records += [(line, cells) for cells in _targets_of(path, line, text.rstrip("\r\n"), targets)]
-            if len(records) >= ROWS_PER_CHUNK:
-                yield _rows(path, records, names)
-                records = []
+    for line, text in islice(enumerate(_lines(path), start=1), HEADER, None):
+        if text.strip():
+            records += [(line, cells) for cells in _targets_of(path, line, text, targets)]
+        if len(records) >= ROWS_PER_CHUNK:
+            yield _rows(path, records, names)
+            records = []
     if records:
         yield _rows(path, records, names)
 
 
+def _lines(path: Path) -> Iterator[str]:
+    """Lines of a text, without their ends."""
+    with path.open(encoding="utf-8-sig") as file:
+        try:
+            for line in file:
+                yield line.rstrip("\r\n")
+        except UnicodeDecodeError as error:
+            bad = error.object[error.start]
+            raise InputError(f"{path}: byte {bad:#04x}: not UTF-8 text; TRC was expected") from None
+
+
 def _header(path: Path) -> list[str]:
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            lines = [line.rstrip("\r\n") for line in islice(file, HEADER)]
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start}: not UTF-8 text; TRC was expected") from None
+    lines = list(islice(_lines(path), HEADER))
     if len(lines) < HEADER:
         raise InputError(f"{path}: {len(lines)} lines; TRC has a header of {HEADER}; make it again")
     return lines

@@ -79,6 +79,8 @@ def _read(path: Path) -> tuple[Ints, Ints, Floats]:
         board = rows.ints("object") if rows.has("object") else np.zeros(len(rows), dtype=np.int64)
         corner.append(rows.ints("corner") + 1_000_000 * board)
         xyz.append(np.column_stack([rows.floats(axis) for axis in "xyz"]))
+    if not sync:
+        raise InputError(f"{path}: holds a header and no row; {WHAT} were expected")
     return np.concatenate(sync), np.concatenate(corner), np.concatenate(xyz)
 
 

@@ -1,0 +1,65 @@
+"""What fuzzing has found, each as short as it could be made: once a traceback or worse, now one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.models.motion_models import read_motion
+
+from . import seeds
+from .readers import READERS
+from .watch import Watch, watching
+
+LARGE = "1" + "0" * 300
+FINDINGS = [
+    ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "not UTF-8 text"),
+    ("truth (board)", b"sync_index,point_id,x_coord,y_coord,z_coord\n", "holds a header and no row"),
+    ("arrays", b"x,y,z\n", "holds a header and no row"),
+    (
+        "calibration (storage, XML)",
+        seeds.storage(".xml").replace(b"<rows>3</rows>", b"<rows>" + b"9" * 4400 + b"</rows>"),
+        "want a 3 x 3 camera matrix",
+    ),
+    ("calibration (projection)", seeds.PROJECTION.replace("500", LARGE).encode(), "cannot be inverted"),
+    (
+        "calibration (COLMAP, images)",
+        seeds.COLMAP_IMAGES.replace("1 1 0", f"1 {LARGE} 0").encode(),
+        "no unit quaternion",
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def watch() -> Iterator[Watch]:
+    with watching() as found:
+        yield found
+
+
+@pytest.mark.parametrize(("name", "data", "words"), FINDINGS, ids=[name for name, *_ in FINDINGS])
+def test_a_finding_is_refused_in_one_line(name: str, data: bytes, words: str, watch: Watch) -> None:
+    outcome = watch.outcome(READERS[name], data)
+    assert outcome.kind == "refused", outcome
+    assert words in outcome.detail
+
+
+def test_large_covariances_stay_what_they_are(tmp_path: Path) -> None:
+    """Half of their sum was infinite."""
+    path = tmp_path / "m.json"
+    path.write_text(json.dumps({**json.loads(seeds.MOTION), "sigma": (1.2e308 * np.eye(4)).tolist()}))
+    assert np.array_equal(read_motion(path).sigma, 1.2e308 * np.eye(4))
+
+
+def test_names_in_files_move_no_cursor(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text('occlog_scene: 1\n"\\e[2Jname": 1\n')
+    assert run(["simulate", str(path), "-o", str(tmp_path / "x.mcap")]) == ExitCode.BAD_INPUT
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "\\x1b[2Jname" in line
+    assert "\x1b" not in line

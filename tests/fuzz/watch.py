@@ -1,0 +1,139 @@
+"""Reads one input and says what is wrong with how it went: the only ways out are a result and one line.
+
+Whatever else comes is a finding: another exception, a warning, a word on standard error, a file left behind, a line
+that does not say which file, more than 10 s, more than 512 MB above what is needed otherwise.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import tempfile
+import traceback
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import NamedTuple
+
+from occlog.errors import OcclogError
+
+from .readers import Reader
+
+SECONDS = 10
+MEGABYTES = 512
+
+
+class Outcome(NamedTuple):
+    """How it went: `read`, `refused` with the line, or a finding, whose first words tell it from others."""
+
+    kind: str
+    detail: str
+
+    @property
+    def found(self) -> bool:
+        """Whether it is a finding."""
+        return self.kind not in ("read", "refused")
+
+
+class HangError(BaseException):
+    """Reading takes too long; no `except Exception` of a reader stops it."""
+
+
+def _too_long(_: int, __: FrameType | None) -> None:
+    raise HangError
+
+
+class Watch:
+    """A folder to read in, standard error, time and memory."""
+
+    def __init__(self, folder: Path, error: int) -> None:
+        """`error` is a file to which standard error goes."""
+        self._folder, self._error = folder, error
+        self._peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    def outcome(self, reader: Reader, data: bytes) -> Outcome:
+        """Read an input."""
+        path = self._folder / reader.file
+        path.parent.mkdir(exist_ok=True)
+        for name, content in reader.beside.items():
+            (self._folder / name).write_bytes(content)
+        path.write_bytes(data)
+        before = {p for p in self._folder.rglob("*") if p.is_file()}
+        self._said()  # what others said since
+        outcome = self._read(reader, path)
+        left = {p for p in self._folder.rglob("*") if p.is_file()} - before
+        said = self._said()
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        grown, self._peak = (peak - self._peak) >> 10, max(peak, self._peak)
+        if outcome.found:
+            return outcome
+        if said and not reader.noisy:
+            return Outcome("standard error", said)
+        if left:
+            for each in left:
+                each.unlink()
+            return Outcome("left behind", ", ".join(sorted(p.name for p in left)))
+        return Outcome("memory", f"{grown} MB more than before") if grown > MEGABYTES else outcome
+
+    def _read(self, reader: Reader, path: Path) -> Outcome:
+        signal.setitimer(signal.ITIMER_REAL, SECONDS)
+        try:
+            reader.read(path)
+        except OcclogError as error:
+            return _judged(str(error).replace(f"{self._folder}/", ""), reader)
+        except HangError as error:
+            return Outcome("hang", _place(error))
+        except (Exception, SystemExit) as error:
+            said = " ".join(str(error).split())[:200]
+            return Outcome(f"{type(error).__name__} {_place(error)}", said)
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        return Outcome("read", "")
+
+    def _said(self) -> str:
+        size = os.fstat(self._error).st_size
+        if not size:
+            return ""
+        said = os.pread(self._error, 400, 0).decode(errors="replace")
+        os.ftruncate(self._error, 0)
+        os.lseek(self._error, 0, os.SEEK_SET)
+        return " ".join(said.split())
+
+
+def _judged(line: str, reader: Reader) -> Outcome:
+    """Whether the line that refuses a file says which one it is."""
+    names = {reader.file, *Path(reader.file).parts, *(part for name in reader.beside for part in Path(name).parts)}
+    if not any(name in line for name in names):
+        return Outcome("a line without the file", line)
+    return Outcome("refused", line)
+
+
+def _place(error: BaseException) -> str:
+    """The last place in occlog, or the last one."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [f for f in frames if "/occlog/" in f.filename and "/tests/" not in f.filename]
+    frame = (own or frames)[-1]
+    return f"{frame.filename.rpartition('/occlog/')[2]}:{frame.lineno} {frame.name}"
+
+
+@contextmanager
+def watching() -> Iterator[Watch]:
+    """A watch; standard error is kept from the terminal meanwhile."""
+    before = signal.signal(signal.SIGALRM, _too_long)
+    kept = os.dup(2)
+    folder = Path(tempfile.mkdtemp(prefix="occlog-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
+    with tempfile.TemporaryFile() as error, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", category=ResourceWarning)
+        os.dup2(error.fileno(), 2)
+        try:
+            yield Watch(folder, error.fileno())
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            signal.signal(signal.SIGALRM, before)
+            shutil.rmtree(folder)
