@@ -99,12 +99,7 @@ def read_tables(paths: Paths, *, everybody: bool = False) -> Tables:
 
     With `everybody` the views are not compared with true boxes, but predicted; boxes serve as well.
     """
-    truth = None if paths.truth is None else _open_truth(paths.truth)
-    tracks = None if paths.tracks is None else open_input(paths.tracks, Tracks)
-    scene = _scene(paths, tracks, truth)
-    for opened in (tracks, truth):
-        if opened is not None:
-            check_unit(opened, scene.length_unit, error=InputError)
+    tracks, truth, scene = open_tables(paths)
     boxes = _rows_of(truth, TruthBoxes)
     found = open_input(paths.views) if paths.views is not None and everybody else None
     if paths.views is not None and truth is not None and boxes is None and not everybody:
@@ -122,6 +117,17 @@ def read_tables(paths: Paths, *, everybody: bool = False) -> Tables:
         found=None if found is None else _boxes_or_views(found),
         measured=None if paths.measurements is None else _measured(paths.measurements, tracks, scene),
     )
+
+
+def open_tables(paths: Paths) -> tuple[Opened | None, Opened | None, Scene]:
+    """Tracks and truth, of which nothing is read yet, and the scene, whose unit of lengths they have."""
+    truth = None if paths.truth is None else _open_truth(paths.truth)
+    tracks = None if paths.tracks is None else open_input(paths.tracks, Tracks)
+    scene = _scene(paths, tracks, truth)
+    for opened in (tracks, truth):
+        if opened is not None:
+            check_unit(opened, scene.length_unit, error=InputError)
+    return tracks, truth, scene
 
 
 def _measured(path: Path, tracks: Opened | None, scene: Scene) -> tuple[Measurements, MeasuredConfig, Radio | None]:

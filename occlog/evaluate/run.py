@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import ground_figures
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import write_table
+from occlog.io.files.parquet import TableWriter, write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
@@ -36,14 +37,16 @@ from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.plugins.chosen import Chosen
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Doa
+from occlog.records.tables import Diagnostics, Doa, Errors, Tracks, Truth
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
+from occlog.track.plausibility.verdict import Evidence
 
 from .by_plugin import with_plugins
-from .inputs import Paths, in_frames, provenance_of, read_tables
+from .errors.streamed import compare_streams, survey
+from .inputs import Paths, in_frames, open_tables, provenance_of, read_tables
 from .stage import Evaluation, evaluate
-from .verdict import judge
+from .verdict import AgainstTruth, Made, judge, with_truth
 
 
 def run_evaluate(
@@ -65,14 +68,14 @@ def run_evaluate(
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
     options.check_outputs(paths.inputs, written, paths.overwrite)
+    if frames is None and not plugged and not many_given:
+        found = run_one_target(paths, given)
+        if found is not None:
+            return found
     t = read_tables(paths, everybody=bool(given.get("held_out")) and paths.views is not None)
     t = t if frames is None else in_frames(t, frames)
     unit = t.scene.length_unit
-    # A tracker that numbers its tracks itself gives them numbers of targets by chance only
-    numbered_itself = born_from_detections(paths.tracks) or of_others(paths.tracks)
-    own_numbers = "match" not in given and numbered_itself
-    paired = {"match": "optimal"} if own_numbers else {}
-    config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **paired, **given})
+    config, numbered_itself, own_numbers = _configured(paths, given, unit)
     _check_held_out(paths.tracks, config.held_out)
     begin_work()
     result = evaluate(
@@ -112,14 +115,74 @@ def run_evaluate(
         metrics=result.metrics,
         held_out=config.held_out,
     )
-    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
     if t.made.measured and paths.measurements is None and len(result.bound):
         less = "the bound knows nothing of the ranges, signal strengths or time differences of the tracks, so that no "
         result = replace(result, notes=(*result.notes, f"{less}ratio to it means anything; give --measurements"))
-    notes = (*((told,) if own_numbers else ()), *result.notes, *other_video(paths.tracks, [paths.truth]))
-    result = replace(result, notes=notes, findings=findings)
+    result = replace(result, notes=_notes(paths, own_numbers, result.notes), findings=findings)
     told_of = {"metrics": [each.provenance(unit) for each in plugged]} if plugged else {}
     _write(paths, result, unit, config, {**({"many": many} if many else {}), **told_of})
+    return result, unit
+
+
+def _configured(paths: Paths, given: Mapping[str, object], unit: str) -> tuple[EvaluateConfig, bool, bool]:
+    """Settings; whether the tracks have numbers of their own; and whether they are paired by distance for that."""
+    # A tracker that numbers its tracks itself gives them numbers of targets by chance only
+    numbered_itself = born_from_detections(paths.tracks) or of_others(paths.tracks)
+    own_numbers = "match" not in given and numbered_itself
+    paired = {"match": "optimal"} if own_numbers else {}
+    config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **paired, **given})
+    return config, numbered_itself, own_numbers
+
+
+def _notes(paths: Paths, own_numbers: bool, found: tuple[str, ...]) -> tuple[str, ...]:
+    """What the user must know of the inputs, about what was found."""
+    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
+    return (*((told,) if own_numbers else ()), *found, *other_video(paths.tracks, [paths.truth]))
+
+
+def run_one_target(paths: Paths, given: Mapping[str, object]) -> tuple[Evaluation, str] | None:
+    """The same as `run_evaluate` of one track and one target with nothing beside them but diagnostics, in flat memory.
+
+    None where there is anything else, or another number of them.
+    """
+    more = (paths.directions, paths.measurements, paths.views, paths.cooperation, paths.write_scene, paths.failures)
+    if paths.tracks is None or paths.truth is None or any(p is not None for p in (*more, paths.counts)):
+        return None
+    tracks, truth, scene = open_tables(paths)
+    if tracks is None or truth is None or not truth.has(Truth) or given.get("held_out"):
+        return None
+    unit = scene.length_unit
+    config, _, own_numbers = _configured(paths, given, unit)
+    begin_work()
+    known = survey(tracks.rows(Tracks), truth.rows(Truth))
+    if known.single is None or (config.match == "id" and known.single[0] != known.single[1]):
+        return None
+    made = Made.of(tracks.provenance)
+    parameters = asdict(config) | ({"doa_labels": True} if paths.doa_labels else {})
+    against, evidence = AgainstTruth(made, scene), Evidence(rows=known.estimates)
+    with ExitStack() as stack:
+        written: TableWriter | None = None
+        if paths.errors is not None:
+            provenance = provenance_of(paths, parameters)
+            written = stack.enter_context(
+                TableWriter(paths.errors, Errors, provenance, overwrite=paths.overwrite, length_unit=unit)
+            )
+
+        def take(errors: Errors) -> None:
+            against.add(errors)
+            if written is not None:
+                written.write(errors.sorted())
+
+        metrics, note = compare_streams(tracks.rows(Tracks), truth.rows(Truth), known, config, unit, take)
+        metrics |= {"tracks_smoothed": 1.0} if made.smoothed else {}
+        if paths.diagnostics is not None:
+            evidence.rows = 0
+            for part in open_input(paths.diagnostics).rows(Diagnostics):
+                evidence.fared(part)
+        findings = with_truth(evidence, made, against, unknown=known.unknown, metrics=metrics)
+        notes = _notes(paths, own_numbers, () if note is None else (note,))
+    result = Evaluation(metrics, notes=notes, findings=findings)
+    _write(replace(paths, errors=None), result, unit, config, {})
     return result, unit
 
 

@@ -24,7 +24,8 @@ from occlog.evaluate.bearings.held_out_boxes import held_out_box_metrics
 from occlog.evaluate.bearings.meeting import meeting_metrics
 from occlog.evaluate.bearings.noise import noise_metrics
 from occlog.evaluate.errors.bound import Measured, bound_metrics, compute_bound
-from occlog.evaluate.errors.on_ground import compare, error_metrics, gaps_note, settled
+from occlog.evaluate.errors.on_ground import compare, gaps_note, settled
+from occlog.evaluate.errors.sums import error_metrics
 from occlog.evaluate.figures import UNITS
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import Floats
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
 from occlog.io.files.provenance import Provenance
@@ -103,16 +103,33 @@ def judge(
         if not made.unlabelled:
             use &= seen.target_id >= 0
         found.saw(tracks, whole(tracks, seen.take(use), scene, diagnostics, made.window_ns), scene)
+    against = AgainstTruth(made, scene)
+    if errors is not None:
+        against.add(errors)
+    unknown = bool(np.isnan(tracks.cov_xx).any())
+    return with_truth(found, made, against, unknown=unknown, metrics=metrics or {})
+
+
+def with_truth(
+    found: Evidence, made: Made, against: AgainstTruth, *, unknown: bool, metrics: Mapping[str, object]
+) -> tuple[Finding, ...]:
+    """Everything that speaks against tracks.
+
+    Args:
+        found: what was gathered of the tracks and their bearings.
+        made: how the tracks were made.
+        against: what was gathered of their errors.
+        unknown: the covariance of an estimate is not known.
+        metrics: figures of the evaluation.
+    """
     said = found.findings(one_target=made.one_target, smoothed=made.smoothed)
-    if made.own_numbers and errors is not None and scene is not None:
-        errors = _on_their_targets(errors, scene)
-    if np.isnan(tracks.cov_xx).any():
-        unknown = "estimates have no covariance, so that nothing is said of whether errors are as large as they say"
-        return (*said, Finding("no-covariance", "note", unknown), *_of_figures(metrics or {}))
-    against = tuple(_against_truth(errors))
-    if any(f.code == "nees-large" for f in against):
-        against += tuple(_of_something_else(found, metrics or {}))
-    return (*said, *against, *_of_figures(metrics or {}))
+    if unknown:
+        words = "estimates have no covariance, so that nothing is said of whether errors are as large as they say"
+        return (*said, Finding("no-covariance", "note", words), *_of_figures(metrics))
+    told = tuple(against.findings())
+    if any(f.code == "nees-large" for f in told):
+        told += tuple(_of_something_else(found, metrics))
+    return (*said, *told, *_of_figures(metrics))
 
 
 def _of_something_else(found: Evidence, metrics: Mapping[str, object]) -> Iterator[Finding]:
@@ -138,30 +155,76 @@ def _on_their_targets(errors: Errors, scene: Scene) -> Errors:
     return errors if near is None else errors.take(errors.error <= near)
 
 
-def _against_truth(errors: Errors | None) -> Iterator[Finding]:
+class _Nees:
+    """Normalised squared errors against what covariances lead one to expect; targets are independent of another."""
+
+    def __init__(self, dimensions: int, limit: float) -> None:
+        self.dimensions, self._limit = dimensions, limit
+        self.told = 0
+        self._squares: dict[int, BatchMeans] = {}
+        self._outside: dict[int, BatchMeans] = {}
+
+    def add(self, target: int, nees: Floats) -> None:
+        """Some more of a target, NaN where the covariance is singular."""
+        told = np.isfinite(nees)
+        self.told += int(told.sum())
+        squares = nees[told]
+        self._squares.setdefault(target, BatchMeans()).add(squares, np.full(len(squares), float(self.dimensions)))
+        outside = np.where(told, nees > self._limit, True).astype(np.float64)
+        self._outside.setdefault(target, BatchMeans()).add(outside, np.full(len(nees), 0.05))
+
+    @property
+    def mean(self) -> Ratio:
+        """Squares over the number of dimensions."""
+        return Ratio.of_parts(self._squares[k] for k in sorted(self._squares))
+
+    @property
+    def share(self) -> Ratio:
+        """Errors outside of the 95 % ellipse over what is expected of them."""
+        return Ratio.of_parts(self._outside[k] for k in sorted(self._outside))
+
+
+class AgainstTruth:
+    """Gathers errors while they stream by: whether covariances say how large they are."""
+
+    def __init__(self, made: Made, scene: Scene | None) -> None:
+        """No errors yet; how the tracks were made, and the scene of which they are."""
+        self.rows = self._high = 0
+        self._own_numbers, self._scene = made.own_numbers, scene
+        self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)
+
+    def add(self, errors: Errors) -> None:
+        """Some more, in the order of time."""
+        if self._own_numbers and self._scene is not None:
+            errors = _on_their_targets(errors, self._scene)
+        self.rows += len(errors)
+        self._high += int(np.count_nonzero(in_space(errors)))
+        for target in np.unique(errors.target_id).tolist():
+            own = errors.target_id == target
+            self._ground.add(target, errors.nees[own])
+            self._space.add(target, errors.nees_space[own])
+
+    def findings(self) -> Iterator[Finding]:
+        """What there is to say."""
+        if self.rows >= FEWEST:
+            high = self._high == self.rows
+            yield from _of_nees(self._space if high else self._ground, self.rows, " in space" if high else "")
+
+
+def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Finding]:
     """Whether covariances say how large the errors are."""
-    if errors is None or len(errors) < FEWEST:
-        return
-    high = in_space(errors)
-    part = errors.take(high) if high.all() else errors
-    nees, dimensions, limit, where = (
-        (part.nees_space, 3, CHI2_95_3D, " in space") if high.all() else (part.nees, 2, CHI2_95_2D, "")
-    )
-    told = np.isfinite(nees)
-    singular = len(nees) - int(told.sum())
-    if beyond(singular, len(nees), SINGULAR):
+    dimensions, mean, share = found.dimensions, found.mean, found.share
+    singular = rows - found.told
+    if beyond(singular, rows, SINGULAR):
         yield Finding(
             "singular",
             "warning",
-            f"{singular} of {len(nees)} estimates have a singular covariance (allowed: {SINGULAR:.0%}): the filter has "
+            f"{singular} of {rows} estimates have a singular covariance (allowed: {SINGULAR:.0%}): the filter has "
             "run out of particles, or the noise that is stated is zero; use more particles, or state the noise",
         )
-    outside = np.where(told, nees > limit, True)
-    mean = _ratio(part, told, np.where(told, nees, 0.0), float(dimensions))
-    share = _ratio(part, np.ones(len(part), dtype=np.bool_), outside.astype(np.float64), 0.05)
     large = mean.value > NEES_HIGH and mean.interval(CHANCE)[0] > 1.0
     many = 0.05 * share.value > OUTSIDE and share.interval(CHANCE)[0] > 1.0
-    found = (
+    words = (
         f"mean NEES{where} {mean.value * dimensions:.3g}, expected {dimensions}, allowed up to "
         f"{NEES_HIGH * dimensions:.0f}; {0.05 * share.value:.0%} of the errors are outside of the 95 % "
         f"{'ellipsoid' if where else 'ellipse'}, expected 5 %, allowed {OUTSIDE:.0%}"
@@ -170,7 +233,7 @@ def _against_truth(errors: Errors | None) -> Iterator[Finding]:
         yield Finding(
             "nees-large",
             "warning",
-            f"the covariances are too small ({found}): errors are larger than they say; look at other warnings, use "
+            f"the covariances are too small ({words}): errors are larger than they say; look at other warnings, use "
             "more particles, state larger noises, and check that the truth is of the same target",
         )
     elif mean.value < NEES_LOW and mean.interval(CHANCE)[1] < 1.0:
@@ -178,20 +241,9 @@ def _against_truth(errors: Errors | None) -> Iterator[Finding]:
         yield Finding(
             "nees-small",
             "note",
-            f"the covariances are too large: errors are {factor:.1f} times smaller than they say ({found}); state "
+            f"the covariances are too large: errors are {factor:.1f} times smaller than they say ({words}); state "
             "smaller noises",
         )
-
-
-def _ratio(errors: Errors, rows: Bools, squares: Floats, expected: float) -> Ratio:
-    """Sum of squares over what is expected, over all targets, which are independent of one another."""
-    parts = []
-    for target in np.unique(errors.target_id):
-        own = rows & (errors.target_id == target)
-        means = BatchMeans()
-        means.add(squares[own], np.full(int(own.sum()), expected))
-        parts.append(means)
-    return Ratio.of_parts(parts)
 
 
 def _of_figures(metrics: Mapping[str, object]) -> Iterator[Finding]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,10 @@ from occlog.errors import InputError
 from .columns import Table
 
 T = TypeVar("T", bound=Table)
+A = TypeVar("A", bound=Table)
+B = TypeVar("B", bound=Table)
+FIRST, LAST = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
+"""Limits of times."""
 
 
 def times(table: Table) -> Ints:
@@ -43,3 +47,90 @@ def whole_times(chunks: Iterable[T]) -> Iterator[T]:
         held = rows.take(slice(cut, None))
     if held is not None:
         yield held
+
+
+class Window(NamedTuple, Generic[A, B]):
+    """Rows of two tables during a stretch of time, and those about it.
+
+    Attributes:
+        a: rows of the first table from the beginning of the stretch to its end, which is left out.
+        b: rows of the second table, likewise.
+        about_a: these rows of the first table and those that are at most the margin away from the stretch.
+        about_b: of the second table, likewise.
+    """
+
+    a: A
+    b: B
+    about_a: A
+    about_b: B
+
+
+class Side(Generic[T]):
+    """Chunks of one table, and its rows that are read and still wanted.
+
+    Attributes:
+        rows: these rows.
+        until: rows before this time have all arrived; `LAST`: all have.
+    """
+
+    def __init__(self, chunks: Iterable[T], kind: type[T], name: str = "") -> None:
+        """Nothing is read yet; `name` is that of the table in messages, if it is not its own."""
+        self._chunks = iter(chunks)
+        self._kind = kind
+        self._name = name or kind.NAME
+        self.rows = kind.empty()
+        self.until = FIRST
+
+    def pull(self) -> None:
+        """Read the next chunk that has rows; without one all rows have arrived."""
+        for chunk in self._chunks:
+            if not len(chunk):
+                continue
+            first, last = int(times(chunk)[0]), int(times(chunk)[-1])
+            if first < self.until:
+                raise InputError(f"{self._name}: t_ns goes back between two chunks ({first}); sort the table by t_ns")
+            self.rows = self._kind.concat([self.rows, chunk])
+            self.until = last
+            return
+        self.until = LAST
+
+    def between(self, low: int, high: int) -> T:
+        """Rows from a time on, up to another, which is left out unless it is the last one that there is."""
+        at = times(self.rows)
+        stop = len(at) if high == LAST else int(np.searchsorted(at, high))
+        return self.rows.take(slice(int(np.searchsorted(at, max(low, FIRST))), stop))
+
+
+def windows(a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], margin_ns: int) -> Iterator[Window[A, B]]:
+    """Go through two tables side by side, in stretches of time that hold every row once.
+
+    Args:
+        a: chunks of the first table in the order of time; a time may be split over two chunks.
+        b: chunks of the second table, likewise.
+        kinds: of the tables.
+        margin_ns: how far about a stretch rows are given along with it, >= 0.
+
+    Raises:
+        InputError: the chunks of a table are not in the order of time.
+    """
+    left, right = Side(a, kinds[0]), Side(b, kinds[1])
+    begin = FIRST
+    while begin < LAST:
+        # The side that lags behind is read first
+        if left.until <= right.until:
+            left.pull()
+        else:
+            right.pull()
+        until = min(left.until, right.until)
+        end = LAST if until == LAST else until - margin_ns
+        if end <= begin:
+            continue
+        low, high = begin - margin_ns, LAST if end == LAST else until
+        found = Window(
+            left.between(begin, end), right.between(begin, end), left.between(low, high), right.between(low, high)
+        )
+        if len(found.a) or len(found.b):
+            yield found
+        begin = end
+        if end != LAST:
+            left.rows, right.rows = left.between(end - margin_ns, LAST), right.between(end - margin_ns, LAST)

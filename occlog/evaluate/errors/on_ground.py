@@ -1,4 +1,4 @@
-"""Errors of tracks: which track is of which target, the error of each estimate, and figures of the errors.
+"""Errors of tracks: which track is of which target, and the error of each estimate.
 
 Errors are those of (x, y).  Where a track has heights and its target's height is known, errors in space
 stand beside them.
@@ -11,19 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Bools, Floats
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import (
-    CHI2_95_2D,
-    CHI2_95_3D,
-    ErrorSums,
-    add_sums,
-    error_sums,
     normalised_squared_errors,
     normalised_squared_errors_in_space,
     pair_tracks,
-    quantile,
     ratio,
-    root_mean_square,
 )
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -60,39 +53,6 @@ def errors_in_space(tracks: Tracks, error: Floats, covariance: Floats, truth_z: 
 def in_space(errors: Errors) -> Bools:
     """(N,) bool: errors of estimates whose height and true height are known."""
     return np.isfinite(errors.error_space)
-
-
-def space_metrics(errors: Errors, unit: str, whose: str) -> Metrics:
-    """RMSE along z and in space and consistency there (mean NEES 3); nothing if no error in space is known.
-
-    Over the errors in space only, which may be fewer than those on the ground.
-    """
-    high = errors.take(in_space(errors))
-    if not len(high):
-        return {}
-    nees = high.nees_space[np.isfinite(high.nees_space)]
-    return {
-        f"rmse_z{whose}_{unit}": root_mean_square(high.error_z),
-        f"rmse_space{whose}_{unit}": root_mean_square(high.error_space),
-        f"nees_space_mean{whose}": ratio(float(nees.sum()), len(nees)),
-        f"nees_space_share_95{whose}": ratio(int(np.count_nonzero(nees <= CHI2_95_3D)), len(nees)),
-        f"nees_space_singular{whose}": len(high) - len(nees),
-        f"estimates_space{whose}": len(high),
-    }
-
-
-def space_spread(errors: Errors, unit: str) -> Metrics:
-    """Mean and quantiles of the distance in space, and the mean error along z; nothing if none is known."""
-    high = errors.take(in_space(errors))
-    if not len(high):
-        return {}
-    return {
-        f"error_space_mean_{unit}": ratio(float(high.error_space.sum()), len(high)),
-        f"error_space_median_{unit}": quantile(high.error_space, 0.5),
-        f"error_space_p95_{unit}": quantile(high.error_space, 0.95),
-        f"error_space_max_{unit}": quantile(high.error_space, 1.0),
-        f"bias_z_{unit}": ratio(float(high.error_z.sum()), len(high)),
-    }
 
 
 class Matched(NamedTuple):
@@ -136,26 +96,47 @@ def _squares(path: Path, target: Path, config: EvaluateConfig) -> Floats:
     return np.asarray(np.sum((path.xy[good] - true[good]) ** 2, axis=1))
 
 
-def gaps_note(tracks: Tracks, truth: Truth, pairs: Mapping[int, int], config: EvaluateConfig) -> str | None:
-    """A line where most of the estimates during the truth fall into gaps of it that are not bridged; else None."""
-    targets = paths_of(truth, "target")
-    inside = missed = 0
-    widest = 0.0
-    for track, target in pairs.items():
-        path = targets[target]
-        t_ns = tracks.t_ns[tracks.target_id == track]
-        t_ns = t_ns[(t_ns >= path.t_ns[0]) & (t_ns <= path.t_ns[-1])]
+class Gaps:
+    """Counts estimates during the truth, and those of them that fall into gaps of it that are not bridged."""
+
+    def __init__(self) -> None:
+        """No estimates yet."""
+        self._inside = self._missed = self._widest_ns = 0
+
+    def add(self, t_ns: Ints, path: Path, span_ns: tuple[int, int], config: EvaluateConfig) -> None:
+        """Some more estimates of one track.
+
+        Args:
+            t_ns: their times.
+            path: of the target, or the part of it about these times.
+            span_ns: first and last time of the whole path.
+            config: how far apart samples of the truth may be.
+        """
+        t_ns = t_ns[(t_ns >= span_ns[0]) & (t_ns <= span_ns[1])]
         unknown = int(np.count_nonzero(~path.at(t_ns, config.limit_ns)[1]))
-        inside, missed = inside + len(t_ns), missed + unknown
+        self._inside, self._missed = self._inside + len(t_ns), self._missed + unknown
         if unknown:
-            widest = max(widest, (path.usual_gap_ns if config.limit_ns is None else config.limit_ns) / NS)
-    if 2 * missed <= inside:
-        return None
-    return (
-        f"warning: {missed} of {inside} estimates fall into gaps of the truth that are wider than {widest:.3g} s, "
-        "which are not bridged: no figure knows of their errors; where the truth holds still or runs straight "
-        "over such a gap, bridge it (max_gap)"
-    )
+            self._widest_ns = max(self._widest_ns, path.usual_gap_ns if config.limit_ns is None else config.limit_ns)
+
+    @property
+    def note(self) -> str | None:
+        """A line where most of the estimates during the truth fall into such gaps; else None."""
+        if 2 * self._missed <= self._inside:
+            return None
+        return (
+            f"warning: {self._missed} of {self._inside} estimates fall into gaps of the truth that are wider than "
+            f"{self._widest_ns / NS:.3g} s, which are not bridged: no figure knows of their errors; where the truth "
+            "holds still or runs straight over such a gap, bridge it (max_gap)"
+        )
+
+
+def gaps_note(tracks: Tracks, truth: Truth, pairs: Mapping[int, int], config: EvaluateConfig) -> str | None:
+    """What `Gaps` says of whole tables."""
+    targets, found = paths_of(truth, "target"), Gaps()
+    for track, target in pairs.items():
+        t_ns = targets[target].t_ns
+        found.add(tracks.t_ns[tracks.target_id == track], targets[target], (int(t_ns[0]), int(t_ns[-1])), config)
+    return found.note
 
 
 def compare(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> Matched:
@@ -168,16 +149,13 @@ def compare(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> Matched:
     parts, left_out, interpolated = [], 0, 0
     for track, target in pairs.items():
         rows = tracks.take(tracks.target_id == track)
-        part, good = _errors(rows, target, targets[target], config)
+        part, good = errors_of(rows, target, targets[target], config)
         parts.append(part)
         left_out += int(np.count_nonzero(~good))
         interpolated += int(np.count_nonzero(~targets[target].sampled(part.t_ns)))
     errors = Errors.merge(parts)
     if not len(errors) and len(tracks) and len(truth):
-        raise InputError(
-            f"tracks: the truth covers the time of no estimate: tracks {_span(tracks)}, truth {_span(truth)}, "
-            f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise max_gap"
-        )
+        raise apart((tracks.t_ns[0], tracks.t_ns[-1]), (truth.t_ns[0], truth.t_ns[-1]), config)
     matched = np.isin(tracks.target_id, list(pairs))
     counts: Metrics = {
         "estimates": len(errors),
@@ -193,11 +171,24 @@ def compare(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> Matched:
     return Matched(errors, pairs, counts)
 
 
-def _span(table: Tracks | Truth) -> str:
-    return f"{table.t_ns[0]} to {table.t_ns[-1]} ns" if len(table) else "has no rows"
+def apart(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> InputError:
+    """What is said where the truth covers the time of no estimate; first and last times of both."""
+    tracks, truth = (f"{first} to {last} ns" for first, last in (tracks_ns, truth_ns))
+    return InputError(
+        f"tracks: the truth covers the time of no estimate: tracks {tracks}, truth {truth}, "
+        f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise max_gap"
+    )
 
 
-def _errors(rows: Tracks, target: int, path: Path, config: EvaluateConfig) -> tuple[Errors, Bools]:
+def errors_of(rows: Tracks, target: int, path: Path, config: EvaluateConfig) -> tuple[Errors, Bools]:
+    """Errors of the estimates of a target, and (N,) which of them have a truth near enough in time.
+
+    Args:
+        rows: N estimates of one track.
+        target: identity in the truth.
+        path: of the target.
+        config: how far apart samples of the truth may be.
+    """
     true, good = path.at(rows.t_ns, config.limit_ns)
     kept, true = rows.take(good), true[good]
     xy = np.column_stack([kept.x, kept.y])
@@ -232,58 +223,21 @@ def _coverage(tracks: Tracks, targets: dict[int, Path], pairs: dict[int, int], c
     return ratio(covered, sum(len(path.t_ns) for path in targets.values()))
 
 
-def settled(errors: Errors, config: EvaluateConfig) -> Bools:
-    """(N,) bool: errors after the transient, by `skip_s` after each target's first estimate and `from_ns`."""
+def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None = None) -> Bools:
+    """(N,) bool: errors after the transient, by `skip_s` after each target's first estimate and `from_ns`.
+
+    Args:
+        errors: in the order of time.
+        config: length of the transient.
+        begun: first estimate of each target of the rows before these, to which those of these rows are added.
+    """
+    first = {} if begun is None else begun
     keep = np.ones(len(errors), dtype=np.bool_)
-    for target in np.unique(errors.target_id):
+    for target in np.unique(errors.target_id).tolist():
         rows = errors.target_id == target
-        keep[rows] = errors.t_ns[rows] >= errors.t_ns[rows][0] + round(config.skip_s * NS)
+        keep[rows] = errors.t_ns[rows] >= first.setdefault(target, int(errors.t_ns[rows][0])) + round(
+            config.skip_s * NS
+        )
     if config.from_ns is not None:
         keep &= errors.t_ns >= config.from_ns
     return keep
-
-
-def error_metrics(errors: Errors, unit: str) -> Metrics:
-    """Figures over all targets, from sums over all rows, then for each target."""
-    parts = {int(k): errors.take(errors.target_id == k) for k in np.unique(errors.target_id)}
-    sums = {k: error_sums(_xy(part)) for k, part in parts.items()}
-    out = _accuracy(add_sums(sums.values()), unit, "") | _spread(errors, unit) | _consistency(errors, "")
-    out |= space_metrics(errors, unit, "") | space_spread(errors, unit)
-    for k, part in parts.items():
-        out |= _accuracy(sums[k], unit, f"_target_{k}") | _consistency(part, f"_target_{k}")
-        out |= space_metrics(part, unit, f"_target_{k}")
-        out[f"estimates_target_{k}"] = len(part)
-    return out
-
-
-def _xy(errors: Errors) -> Floats:
-    return np.column_stack([errors.error_x, errors.error_y])
-
-
-def _accuracy(sums: ErrorSums, unit: str, whose: str) -> Metrics:
-    return {
-        f"rmse{whose}_{unit}": sums.rmse,
-        f"rmse_x{whose}_{unit}": sums.rmse_x,
-        f"rmse_y{whose}_{unit}": sums.rmse_y,
-    }
-
-
-def _spread(errors: Errors, unit: str) -> Metrics:
-    return {
-        f"error_mean_{unit}": ratio(float(errors.error.sum()), len(errors)),
-        f"error_median_{unit}": quantile(errors.error, 0.5),
-        f"error_p95_{unit}": quantile(errors.error, 0.95),
-        f"error_max_{unit}": quantile(errors.error, 1.0),
-        f"bias_x_{unit}": ratio(float(errors.error_x.sum()), len(errors)),
-        f"bias_y_{unit}": ratio(float(errors.error_y.sum()), len(errors)),
-    }
-
-
-def _consistency(errors: Errors, whose: str) -> Metrics:
-    """Mean NEES (2 where the covariance says what the errors are) and the share inside the 95 % ellipse."""
-    nees = errors.nees[np.isfinite(errors.nees)]
-    return {
-        f"nees_mean{whose}": ratio(float(nees.sum()), len(nees)),
-        f"nees_share_95{whose}": ratio(int(np.count_nonzero(nees <= CHI2_95_2D)), len(nees)),
-        f"nees_singular{whose}": len(errors) - len(nees),
-    }

@@ -33,6 +33,7 @@ class Path:
     t_ns: Ints  # (M,) not falling
     xy: Floats  # (M, 2)
     z: Floats | None = None  # (M,) NaN where the height is not known; None: nowhere
+    gap_ns: int | None = None  # `usual_gap_ns` of the whole, of which this is a part; None: this is the whole
 
     @property
     def high(self) -> Bools:
@@ -46,8 +47,9 @@ class Path:
         A sample that is missing is so not made up where they are far enough apart to matter: at 2 a second a second is
         long for a person.
         """
-        step_ns = float(np.median(np.diff(self.t_ns))) if len(self.t_ns) > 1 else math.inf
-        return round(min(max(USUAL * step_ns, LEAST_BRIDGE_S * NS), BRIDGE_S * NS))
+        if self.gap_ns is not None:
+            return self.gap_ns
+        return usual_gap_ns(float(np.median(np.diff(self.t_ns))) if len(self.t_ns) > 1 else math.inf)
 
     def at(self, t_ns: Ints, limit_ns: int | None) -> tuple[Floats, Bools]:
         """Interpolated positions and where they may be used; see `interpolate_positions`.
@@ -78,6 +80,11 @@ class Path:
         if self.z is None or not known.any():
             return np.full(len(t_ns), np.nan)
         return hold_positions(t_ns, self.t_ns[known], self.z[known][:, None])[:, 0]
+
+
+def usual_gap_ns(step_ns: float) -> int:
+    """Widest gap that is bridged between samples that usually are `step_ns` apart."""
+    return round(min(max(USUAL * step_ns, LEAST_BRIDGE_S * NS), BRIDGE_S * NS))
 
 
 def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Path]:

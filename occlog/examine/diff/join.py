@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Ints
 from occlog.records.columns import Table
+from occlog.records.pieces import times
 
 T = TypeVar("T", bound=Table)
 
@@ -50,12 +51,6 @@ def join(a: T, b: T, time_ns: int = 0) -> Join:
         rank_a=rank_a,
         rank_b=rank_b,
     )
-
-
-def times(table: Table) -> Ints:
-    """Return the column t_ns, which every table that is compared has."""
-    out: Ints = getattr(table, "t_ns")  # noqa: B009
-    return out
 
 
 def _ranks(a: Table, b: Table, names: tuple[str, ...]) -> tuple[Ints, Ints]:

@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.errors import InputError
 from occlog.records.columns import ANY, Column, Table
+from occlog.records.pieces import FIRST, LAST, Side, times
 
-from .join import Join, join, times
+from .join import Join, join
 from .result import ColumnDifference, Comparison, Difference, Limit, Tolerances
 
 TURN = 2.0 * np.pi
 T = TypeVar("T", bound=Table)
-LAST = np.iinfo(np.int64).max
 
 
 class Values(NamedTuple):
@@ -100,33 +99,11 @@ def _alike(
     return wide[0], wide[1]
 
 
-class _Side:
-    """Chunks of one table, and its rows that are read and not yet taken."""
-
-    def __init__(self, chunks: Iterable[Table], kind: type[Table], name: str) -> None:
-        self._chunks = iter(chunks)
-        self._name = name
-        self.rows = kind.empty()
-        self.until: int = np.iinfo(np.int64).min  # rows before this time have all arrived
-
-    def pull(self) -> None:
-        """Read the next chunk that has rows; without one all rows have arrived."""
-        for chunk in self._chunks:
-            if not len(chunk):
-                continue
-            t_ns = times(chunk)
-            if len(self.rows) and t_ns[0] < times(self.rows)[-1]:
-                raise InputError(f"{self._name}: t_ns goes back between two chunks ({t_ns[0]}); sort the table by t_ns")
-            self.rows = type(chunk).concat([self.rows, chunk])
-            self.until = int(t_ns[-1])
-            return
-        self.until = LAST
-
-    def take_before(self, cut: int) -> Table:
-        """Take the rows before a time; at the end, all of them."""
-        n = len(self.rows) if cut == LAST else int(np.searchsorted(times(self.rows), cut))
-        out, self.rows = self.rows.take(slice(0, n)), self.rows.take(slice(n, None))
-        return out
+def _take_before(side: Side[T], cut: int) -> T:
+    """Take the rows before a time away; at the end, all of them."""
+    out = side.between(FIRST, cut)
+    side.rows = side.rows.take(slice(len(out), None))
+    return out
 
 
 def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 0) -> Iterator[tuple[T, T]]:
@@ -142,16 +119,16 @@ def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 
     Raises:
         InputError: the chunks of a table are not in the order of time.
     """
-    left, right = _Side(a, kind, f"{kind.NAME} A"), _Side(b, kind, f"{kind.NAME} B")
+    left, right = Side(a, kind, f"{kind.NAME} A"), Side(b, kind, f"{kind.NAME} B")
     while True:
         # The side that lags behind is read first.
         for side in (left, right):
             if side.until <= min(left.until, right.until) and side.until != LAST:
                 side.pull()
         cut = _cut(times(left.rows), times(right.rows), min(left.until, right.until), slack_ns)
-        pieces = left.take_before(cut), right.take_before(cut)
+        pieces = _take_before(left, cut), _take_before(right, cut)
         if len(pieces[0]) or len(pieces[1]):
-            yield pieces  # type: ignore[misc]
+            yield pieces
         if left.until == right.until == LAST:
             return
 

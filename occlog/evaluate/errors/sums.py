@@ -1,0 +1,194 @@
+"""Figures of errors that come in parts: over all targets and for each target, on the ground and in space."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.metrics.errors import (
+    CHI2_95_2D,
+    CHI2_95_3D,
+    ErrorSums,
+    add_sums,
+    error_sums,
+    quantile,
+    ratio,
+)
+from occlog.core.metrics.sums import Sum, quantiles
+from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.records.tables import Errors
+
+from .on_ground import in_space
+
+Metrics = dict[str, float]
+
+
+def error_metrics(errors: Errors, unit: str) -> Metrics:
+    """Figures over all targets, from sums over all rows, then for each target."""
+    found = ErrorFigures(unit)
+    found.add(errors)
+    return found.metrics()
+
+
+class Consistency:
+    """Normalised squared errors: mean (the dimensions, where covariances are right) and share inside of 95 %."""
+
+    def __init__(self, limit: float) -> None:
+        """No errors yet; `limit`: 95 % quantile of chi-square."""
+        self._limit, self._sum = limit, Sum()
+        self.told = self.inside = self.rows = 0
+
+    def add(self, nees: Floats) -> None:
+        """Some more, NaN where the covariance is singular."""
+        told = nees[np.isfinite(nees)]
+        self._sum.add(float(told.sum()))
+        self.rows, self.told = self.rows + len(nees), self.told + len(told)
+        self.inside += int(np.count_nonzero(told <= self._limit))
+
+    def metrics(self, name: str, whose: str) -> Metrics:
+        """The figures, under names that begin with `name`."""
+        return {
+            f"{name}_mean{whose}": ratio(self._sum.value, self.told),
+            f"{name}_share_95{whose}": ratio(self.inside, self.told),
+            f"{name}_singular{whose}": self.rows - self.told,
+        }
+
+
+class InSpace:
+    """Errors in space, of estimates whose height and true height are known: not more than those on the ground."""
+
+    def __init__(self) -> None:
+        """No errors yet."""
+        self.rows = 0
+        self._squares, self._squares_z = Sum(), Sum()
+        self._nees = Consistency(CHI2_95_3D)
+
+    def add(self, high: Errors) -> None:
+        """Some more, in space all of them."""
+        self.rows += len(high)
+        self._squares.add(float(np.sum(np.square(high.error_space))))
+        self._squares_z.add(float(np.sum(np.square(high.error_z))))
+        self._nees.add(high.nees_space)
+
+    def metrics(self, unit: str, whose: str) -> Metrics:
+        """RMSE along z and in space and consistency there (mean NEES 3); nothing if no error in space is known."""
+        if not self.rows:
+            return {}
+        return {
+            f"rmse_z{whose}_{unit}": float(np.sqrt(self._squares_z.value / self.rows)),
+            f"rmse_space{whose}_{unit}": float(np.sqrt(self._squares.value / self.rows)),
+            **self._nees.metrics("nees_space", whose),
+            f"estimates_space{whose}": self.rows,
+        }
+
+
+class Spread:
+    """Mean and quantiles of distances."""
+
+    def __init__(self, in_memory: int) -> None:
+        """No distances yet; `in_memory`: how many are kept in memory."""
+        self._values, self._sum, self._most = Spool(in_memory), Sum(), np.nan
+
+    @property
+    def mean(self) -> float:
+        """Their mean."""
+        return ratio(self._sum.value, self._values.count)
+
+    def add(self, values: Floats) -> None:
+        """Some more."""
+        self._values.add(values)
+        self._sum.add(float(values.sum()))
+        self._most = float(np.fmax(self._most, values.max())) if len(values) else self._most
+
+    def metrics(self, name: str, unit: str) -> Metrics:
+        """Mean, median, 95 % quantile and the largest one."""
+        whole = self._values.whole
+        if whole is not None:
+            middle, high = (quantile(whole, share) for share in (0.5, 0.95))
+        else:
+            middle, high = quantiles(self._values.blocks, self._values.count, (0.5, 0.95))
+        return {
+            f"{name}_mean_{unit}": self.mean,
+            f"{name}_median_{unit}": middle,
+            f"{name}_p95_{unit}": high,
+            f"{name}_max_{unit}": self._most,
+        }
+
+
+class _Target:
+    """Errors of one target."""
+
+    def __init__(self) -> None:
+        self.sums: list[Sum] = [Sum(), Sum()]
+        self.rows = 0
+        self.nees = Consistency(CHI2_95_2D)
+        self.space = InSpace()
+
+    def add(self, errors: Errors, high: Errors) -> None:
+        found = error_sums(np.column_stack([errors.error_x, errors.error_y]))
+        self.rows += found.n
+        self.sums[0].add(found.square_x)
+        self.sums[1].add(found.square_y)
+        self.nees.add(errors.nees)
+        self.space.add(high)
+
+    @property
+    def squares(self) -> ErrorSums:
+        return ErrorSums(self.rows, self.sums[0].value, self.sums[1].value)
+
+
+class ErrorFigures:
+    """Gathers errors while they stream by."""
+
+    def __init__(self, unit: str, in_memory: int = IN_MEMORY) -> None:
+        """No errors yet.
+
+        Args:
+            unit: of lengths, which ends the names of figures.
+            in_memory: how many distances are kept in memory; more go to a file without a name.
+        """
+        self.rows = 0
+        self._unit = unit
+        self._targets: dict[int, _Target] = {}
+        self._spread, self._spread_space = Spread(in_memory), Spread(in_memory)
+        self._bias = {axis: Sum() for axis in "xyz"}
+        self._nees, self._space = Consistency(CHI2_95_2D), InSpace()
+
+    def add(self, errors: Errors) -> None:
+        """Some more, in any order."""
+        self.rows += len(errors)
+        for k in np.unique(errors.target_id).tolist():
+            part = errors.take(errors.target_id == k)
+            self._targets.setdefault(int(k), _Target()).add(part, part.take(in_space(part)))
+        self._spread.add(errors.error)
+        for axis in "xy":
+            self._bias[axis].add(float(getattr(errors, f"error_{axis}").sum()))
+        self._nees.add(errors.nees)
+        high = errors.take(in_space(errors))
+        self._space.add(high)
+        self._spread_space.add(high.error_space)
+        self._bias["z"].add(float(high.error_z.sum()))
+
+    def metrics(self) -> Metrics:
+        """Figures over all targets, then for each target."""
+        unit, targets = self._unit, dict(sorted(self._targets.items()))
+        out = _accuracy(add_sums(t.squares for t in targets.values()), unit, "")
+        out |= self._spread.metrics("error", unit)
+        out |= {f"bias_{axis}_{unit}": ratio(self._bias[axis].value, self.rows) for axis in "xy"}
+        out |= self._nees.metrics("nees", "") | self._space.metrics(unit, "")
+        if self._space.rows:
+            out |= self._spread_space.metrics("error_space", unit)
+            out[f"bias_z_{unit}"] = ratio(self._bias["z"].value, self._space.rows)
+        for k, own in targets.items():
+            out |= _accuracy(own.squares, unit, f"_target_{k}") | own.nees.metrics("nees", f"_target_{k}")
+            out |= own.space.metrics(unit, f"_target_{k}")
+            out[f"estimates_target_{k}"] = own.rows
+        return out
+
+
+def _accuracy(sums: ErrorSums, unit: str, whose: str) -> Metrics:
+    return {
+        f"rmse{whose}_{unit}": sums.rmse,
+        f"rmse_x{whose}_{unit}": sums.rmse_x,
+        f"rmse_y{whose}_{unit}": sums.rmse_y,
+    }
