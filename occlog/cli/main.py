@@ -55,6 +55,8 @@ COMMANDS = {
     "report": Command("occlog.report.command", "Show a run as one offline page and a picture."),
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
     "batch": Command("occlog.pipeline.batch.command", "Do the stages of a run for each of many recordings."),
+    "pack": Command("occlog.pipeline.pack.command", "Put a run folder with its inputs and versions into one file."),
+    "verify": Command("occlog.pipeline.verify.command", "Make a packed run again, and say whether it is the same."),
     "sweep": Command("occlog.pipeline.sweep.command", "Monte Carlo runs over seeds and parameters, in parallel."),
     "reproduce": Command("occlog.papers.command", "Run a paper's experiments and judge each of its statements."),
     "diff": Command(

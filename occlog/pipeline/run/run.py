@@ -113,12 +113,12 @@ def do_stages(
         OcclogError, click.ClickException: what a stage refuses.
     """
     folder = _folder(output, dry_run)
-    state = _read_state(folder)
+    state = outcomes(folder)
     if not dry_run and not (folder / STATE).exists():
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder
     digests = Digests()
     for stage in plan(wanted, folder):
-        with _inside(wanted.path.resolve().parent):
+        with inside(wanted.path.resolve().parent):
             key = key_of(stage, folder, digests)
             kept = state.get(stage.name)
             if not force and kept is not None and _is_current(kept, key, folder):
@@ -187,7 +187,7 @@ def _folder(output: Path, dry_run: bool) -> Path:
 
 
 @contextmanager
-def _inside(folder: Path) -> Iterator[None]:
+def inside(folder: Path) -> Iterator[None]:
     """Work inside a folder: paths in a configuration are relative to it."""
     before = Path.cwd()
     os.chdir(folder)
@@ -221,12 +221,18 @@ def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
         if text in stage.output_paths:
             digest.update(f"{shown}\0".encode())
             continue
-        whole = path.is_file()
-        digest.update(f"{shown.replace(str(path), path.name) if whole else shown}\0".encode())
-        for file in [path, *linked_videos(path)] if whole else sorted(path.rglob("*")) if path.is_dir() else []:
-            if file.is_file():
-                digest.update(f"{file.name}\0{digests.of(file)}\0".encode())
+        digest.update(f"{shown.replace(str(path), path.name) if path.is_file() else shown}\0".encode())
+        for file in files_of(text):
+            digest.update(f"{file.name}\0{digests.of(file)}\0".encode())
     return digest.hexdigest()
+
+
+def files_of(argument: str) -> list[Path]:
+    """Files that an argument of a stage names: a file with the videos that it links to, or those of a folder."""
+    path = Path(argument.split("=", 1)[-1])
+    whole = path.is_file()
+    found = [path, *linked_videos(path)] if whole else sorted(path.rglob("*")) if path.is_dir() else []
+    return [file for file in found if file.is_file()]
 
 
 def _hashes(stage: Stage, folder: Path) -> dict[str, str]:
@@ -240,7 +246,13 @@ def _is_current(outcome: Outcome, key: str, folder: Path) -> bool:
     return all((folder / n).is_file() and hash_file(folder / n) == digest for n, digest in outcome.outputs.items())
 
 
-def _read_state(folder: Path) -> dict[str, Outcome]:
+def outcomes(folder: Path) -> dict[str, Outcome]:
+    """What the stages of a run folder came to, as its state has it; none in an empty folder.
+
+    Raises:
+        UsageError: it is not a run folder.
+        InputError: its state is damaged.
+    """
     path = folder / STATE
     if not path.exists():
         if folder.is_dir() and any(not each.name.endswith(PARTIAL) for each in folder.iterdir()):
@@ -256,7 +268,7 @@ def _read_state(folder: Path) -> dict[str, Outcome]:
 
 def drop_empty(folder: Path) -> None:
     """Remove a run folder in which no stage has ever ended."""
-    if (folder / STATE).is_file() and not _read_state(folder):
+    if (folder / STATE).is_file() and not outcomes(folder):
         (folder / STATE).unlink()
     with suppress(OSError):  # it holds something, or is not there
         folder.rmdir()

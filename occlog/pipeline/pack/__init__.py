@@ -1,0 +1,1 @@
+"""Verb: put a run folder with its inputs and versions into one file."""

@@ -1,0 +1,175 @@
+"""The archive of a packed run: a ZIP file with the same bytes each time, and unpacking that trusts nothing in it."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import stat
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from occlog.errors import InputError, OutputError
+from occlog.io.files.inputs import check_input
+
+from .manifest import LOCK, MANIFEST, MAX_MANIFEST_BYTES, Manifest, PackedFile, check_name, read_manifest
+
+FREE_BYTES, MAX_GROWTH = 1 << 30, 4
+"""Unpacked bytes that any archive may hold, and above that for each of its own: only texts are compressed."""
+MAX_FILES = 10_000
+TEXTS = (".json", ".yaml", ".yml", ".txt", ".csv", ".html", ".xml", ".toml", ".svg")
+_TIME = (1980, 1, 1, 0, 0, 0)
+_PART = 1 << 20
+_ENCRYPTED = 1
+FAILURES = (
+    zipfile.BadZipFile,
+    zlib.error,
+    ValueError,
+    EOFError,
+    OSError,
+    NotImplementedError,
+    RuntimeError,
+    LookupError,
+)
+"""What the library raises for archives that are damaged."""
+
+
+class Packer:
+    """Writes an archive."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        """Begin."""
+        self._zip = zipfile.ZipFile(file, "w")
+
+    def bytes(self, name: str, data: bytes) -> None:
+        """Add a small file."""
+        self._zip.writestr(_info(name), data, compresslevel=6)
+
+    def file(self, name: str, path: Path, told: PackedFile) -> None:
+        """Add a file; InputError where it is not the one that was looked at any more."""
+        digest = hashlib.sha256()
+        info = _info(name)
+        info.file_size = told.bytes
+        with path.open("rb") as source, self._zip.open(info, "w", force_zip64=told.bytes > zipfile.ZIP64_LIMIT) as out:
+            while part := source.read(_PART):
+                digest.update(part)
+                out.write(part)
+        if digest.hexdigest() != told.sha256:
+            raise InputError(f"{path}: changed while it was packed; pack the run again")
+
+    def close(self) -> None:
+        """Write the archive's index."""
+        self._zip.close()
+
+
+def _info(name: str) -> zipfile.ZipInfo:
+    info = zipfile.ZipInfo(name, _TIME)
+    info.create_system = 3
+    info.external_attr = (stat.S_IFREG | 0o644) << 16
+    info.compress_type = zipfile.ZIP_DEFLATED if name.endswith(TEXTS) else zipfile.ZIP_STORED
+    return info
+
+
+@contextmanager
+def _guarded(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except FAILURES as error:
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(f"{path}: damaged, or no archive of `occlog pack` ({reason}); copy it again") from error
+
+
+def unpack(path: Path, folder: Path) -> Manifest:
+    """Write the files of an archive into an empty folder.
+
+    Nothing is written but regular files below `folder`, whose names, sizes and digests the manifest has.
+
+    Args:
+        path: the archive.
+        folder: an empty folder.
+
+    Raises:
+        InputError: it is damaged or hostile: names that lead out, links, more files or bytes than stated or allowed,
+            files that the manifest does not have, or that are not what it says.
+        OutputError: there is no space for them.
+    """
+    check_input(path, "an archive of `occlog pack`")
+    with _guarded(path):
+        archive = zipfile.ZipFile(path)
+    with archive:
+        members = _members(path, archive)
+        with _guarded(path):
+            raw = archive.read(members[MANIFEST]) if MANIFEST in members else b""
+        manifest = read_manifest(raw, f"{path}: {MANIFEST}")
+        wanted = manifest.members()
+        for name in sorted({*wanted, MANIFEST, LOCK} ^ set(members)):
+            fault = "is missing" if name not in members else f"is not in {MANIFEST}"
+            raise InputError(f"{path}: {name} {fault}; it is not unpacked")
+        _check_space(path, members, folder)
+        for name, told in wanted.items():
+            with _guarded(path), archive.open(members[name]) as source:
+                _copy(source, folder / name, told, f"{path}: {name}")
+    return manifest
+
+
+def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    """The members by name; InputError for any that is no plain file inside the archive."""
+    infos = archive.infolist()
+    if len(infos) > MAX_FILES:
+        raise InputError(f"{path}: {len(infos)} files; the limit is {MAX_FILES}")
+    found: dict[str, zipfile.ZipInfo] = {}
+    for info in infos:
+        check_name(info.filename, str(path))
+        kind = stat.S_IFMT(info.external_attr >> 16)
+        fault = (
+            "a link or a device"
+            if kind not in (0, stat.S_IFREG)
+            else "encrypted"
+            if info.flag_bits & _ENCRYPTED
+            else "packed in a way that occlog does not pack"
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+            else "there twice"
+            if info.filename.lower() in found
+            else ""
+        )
+        if fault:
+            raise InputError(f"{path}: {info.filename}: is {fault}; it is not unpacked")
+        found[info.filename.lower()] = info
+    limit, total = FREE_BYTES + MAX_GROWTH * path.stat().st_size, sum(info.file_size for info in infos)
+    if total > limit:
+        raise InputError(f"{path}: unpacks to {total} bytes; the limit of an archive of its size is {limit}")
+    large = next((i for i in infos if i.filename == MANIFEST and i.file_size > MAX_MANIFEST_BYTES), None)
+    if large is not None:
+        raise InputError(f"{path}: {MANIFEST}: {large.file_size} bytes; the limit is {MAX_MANIFEST_BYTES}")
+    return {info.filename: info for info in infos}
+
+
+def _check_space(path: Path, members: Mapping[str, zipfile.ZipInfo], folder: Path) -> None:
+    total, free = sum(info.file_size for info in members.values()), shutil.disk_usage(folder).free
+    if total > free:
+        raise OutputError(f"{path}: unpacks to {total} bytes, and {folder} has {free}; free some space, or set TMPDIR")
+
+
+def _copy(source: IO[bytes], target: Path, told: PackedFile, where: str) -> None:
+    """Write a file of exactly the stated size and digest."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    digest, size = hashlib.sha256(), 0
+    with target.open("xb") as out:
+        while part := source.read(min(_PART, told.bytes - size + 1)):
+            size += len(part)
+            if size > told.bytes:
+                break
+            digest.update(part)
+            out.write(part)
+    if size != told.bytes or digest.hexdigest() != told.sha256:
+        raise InputError(f"{where}: is not what {MANIFEST} says (size or SHA-256); copy the archive again")
+
+
+def take(source: Path, target: Path, told: PackedFile) -> None:
+    """Copy a file that is not in the archive; InputError unless it is the one that the manifest names."""
+    check_input(source, "an input of the packed run")
+    with source.open("rb") as file:
+        _copy(file, target, told, str(source))

@@ -1,0 +1,102 @@
+"""What a packed run says of itself: `pack.json`."""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+from typing import Annotated
+
+import msgspec
+
+from occlog.errors import InputError
+
+MANIFEST = "pack.json"
+LOCK = "lock.txt"
+INPUTS, OUTPUTS = "inputs", "run"
+"""Folders of the archive."""
+MAX_MANIFEST_BYTES = 16_000_000
+LONGEST_NAME = 1000
+
+Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+Size = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class PackedFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One file.
+
+    Attributes:
+        path: its name below the folder of inputs, or the run folder.
+        sha256: of its bytes.
+        bytes: its size.
+        included: whether it is in the archive.
+    """
+
+    path: str
+    sha256: Sha256
+    bytes: Size
+    included: bool = True
+
+
+class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A packed run.
+
+    Attributes:
+        occlog_pack: version of this format.
+        version: of occlog.
+        versions: of Python and of packages, by name.
+        config: name of the configuration among the inputs.
+        inputs: the configuration, and all that it names.
+        outputs: what the run made.
+        stages: exit code of each stage.
+    """
+
+    occlog_pack: Annotated[int, msgspec.Meta(ge=1, le=1)]
+    version: str
+    versions: dict[str, str]
+    config: str
+    inputs: list[PackedFile]
+    outputs: list[PackedFile]
+    stages: dict[str, int]
+
+    def members(self) -> dict[str, PackedFile]:
+        """Files of the archive by their names in it."""
+        inputs = {f"{INPUTS}/{file.path}": file for file in self.inputs if file.included}
+        return inputs | {f"{OUTPUTS}/{file.path}": file for file in self.outputs}
+
+
+def manifest_bytes(manifest: Manifest) -> bytes:
+    """The text of `pack.json`, the same each time."""
+    text = msgspec.json.format(msgspec.json.encode(manifest, order="sorted"), indent=2)
+    return text + b"\n"
+
+
+def read_manifest(data: bytes, where: str) -> Manifest:
+    """A manifest whose names all stay in their folders; InputError for anything else."""
+    try:
+        manifest = msgspec.json.decode(data, type=Manifest)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{where}: not a manifest of `occlog pack` ({error}); pack the run again") from error
+    for files in (manifest.inputs, manifest.outputs):
+        for file in files:
+            check_name(file.path, where)
+        if len({file.path for file in files}) < len(files):
+            raise InputError(f"{where}: names a file twice; pack the run again")
+    if manifest.config not in {file.path for file in manifest.inputs}:
+        raise InputError(f"{where}: its configuration {manifest.config!r} is not among its inputs; pack the run again")
+    return manifest
+
+
+def check_name(name: str, where: str) -> None:
+    """InputError for a name that leads out of its folder, or that is none on some systems."""
+    parts = name.split("/")
+    bad = (
+        len(name) > LONGEST_NAME or any(part in ("", ".", "..") for part in parts) or PurePosixPath(name).is_absolute()
+    )
+    if bad or any(mark in name for mark in ("\\", "\0", ":")) or not name.isprintable():
+        raise InputError(f"{where}: {name[:80]!r} is no name of a file inside the archive; it is not unpacked")
+
+
+def lock_text(manifest: Manifest) -> bytes:
+    """Exact versions as pip takes them, Python's in a comment."""
+    packages = {name: version for name, version in manifest.versions.items() if name != "python"}
+    lines = [f"# Python {manifest.versions.get('python', '?')}", f"occlog=={manifest.version}"]
+    return "\n".join([*lines, *(f"{name}=={version}" for name, version in sorted(packages.items())), ""]).encode()

@@ -1,0 +1,126 @@
+"""Work of `occlog pack`: a run folder that is up to date, with all that it was made of, in one archive."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from occlog import __version__
+from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import open_output
+from occlog.io.files.provenance import hash_file
+from occlog.io.files.versions import installed_versions
+from occlog.pipeline.run.run import STATE, do_stages, files_of, inside, outcomes
+from occlog.pipeline.run.stages import Config, plan, read_config
+
+from .archive import Packer
+from .manifest import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, PackedFile, lock_text, manifest_bytes
+
+
+class Packed(NamedTuple):
+    """What was packed."""
+
+    manifest: Manifest
+    size: int  # of the archive [bytes]
+
+
+def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwrite: bool) -> Packed:
+    """Write `output`, whole or not at all.
+
+    Args:
+        folder: run folder, in which every stage is as `config` makes it now.
+        config: configuration of the run; what it names has to be named by relative paths.
+        output: the archive to write.
+        include: inputs are in the archive, not only their hashes.
+        overwrite: replace a file that exists.
+
+    Raises:
+        UsageError: `folder` is not a run folder.
+        InputError: a stage is not up to date, or a path in the configuration is absolute.
+    """
+    if not (folder / STATE).is_file():
+        raise UsageError(
+            f"{folder}: has no {STATE}, so it is not a run folder; make one: occlog run {config} -o FOLDER"
+        )
+    wanted = read_config(config)
+    _check_relative(wanted)
+    for step in do_stages(wanted, folder, force=False, dry_run=True, begin=lambda _: None):
+        if step.what != "up to date":
+            remedy = f"occlog run {config} -o {folder}"
+            raise InputError(f"{folder}: stage {step.stage} is not as {config} makes it now; do it again: {remedy}")
+    files = inputs_of(wanted, folder)
+    root = Path(os.path.commonpath([str(file.parent) for file in files]))
+    done = outcomes(folder)
+    made = sorted({name for outcome in done.values() for name in outcome.outputs})
+    manifest = Manifest(
+        occlog_pack=1,
+        version=__version__,
+        versions=installed_versions(),
+        config=_name(files[0], root),
+        inputs=[
+            _packed(file, root, include or number == 0)
+            for number, file in sorted(enumerate(files), key=lambda each: each[1])
+        ],
+        outputs=[_packed(folder / name, folder, True) for name in made],
+        stages={name: int(outcome.code) for name, outcome in done.items()},
+    )
+    with open_output(output, overwrite) as out:
+        packer = Packer(out)
+        packer.bytes(MANIFEST, manifest_bytes(manifest))
+        packer.bytes(LOCK, lock_text(manifest))
+        for told in manifest.inputs:
+            if told.included:
+                packer.file(f"{INPUTS}/{told.path}", root / told.path, told)
+        for told in manifest.outputs:
+            packer.file(f"{OUTPUTS}/{told.path}", folder / told.path, told)
+        packer.close()
+        size = out.tell()
+    return Packed(manifest, size)
+
+
+def inputs_of(config: Config, folder: Path) -> list[Path]:
+    """The configuration, and the files that its stages read and that none of them makes; absolute paths."""
+    path = Path(os.path.abspath(config.path))  # noqa: PTH100 -- links keep their names
+    found, own = {path: None}, folder.resolve()
+    for stage in plan(config, own):
+        with inside(path.parent):
+            for text in stage.args:
+                if text in stage.output_paths:
+                    continue
+                for file in files_of(text):
+                    place = Path(os.path.abspath(file))  # noqa: PTH100
+                    if own not in place.resolve().parents:
+                        found[place] = None
+    return list(found)
+
+
+def _check_relative(config: Config) -> None:
+    """InputError for a file that is named by an absolute path, which is elsewhere on another machine."""
+    for text in _texts(config.values):
+        place = Path(text.split("=", 1)[-1])
+        if place.is_absolute() and place.exists():
+            raise InputError(
+                f"{config.path}: {text}: an absolute path, which another machine does not have; name it relative to "
+                "the configuration, run again, and pack"
+            )
+
+
+def _texts(value: object) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for each in value.values():
+            yield from _texts(each)
+    elif isinstance(value, list):
+        for each in value:
+            yield from _texts(each)
+
+
+def _name(file: Path, root: Path) -> str:
+    return file.relative_to(root).as_posix()
+
+
+def _packed(file: Path, root: Path, included: bool) -> PackedFile:
+    return PackedFile(_name(file, root), hash_file(file), file.stat().st_size, included)

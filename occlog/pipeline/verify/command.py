@@ -1,0 +1,41 @@
+"""The `occlog verify` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from occlog.cli import options
+
+
+@click.command(name="verify", short_help="Make a packed run again, and say whether it is the same.")
+@click.argument("archive", type=options.INPUT)
+@click.option(
+    "--inputs", type=options.PATH, help="Folder of the inputs that the archive only names, under their names in it."
+)
+@options.quiet_opt
+@options.json_opt
+def command(archive: Path, inputs: Path | None, quiet: bool, as_json: bool) -> int:
+    """Make the run that `occlog pack` put into ARCHIVE again, from its inputs, and compare every output.
+
+    Exit code 0: the same bytes, or the same values with other versions of packages; 5: an output differs, which is
+    named with its first difference, and whether other versions may explain it.  Nothing is written but temporary files.
+
+    \b
+      occlog verify room.zip
+      occlog verify room.zip --json | jq .different
+      occlog verify referenced.zip --inputs sample_data/room
+    """
+    from .run import verify_pack
+
+    found = verify_pack(archive, inputs, lambda stage: options.note(f"{stage} ...", quiet))
+    summary = {
+        "same_bytes": len(found.same),
+        "same_values": list(found.alike),
+        "different": found.different,
+        "versions": {n: f"{then or 'none'}, now {now or 'none'}" for n, (then, now) in found.versions.items()},
+        "result": found.in_words(),
+    }
+    options.echo_summary(summary, as_json)
+    return found.code

@@ -1,0 +1,136 @@
+"""Work of `occlog verify`: a packed run is made again from its inputs, and compared file by file."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+from occlog import __version__
+from occlog.errors import ExitCode, InputError, OcclogError, UsageError
+from occlog.examine.diff.result import Comparison, DiffSettings, Tolerances
+from occlog.examine.diff.run import compare_files, stage_order
+from occlog.io.files.provenance import hash_file
+from occlog.io.files.versions import installed_versions
+from occlog.pipeline.pack.archive import take, unpack
+from occlog.pipeline.pack.manifest import INPUTS, OUTPUTS, Manifest
+from occlog.pipeline.run.run import Step, do_stages, files_of, inside
+from occlog.pipeline.run.stages import Config, check_settings, plan, read_config
+
+MADE = "made"
+"""Folder in which the run is made again."""
+
+
+class Verified(NamedTuple):
+    """What came of it.
+
+    Attributes:
+        same: names of outputs with the same bytes.
+        alike: names of outputs with other bytes and the same values.
+        different: first difference of other outputs, by name.
+        versions: versions that differ: when it was packed, and here; None: not there.
+    """
+
+    same: tuple[str, ...]
+    alike: tuple[str, ...]
+    different: dict[str, str]
+    versions: dict[str, tuple[str | None, str | None]]
+
+    @property
+    def code(self) -> ExitCode:
+        """0 if all is the same, but for bytes where versions are others; else 5."""
+        explained = not self.alike or bool(self.versions)
+        return ExitCode.DONE if explained and not self.different else ExitCode.DIFFERENT
+
+    def in_words(self) -> str:
+        """What follows, in one sentence."""
+        if not self.alike and not self.different:
+            return "made again to the same bytes"
+        if not self.versions:
+            return "the versions are the same, so that they do not explain what differs"
+        if not self.different:
+            return "the same values; other versions explain that bytes differ"
+        return "other versions may explain what differs: install those of lock.txt, and verify again"
+
+
+def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]) -> Verified:
+    """Make a packed run again in a temporary folder, and compare all outputs.
+
+    Args:
+        archive: written by `occlog pack`.
+        inputs: folder that holds the inputs which are not in the archive, under their names in it.
+        begin: called with the name of each stage before it is done.
+
+    Raises:
+        InputError: the archive is damaged, names files outside of itself, or a stage fails.
+        UsageError: inputs are not in the archive, and no folder is given.
+    """
+    with tempfile.TemporaryDirectory(prefix="occlog-verify-") as name:
+        folder = Path(name).resolve()
+        manifest = unpack(archive, folder)
+        _add_inputs(archive, manifest, inputs, folder / INPUTS)
+        try:
+            steps = _make_again(read_config(folder / INPUTS / manifest.config), folder, begin)
+        except (OcclogError, click.ClickException) as error:
+            reason = str(error).replace(f"{folder}/", "")
+            raise InputError(f"{archive}: cannot be made again: {reason}") from error
+        found = _compare(manifest, folder)
+    codes = {step.stage: int(step.code) for step in steps}
+    for stage, code in manifest.stages.items():
+        if codes.get(stage) != code:
+            found.different[f"stage {stage}"] = f"ended with {code}, now with {codes.get(stage, 'nothing')}"
+    return found
+
+
+def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: Path) -> None:
+    """Copy the inputs that the archive only names."""
+    for file in manifest.inputs:
+        if not file.included:
+            if inputs is None:
+                raise UsageError(f"{archive}: {file.path} is not in it; give the folder of its inputs: --inputs FOLDER")
+            take(inputs / file.path, folder / file.path, file)
+
+
+def _make_again(config: Config, folder: Path, begin: Callable[[str], None]) -> list[Step]:
+    """Do all stages; InputError for a configuration that names files outside of the archive."""
+    made = folder / MADE
+    for stage in plan(config, made):
+        check_settings(config, stage)
+        with inside(config.path.parent):
+            for text in stage.args:
+                place = Path(text.split("=", 1)[-1])
+                outside = [p for p in (place, *files_of(text)) if p.exists() and folder not in p.resolve().parents]
+                if outside:
+                    raise InputError(f"stage {stage.name} names {outside[0]}, which is not in the archive")
+    return list(do_stages(config, made, force=False, dry_run=False, begin=begin))
+
+
+def _compare(manifest: Manifest, folder: Path) -> Verified:
+    told = {file.path: file for file in manifest.outputs}
+    same, alike, different = [], [], {}
+    for name in stage_order(told):
+        old, new = folder / OUTPUTS / name, folder / MADE / name
+        if not new.is_file():
+            different[name] = "was not made"
+        elif hash_file(new) == told[name].sha256:
+            same.append(name)
+        else:
+            parts = [part for part in compare_files(old, new, name, DiffSettings(Tolerances())) if not part.same]
+            if parts:
+                different[name] = _first(parts[0])
+            else:
+                alike.append(name)
+    now, then = {"occlog": __version__, **installed_versions()}, {"occlog": manifest.version, **manifest.versions}
+    names = sorted({*now, *then})
+    versions = {n: (then.get(n), now.get(n)) for n in names if then.get(n) != now.get(n)}
+    return Verified(tuple(same), tuple(alike), different, versions)
+
+
+def _first(part: Comparison) -> str:
+    """The first difference of two files in words."""
+    first = part.first or part.schema[0]
+    values = f": {first.a} is now {first.b}" if first.a is not None or first.b is not None else ""
+    return f"{first.kind} {first.place}{values}" + (f" ({first.column})" if first.column else "")

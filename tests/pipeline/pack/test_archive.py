@@ -1,0 +1,174 @@
+"""Unpacking trusts nothing: names, kinds, sizes and digests of what an archive holds."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import stat
+import warnings
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from occlog.errors import InputError
+from occlog.pipeline.pack import archive
+from occlog.pipeline.pack.archive import unpack
+from occlog.pipeline.pack.manifest import LOCK, MANIFEST
+
+CONFIG = b"occlog_run: 1\n"
+Members = dict[str, bytes]
+
+
+def told(path: str, data: bytes) -> dict[str, object]:
+    return {"path": path, "sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), "included": True}
+
+
+def manifest(**changed: object) -> bytes:
+    values = {
+        "occlog_pack": 1,
+        "version": "0.1.0",
+        "versions": {"numpy": "2.0.0"},
+        "config": "run.yaml",
+        "inputs": [told("run.yaml", CONFIG)],
+        "outputs": [told("metrics.json", b"{}")],
+        "stages": {"evaluate": 0},
+        **changed,
+    }
+    return json.dumps(values).encode()
+
+
+def members(**changed: object) -> Members:
+    return {MANIFEST: manifest(**changed), LOCK: b"", "inputs/run.yaml": CONFIG, "run/metrics.json": b"{}"}
+
+
+def write(path: Path, found: Members, change: Callable[[zipfile.ZipInfo], object] = lambda info: None) -> Path:
+    with zipfile.ZipFile(path, "w") as file:
+        for name, data in found.items():
+            info = zipfile.ZipInfo(name)
+            info.external_attr = (stat.S_IFREG | 0o644) << 16
+            change(info)
+            file.writestr(info, data)
+    return path
+
+
+def refused(tmp_path: Path, words: str) -> None:
+    """Nothing outside the folder, and one line."""
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    with pytest.raises(InputError, match=words) as caught:
+        unpack(tmp_path / "x.zip", inner)
+    assert "\n" not in str(caught.value)
+    assert {path.name for path in tmp_path.iterdir()} == {"x.zip", "inner"}
+
+
+def test_a_good_archive_is_unpacked(tmp_path: Path) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    found = unpack(write(tmp_path / "x.zip", members()), inner)
+    assert found.config == "run.yaml"
+    files = {str(path.relative_to(inner)) for path in inner.rglob("*") if path.is_file()}
+    assert files == {"inputs/run.yaml", "run/metrics.json"}
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", "/etc/x", "inputs/../../x", "inputs//x", "C:\\x", "inputs/\x1b[2J", "a" * 2000, "./x", "inputs/"]
+)
+def test_names_that_lead_out_are_refused(tmp_path: Path, name: str) -> None:
+    write(tmp_path / "x.zip", {**members(), name: b"x"})
+    refused(tmp_path, "no name of a file inside the archive")
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/passwd", ""])
+def test_names_in_the_manifest_that_lead_out_are_refused(tmp_path: Path, name: str) -> None:
+    inputs = [told("run.yaml", CONFIG), {**told(name, b""), "included": False}]
+    write(tmp_path / "x.zip", members(inputs=inputs))
+    refused(tmp_path, "no name of a file inside the archive")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [(stat.S_IFLNK, "a link or a device"), (stat.S_IFIFO, "a link or a device"), (stat.S_IFDIR, "link")],
+)
+def test_links_and_devices_are_refused(tmp_path: Path, kind: int, words: str) -> None:
+    def change(info: zipfile.ZipInfo) -> None:
+        if info.filename == "inputs/run.yaml":
+            info.external_attr = (kind | 0o777) << 16
+
+    write(tmp_path / "x.zip", members(), change)
+    refused(tmp_path, words)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"run/metrics.json": b"[]"}, "is not what pack.json says"),
+        ({"run/metrics.json": b"{} "}, "is not what pack.json says"),
+        ({"run/more.json": b"{}"}, "run/more.json is not in pack.json"),
+        ({MANIFEST: b"{"}, "not a manifest"),
+        ({MANIFEST: b"[" * 100_000}, "not a manifest"),
+        ({MANIFEST: manifest(occlog_pack=2)}, "not a manifest"),
+        ({MANIFEST: manifest(config="other.yaml")}, "is not among its inputs"),
+        ({MANIFEST: manifest(outputs=[told("metrics.json", b"{}")] * 2)}, "names a file twice"),
+        ({MANIFEST: manifest(outputs=[{**told("metrics.json", b"{}"), "sha256": "00"}])}, "not a manifest"),
+        ({MANIFEST: manifest(outputs=[told("tracks.parquet", b"")])}, "run/metrics.json is not in pack.json"),
+    ],
+)
+def test_what_the_manifest_does_not_say_is_refused(tmp_path: Path, changed: Members, words: str) -> None:
+    write(tmp_path / "x.zip", {**members(), **changed})
+    refused(tmp_path, words)
+
+
+def test_a_file_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with zipfile.ZipFile(tmp_path / "x.zip", "w") as file:
+            for name in ("inputs/run.yaml", "inputs/RUN.yaml"):
+                file.writestr(name, CONFIG)
+    refused(tmp_path, "there twice")
+
+
+def test_bombs_are_refused_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archive, "FREE_BYTES", 100_000)
+    large = bytes(1_000_000)
+    found = {**members(outputs=[told("metrics.json", large)]), "run/metrics.json": large}
+
+    def change(info: zipfile.ZipInfo) -> None:
+        info.compress_type = zipfile.ZIP_DEFLATED
+
+    write(tmp_path / "x.zip", found, change)
+    refused(tmp_path, "unpacks to 100.... bytes; the limit of an archive of its size is 10")
+
+
+def test_sizes_that_lie_are_refused(tmp_path: Path) -> None:
+    """The index states 2 bytes of a file that unpacks to many."""
+    write(tmp_path / "x.zip", {**members(), "run/metrics.json": b"{}" + bytes(500)})
+    raw = bytearray((tmp_path / "x.zip").read_bytes())
+    at = raw.rindex(b"PK\x01\x02", 0, raw.rindex(b"run/metrics.json"))
+    raw[at + 24 : at + 28] = (2).to_bytes(4, "little")
+    (tmp_path / "x.zip").write_bytes(raw)
+    refused(tmp_path, "damaged, or no archive|is not what pack.json says")
+
+
+def test_cuts_and_flipped_bytes_are_one_line(tmp_path: Path) -> None:
+    path = write(tmp_path / "x.zip", members())
+    raw = path.read_bytes()
+    for place in range(0, len(raw), 37):
+        for data in (raw[:place], raw[:place] + bytes([raw[place] ^ 255]) + raw[place + 1 :]):
+            inner = tmp_path / f"{place}-{len(data)}"
+            inner.mkdir()
+            path.write_bytes(data)
+            try:
+                unpack(path, inner)
+            except InputError as error:
+                assert "\n" not in str(error)
+            else:
+                assert (inner / "inputs" / "run.yaml").read_bytes() == CONFIG
+                assert (inner / "run" / "metrics.json").read_bytes() == b"{}"
+
+
+def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.zip").write_bytes(io.BytesIO(b"PAR1").getvalue())
+    refused(tmp_path, "no archive of `occlog pack`")

@@ -1,0 +1,169 @@
+"""`occlog pack` and `occlog verify`: a run is made again to the same bytes, and what differs is named."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Iterator
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.writer import RecordingWriter
+from occlog.pipeline.pack.manifest import INPUTS, LOCK, MANIFEST, OUTPUTS
+from occlog.pipeline.run.stages import Stage
+
+CONFIG = """
+occlog_run: 1
+seed: 3
+recording: ../recordings/room.mcap
+track: {particles: 20}
+"""
+VALUES = {"rmse_m": 1.0}
+"""What the evaluation of the stages below comes to."""
+
+
+def write_outputs(stage: Stage) -> int:
+    """A stage that is done at once; what the real ones make is tried in test_made_again."""
+    for number, name in enumerate(stage.output_paths):
+        made = dict(VALUES) if name.endswith(".json") else {"stage": stage.name, "output": number}
+        Path(name).write_text(json.dumps(made))
+    return 0
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with a run, its archive, the same again, and one without inputs."""
+    folder = tmp_path_factory.mktemp("packed")
+    (folder / "recordings").mkdir()
+    (folder / "study").mkdir()
+    with RecordingWriter(folder / "recordings" / "room.mcap", None, Provenance("simulate")) as writer:
+        writer.video_frame("cam1", 40_000_000, 0)
+        writer.video("cam1", "cam1.avi", "ab" * 32)
+    (folder / "recordings" / "cam1.avi").write_bytes(b"frames")
+    (folder / "study" / "run.yaml").write_text(CONFIG)
+    config = str(folder / "study" / "run.yaml")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("occlog.pipeline.run.run._do", write_outputs)
+        assert run(["run", config, "-o", str(folder / "out"), "-q"]) == ExitCode.DONE
+        for name, more in (("x.zip", []), ("again.zip", []), ("bare.zip", ["--reference"])):
+            args = ["pack", str(folder / "out"), "--config", config, "-o", str(folder / name), *more]
+            assert run(args) == ExitCode.DONE
+        yield folder
+
+
+def verify(path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, dict[str, object]]:
+    capsys.readouterr()
+    code = run(["verify", str(path), "--json", "-q", *args])
+    out, error = capsys.readouterr()
+    return code, json.loads(out or error.splitlines()[-1])
+
+
+def changed(source: Path, target: Path, **changes: object) -> Path:
+    """An archive with other entries in its manifest."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        for name in old.namelist():
+            data = old.read(name)
+            if name == MANIFEST:
+                data = json.dumps({**json.loads(data), **changes}).encode()
+            new.writestr(name, data)
+    return target
+
+
+def test_an_archive_has_all_that_the_run_was_made_of_and_the_same_bytes_each_time(packed: Path) -> None:
+    assert (packed / "x.zip").read_bytes() == (packed / "again.zip").read_bytes()
+    with zipfile.ZipFile(packed / "x.zip") as file:
+        names = set(file.namelist())
+        lock = file.read(LOCK).decode()
+        told = json.loads(file.read(MANIFEST))
+    recorded = {f"{INPUTS}/recordings/room.mcap", f"{INPUTS}/recordings/cam1.avi"}
+    assert {*recorded, f"{INPUTS}/study/run.yaml", MANIFEST, LOCK} <= names
+    assert {f"{OUTPUTS}/tracks.parquet", f"{OUTPUTS}/metrics.json", f"{OUTPUTS}/report.html"} <= names
+    assert f"numpy=={told['versions']['numpy']}" in lock.splitlines()
+    assert str(packed) not in json.dumps(told)
+    with zipfile.ZipFile(packed / "bare.zip") as file:
+        assert [name for name in file.namelist() if name.startswith(INPUTS)] == [f"{INPUTS}/study/run.yaml"]
+
+
+def test_inputs_that_are_not_in_it_are_asked_for(packed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = verify(packed / "bare.zip", capsys)
+    assert code == ExitCode.USAGE
+    assert "recordings/cam1.avi is not in it" in str(found["error"])
+    code, found = verify(packed / "bare.zip", capsys, "--inputs", str(packed))
+    assert (code, found["result"]) == (ExitCode.DONE, "made again to the same bytes")
+
+
+def test_other_inputs_are_refused(packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(packed / "recordings", tmp_path / "recordings")
+    (tmp_path / "recordings" / "cam1.avi").write_bytes(b"Frames")
+    code, found = verify(packed / "bare.zip", capsys, "--inputs", str(tmp_path))
+    assert (code, "is not what pack.json says" in str(found["error"])) == (ExitCode.BAD_INPUT, True)
+
+
+def test_what_differs_is_named_and_whether_versions_explain_it(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(VALUES, "rmse_m", 2.0)
+    code, found = verify(packed / "x.zip", capsys)
+    assert (code, list(found["different"])) == (ExitCode.DIFFERENT, ["metrics.json"])
+    assert "1.0 is now 2.0" in found["different"]["metrics.json"]
+    assert "versions are the same" in str(found["result"])
+    old = changed(packed / "x.zip", tmp_path / "old.zip", versions={"numpy": "1.0"})
+    code, found = verify(old, capsys)
+    assert (code, "may explain" in str(found["result"])) == (ExitCode.DIFFERENT, True)
+    assert found["versions"]["numpy"].startswith("1.0, now ")
+
+
+def test_the_same_values_in_other_bytes_are_explained_by_versions_alone(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(VALUES, "_provenance", 5)
+    code, found = verify(packed / "x.zip", capsys)
+    assert (code, found["same_values"], found["different"]) == (ExitCode.DIFFERENT, ["metrics.json"], {})
+    code, found = verify(changed(packed / "x.zip", tmp_path / "old.zip", version="0.0.1"), capsys)
+    assert (code, "other versions explain" in str(found["result"])) == (ExitCode.DONE, True)
+
+
+def test_a_stage_that_ends_otherwise_is_named(packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    old = changed(packed / "x.zip", tmp_path / "old.zip", stages={"detect": 3})
+    code, found = verify(old, capsys)
+    assert (code, found["different"]) == (ExitCode.DIFFERENT, {"stage detect": "ended with 3, now with 0"})
+
+
+def test_a_configuration_may_name_no_file_outside_of_the_archive(
+    tmp_path: Path, packed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = CONFIG.replace("../recordings/room.mcap", str(packed / "recordings" / "room.mcap")).encode()
+    with zipfile.ZipFile(packed / "x.zip") as old, zipfile.ZipFile(tmp_path / "x.zip", "w") as new:
+        told = json.loads(old.read(MANIFEST))
+        for file in told["inputs"]:
+            if file["path"] == "study/run.yaml":
+                file |= {"sha256": sha256(text).hexdigest(), "bytes": len(text)}
+        for name in old.namelist():
+            data = {MANIFEST: json.dumps(told).encode(), f"{INPUTS}/study/run.yaml": text}
+            new.writestr(name, data.get(name, old.read(name)))
+    code, found = verify(tmp_path / "x.zip", capsys)
+    assert (code, "which is not in the archive" in str(found["error"])) == (ExitCode.BAD_INPUT, True)
+
+
+def test_what_cannot_be_packed_is_refused(packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def pack(folder: Path, config: Path) -> tuple[int, str]:
+        code = run(["pack", str(folder), "--config", str(config), "-o", str(tmp_path / "y.zip")])
+        return code, capsys.readouterr().err
+
+    config = packed / "study" / "run.yaml"
+    assert pack(tmp_path, config)[0] == ExitCode.USAGE
+    other = packed / "study" / "other.yaml"
+    other.write_text(CONFIG.replace("particles: 20", "particles: 30"))
+    code, error = pack(packed / "out", other)
+    assert (code, "stage track is not as" in error) == (ExitCode.BAD_INPUT, True)
+    other.write_text(CONFIG.replace("../recordings/room.mcap", str(packed / "recordings" / "room.mcap")))
+    code, error = pack(packed / "out", other)
+    assert (code, "an absolute path" in error) == (ExitCode.BAD_INPUT, True)
+    assert os.listdir(tmp_path) == []
