@@ -35,13 +35,11 @@ TELL_S = 1.0
 
 def attempt(name: str, seconds: float, inputs: int, seed: int, out: Path) -> None:
     """Try one reader, in this process; what was found goes to `out`."""
-    guided = importlib.util.find_spec("atheris") is not None
-    if guided:
-        _import_traced()
     from tests.fuzz.mutations import changed, draw
     from tests.fuzz.readers import READERS
     from tests.fuzz.watch import watching
 
+    guided = "atheris" in sys.modules
     reader = READERS[name]
     seeds = reader.seeds
     current = out / "input"
@@ -167,19 +165,6 @@ def run(name: str, options: argparse.Namespace) -> dict[str, object]:
     return {"reader": name, "inputs": 0, "seconds": 0.0, **told}
 
 
-def _names() -> list[str]:
-    """Names of the readers; these are imported in processes of their own, so that atheris sees all of their code."""
-    receive, send = os.pipe()
-    child = os.fork()
-    if not child:
-        from tests.fuzz.readers import READERS
-
-        os.write(send, json.dumps(list(READERS)).encode())
-        os._exit(0)
-    os.waitpid(child, 0)
-    return list(json.loads(os.read(receive, 65_536)))
-
-
 def main() -> None:
     """Try readers one after another."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=(__doc__ or "").split("\n\n")[0])
@@ -189,7 +174,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of the draw; default 1")
     parser.add_argument("--out", type=Path, default=Path("fuzz"), help="folder of findings; default fuzz")
     options = parser.parse_args()
-    names = _names()
+    if importlib.util.find_spec("atheris") is not None:
+        _import_traced()
+    names = importlib.import_module("tests.fuzz.readers").READERS
     chosen = [n for n in names if not options.readers or any(n.startswith(word) for word in options.readers)]
     total = 0
     for name in chosen:

@@ -24,6 +24,9 @@ from occlog.errors import OcclogError
 from .readers import Reader
 
 SECONDS = 10
+"""Of a processor, so that a machine that has other things to do finds the same."""
+WAITED_S = 120
+"""After which something waits for what does not come."""
 MEGABYTES = 512
 
 
@@ -80,7 +83,8 @@ class Watch:
         return Outcome("memory", f"{grown} MB more than before") if grown > MEGABYTES else outcome
 
     def _read(self, reader: Reader, path: Path) -> Outcome:
-        signal.setitimer(signal.ITIMER_REAL, SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.setitimer(signal.ITIMER_REAL, WAITED_S)
         try:
             reader.read(path)
         except OcclogError as error:
@@ -91,6 +95,7 @@ class Watch:
             said = " ".join(str(error).split())[:200]
             return Outcome(f"{type(error).__name__} {_place(error)}", said)
         finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
             signal.setitimer(signal.ITIMER_REAL, 0)
         return Outcome("read", "")
 
@@ -123,7 +128,7 @@ def _place(error: BaseException) -> str:
 @contextmanager
 def watching() -> Iterator[Watch]:
     """A watch; standard error is kept from the terminal meanwhile."""
-    before = signal.signal(signal.SIGALRM, _too_long)
+    before = {number: signal.signal(number, _too_long) for number in (signal.SIGALRM, signal.SIGPROF)}
     kept = os.dup(2)
     folder = Path(tempfile.mkdtemp(prefix="occlog-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
     with tempfile.TemporaryFile() as error, warnings.catch_warnings():
@@ -135,5 +140,6 @@ def watching() -> Iterator[Watch]:
         finally:
             os.dup2(kept, 2)
             os.close(kept)
-            signal.signal(signal.SIGALRM, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
             shutil.rmtree(folder)

@@ -43,8 +43,8 @@ def natural_sorted(names: Iterable[str]) -> list[str]:
 
 
 def safe_name(text: str) -> str:
-    """A name that scene files allow: blanks and , / = : become `_`; InputError where nothing is left."""
-    name = re.sub(r"[\s,/=:]+", "_", text.strip())[:64]
+    """A name that scene files allow: blanks, control characters and , / = : become `_`; InputError for an empty one."""
+    name = re.sub(r"[\s,/=:\x00-\x1f\x7f-\x9f]+", "_", text.strip())[:64]
     if not name:
         raise InputError(f"{text!r}: cannot be the name of a sensor; use letters and digits")
     return name

@@ -57,10 +57,7 @@ class ForeignTable:
         """How a table lies in the file; an error names the file."""
         if self.layout.table is table:
             return self.layout
-        try:
-            return lay_out(self.source.names, table)
-        except InputError as error:
-            raise InputError(f"{self.source.path}: {error}") from None
+        return _lay_out(self.source, table)
 
     def convert_to(self, length_unit: str) -> None:
         """Give rows in another unit of length, if the file states its own; InputError for a unit without a length."""
@@ -172,9 +169,9 @@ def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:
     layouts, faults = [], []
     for table in wanted:
         try:
-            layouts.append(lay_out(source.names, table))
+            layouts.append(_lay_out(source, table))
         except InputError as error:
-            faults.append(InputError(f"{source.path}: {error}"))
+            faults.append(error)
     fitting = [layout for layout in layouts if not layout.missing]
     if not fitting:
         if faults:
@@ -187,12 +184,20 @@ def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:
         raise faults[0]
     if best.table is Reads and not tables and _is_vague(best, source.names):
         # Times, sensors and identities alone make reads of tags only if nothing else is there
-        check_fits(source, lay_out(source.names, Bearings))
+        check_fits(source, _lay_out(source, Bearings))
     for layout in layouts:
         # A table that a misspelled column alone keeps from fitting better is the one that is meant
         if len(layout.missing) == 1 and layout.likeness > best.likeness and misspelled(layout, source.names):
             check_fits(source, layout)
     return best
+
+
+def _lay_out(source: Source, table: type[Table]) -> Layout:
+    """How a table lies in a file; an error names the file."""
+    try:
+        return lay_out(source.names, table)
+    except InputError as error:
+        raise InputError(f"{source.path}: {error}") from None
 
 
 def _is_vague(layout: Layout, names: Sequence[str]) -> bool:

@@ -20,11 +20,12 @@ import zstandard
 from mcap.exceptions import McapError
 
 from occlog.errors import InputError
-from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.files.content import PARQUET_MAGIC, RECORDING_MAGIC
 from occlog.io.files.inputs import check_input
 
 from .chunks import CHUNK as CHUNK_HEAD
 from .chunks import KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
+from .lz4_blocks import rest_of_block
 from .mcap_errors import FOOTER_BYTES, check_summary
 
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, STATISTICS, METADATA, DATA_END = 2, 3, 4, 5, 6, 9, 11, 12, 15
@@ -69,7 +70,13 @@ def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
     check_input(path, "an MCAP recording")
     size = path.stat().st_size
     with path.open("rb") as file:
-        if file.read(len(RECORDING_MAGIC)) != RECORDING_MAGIC:
+        begin = file.read(len(RECORDING_MAGIC))
+        if begin.startswith(PARQUET_MAGIC):
+            raise InputError(
+                f"{path}: is a table (Parquet); what its columns are and where stands at its end alone, so that "
+                "nothing can be salvaged of one that was cut: make it again"
+            )
+        if begin != RECORDING_MAGIC:
             raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
         at = len(RECORDING_MAGIC)
         while at < size:
@@ -158,7 +165,8 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
     if not compression:
         return packed[:declared]
     if compression == "lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=declared))
+        whole = bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=declared))
+        return whole + rest_of_block(packed, whole, declared)
     stream, out = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(packed)), bytearray()
     while len(out) < declared:
         try:

@@ -62,6 +62,8 @@ def read_stations(path: Path) -> Scene:
         place = np.column_stack([_numbers(rows, spelled[axis]) for axis in "xyz"])
         sigma = rows.floats("sigma_deg") if rows.has("sigma_deg") else None
         for row, cell in enumerate(rows.cells["name"].tolist()):
+            if not cell.strip():
+                raise rows.fail(row, "the station has no name; give it one")
             name = safe_name(cell)
             if name in found:
                 raise rows.fail(row, f"station {name} is there twice; give every station its own name")

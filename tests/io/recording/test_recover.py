@@ -174,6 +174,9 @@ def test_what_is_none_of_ours_or_nothing_is_refused(tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("a,b\n")
     with pytest.raises(InputError, match="does not begin with the MCAP mark"):
         recover_recording(tmp_path / "table.csv", tmp_path / "x.mcap")
+    (tmp_path / "cut.parquet").write_bytes(b"PAR1\x15\x04")
+    with pytest.raises(InputError, match=r"is a table \(Parquet\); .*: make it again"):
+        recover_recording(tmp_path / "cut.parquet", tmp_path / "x.mcap")
     assert not (tmp_path / "x.mcap").exists()
 
 
