@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from docs.api import api_page
+from docs.doctor import doctor_page
 from docs.rooms import folders_page, picture
 from docs.verdicts import verdicts_page
 from occlog.cli.main import COMMANDS, cli
@@ -139,7 +140,13 @@ def settings_page() -> str:
     return "\n".join(parts)
 
 
-PAGES = {"api.md": api_page, "commands.md": commands_page, "settings.md": settings_page, "tables.md": tables_page}
+PAGES = {
+    "api.md": api_page,
+    "commands.md": commands_page,
+    "doctor.md": doctor_page,
+    "settings.md": settings_page,
+    "tables.md": tables_page,
+}
 """Reference pages of the program."""
 RESULTS = {"verdicts.md": verdicts_page}
 """What runs of the experiments gave."""

@@ -63,6 +63,9 @@ COMMANDS = {
         "occlog.examine.diff.command", "Say whether two outputs are the same, and where they first differ."
     ),
     "info": Command("occlog.examine.info", "Print what a scene, a recording or a table holds."),
+    "doctor": Command(
+        "occlog.examine.doctor.command", "List everything that is wrong in recordings, tables and other files."
+    ),
     "recover": Command("occlog.examine.recover", "Salvage what is whole in a recording that was cut off or damaged."),
     "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
     "plugin": Command("occlog.conformance.command", "List plug-ins of others, and check them."),

@@ -121,6 +121,15 @@ def settings_schemas() -> dict[str, Callable[[], dict[str, object]]]:
     return {NAMES.get(verb, verb): partial(settings_schema, verb) for verb in verbs()}
 
 
+def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
+    """Every schema by its published name: tables, messages, file formats, settings, and what `doctor` prints."""
+    from occlog.io.models.schemas import SCHEMAS
+
+    from .doctor.findings import finding_schema
+
+    return {**SCHEMAS, **settings_schemas(), "doctor": finding_schema}
+
+
 @click.command(name="schema", short_help="Print the schema of a table, a message, a file format or settings.")
 @click.argument("name", required=False)
 @click.option("-o", "--output", type=options.PATH, default=None, help="Write every schema into this folder.")
@@ -139,9 +148,9 @@ def command(name: str | None, output: Path | None, overwrite: bool, as_json: boo
     """
     if output is not None:
         from occlog.io.files.atomic import write_bytes
-        from occlog.io.models.schemas import SCHEMAS, schema_text
+        from occlog.io.models.schemas import schema_text
 
-        schemas = SCHEMAS | settings_schemas()
+        schemas = every_schema()
         for each in schemas:
             write_bytes(output / f"{each}.json", schema_text(each, schemas).encode(), overwrite)
         return

@@ -20,7 +20,7 @@ from occlog.io.messages.images import stored
 from occlog.io.messages.kinds import BoxMessage, DirectionMessage, Header, ImageMessage, PoseMessage, kind_of
 from occlog.io.messages.mcap_file import Message
 from occlog.io.messages.rows import BoxRows, direction_rows, truth_rows
-from occlog.io.messages.survey import BagSurvey, Messages, survey, taken_lines
+from occlog.io.messages.survey import CLOCKS_APART_S, BagSurvey, Messages, survey, taken_lines
 from occlog.io.messages.topics import is_rectified, read_topic_map
 from occlog.io.messages.transforms import Placed, Transforms
 from occlog.io.recording.writer import RecordingWriter
@@ -37,8 +37,6 @@ BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
 STEEP = math.cos(math.radians(30))
 """An optical axis this near to straight up is that of a frame whose z axis is up, and not forward."""
-CLOCKS_APART_S = 0.5
-"""Where the stamps of messages are farther from the time of recording than this, the user is told."""
 
 
 def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:

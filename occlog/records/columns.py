@@ -189,6 +189,53 @@ def check_order(table: Table) -> None:
         )
 
 
+def repeated_rows(table: Table) -> tuple[Bools, Bools]:
+    """Which rows of a table in the order of its key are a copy of another, and which only have the key of another.
+
+    Where the key ends in an identity rows with -1, which is none, count as neither: many may have it, and what two
+    of them say may be the same.
+
+    Returns:
+        (n,), (n,): rows that equal an earlier one in all columns; other rows whose key an earlier row has.
+    """
+    rows = len(table)
+    like = np.ones(max(rows - 1, 0), dtype=np.bool_)
+    for name in table.KEY:
+        values = getattr(table, name)
+        like &= values[1:] == values[:-1]
+        if not like.any():
+            return np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)
+    near = np.flatnonzero(np.append(like, False) | np.append(False, like))
+    # A number for each set of values: copies have the same ones in all columns
+    codes = [
+        np.unique(_comparable(table, c, near), axis=0, return_inverse=True)[1].reshape(-1) for c in table.columns()
+    ]
+    order = np.lexsort(codes[::-1])  # stable: the first of several copies stays the first
+    sets = np.column_stack(codes)[order]
+    copy, twice = np.zeros(rows, dtype=np.bool_), np.append(False, like)
+    copy[near[order[1:]]] = (sets[1:] == sets[:-1]).all(axis=1)
+    last = getattr(table, table.KEY[-1])
+    told = last >= 0 if last.dtype.kind == "i" and table.KEY[-1] != "t_ns" else np.ones(rows, dtype=np.bool_)
+    return copy & told, twice & ~copy & told
+
+
+def check_copies(table: Table) -> None:
+    """InputError where a row of a table in the order of its key stands there twice."""
+    copies, _ = repeated_rows(table)
+    if copies.any():
+        row = first_row(copies)
+        key = ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY)
+        raise InputError(f"{type(table).__name__}: a row stands there twice ({key}); leave out the copies")
+
+
+def _comparable(table: Table, c: Column, rows: Ints) -> NDArray[np.generic]:
+    """The values of some rows of a column, so that NaN equals NaN."""
+    values: NDArray[np.generic] = getattr(table, c.name)[rows]
+    if not values.size:  # vectors of no numbers
+        return np.zeros(len(rows))
+    return np.ascontiguousarray(values).view(f"i{values.itemsize}") if values.dtype.kind == "f" else values
+
+
 def first_row(mask: Bools) -> int:
     """Index of the first true row of a mask that has one."""
     return int(np.flatnonzero(mask)[0])

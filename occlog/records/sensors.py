@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,6 +18,36 @@ APPEARANCE_BINS = 72
 
 UNLABELLED = -1
 """`target_id` of a measurement that has not been assigned to a target."""
+
+
+MAX_FRAMES = 10**9
+"""Frames that a camera can have: a year at 30 a second."""
+MAX_EDGE_PX = 1e6
+"""How far boxes may reach [px]: ten times the largest image, for what lies beside it."""
+
+
+def check_frames(frame: Ints, name: str) -> None:
+    """InputError for a frame number that no camera comes to."""
+    if (wrong := (frame < 0) | (frame >= MAX_FRAMES)).any():
+        row = first_row(wrong)
+        raise InputError(f"{name}: row {row}: frame {frame[row]}; it must be from 0 and below {MAX_FRAMES}")
+
+
+def check_edges(edges: Sequence[Floats], name: str) -> None:
+    """InputError for a box that reaches farther than any image."""
+    far = np.max(np.abs(edges), axis=0)
+    if (wrong := far > MAX_EDGE_PX).any():
+        row = first_row(wrong)
+        raise InputError(
+            f"{name}: row {row}: box that reaches to {far[row]:g} px; no image is larger than {MAX_EDGE_PX:g} px"
+        )
+
+
+def check_ids(ids: Ints32, column: str, name: str) -> None:
+    """InputError for an identity below -1, which stands for none."""
+    if (wrong := ids < -1).any():
+        row = first_row(wrong)
+        raise InputError(f"{name}: row {row}: {column} {ids[row]} must be at least -1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,9 +103,7 @@ class Bearings(Table):
     def check(self) -> None:
         """Times in order, angles wrapped, measurements complete where seen and absent where not."""
         check_order(self)
-        if (wrong := self.target_id < -1).any():
-            row = first_row(wrong)
-            raise InputError(f"Bearings: row {row}: target_id {self.target_id[row]} must be at least -1")
+        check_ids(self.target_id, "target_id", "Bearings")
         value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
         if (wrong := value != self.seen).any():
             row = first_row(wrong)
@@ -165,8 +194,11 @@ class Views(Table):
     )
 
     def check(self) -> None:
-        """Times in order, boxes of positive size."""
+        """Times in order, boxes of positive size that an image may hold, identities and frames that there are."""
         check_order(self)
+        check_frames(self.frame, "Views")
+        check_ids(self.target_id, "target_id", "Views")
+        check_edges((self.left_px, self.top_px, self.width_px, self.height_px), "Views")
         bad = ~((self.width_px > 0) & (self.height_px > 0))
         if bad.any():
             row = first_row(bad)
@@ -198,13 +230,18 @@ class Boxes(Table):
     confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Times in order, boxes of positive size."""
+        """Times in order, boxes of positive size that an image may hold, identities and frames that there are."""
         check_order(self)
+        name = type(self).__name__
+        check_frames(self.frame, name)
+        for key in ("box", "target_id"):
+            check_ids(getattr(self, key), key, name)
+        check_edges((self.left_px, self.top_px, self.width_px, self.height_px), name)
         bad = (self.box >= 0) & ~((self.width_px > 0) & (self.height_px > 0))
         if bad.any():
             row = first_row(bad)
             size = f"{self.width_px[row]:g} x {self.height_px[row]:g} px"
-            raise InputError(f"{type(self).__name__}: row {row}: box of {size} must have a size above 0")
+            raise InputError(f"{name}: row {row}: box of {size} must have a size above 0")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,6 +279,7 @@ class Doa(Table):
     def check(self) -> None:
         """Times in order, azimuths wrapped."""
         check_order(self)
+        check_ids(self.source_id, "source_id", "Doa")
         bad = ~(np.abs(self.azimuth) <= np.pi)
         if bad.any():
             row = first_row(bad)

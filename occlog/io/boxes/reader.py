@@ -20,6 +20,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -32,6 +33,7 @@ from occlog.io.files.csv_rows import Rows, first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.sensor_names import match_sensor, means_none
 from occlog.io.files.timestamps import parse_times, time_column
+from occlog.records.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
 
 from .classes import check_classes, class_labels, wanted_rows
@@ -39,7 +41,7 @@ from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, WHAT, BoxSourc
 from .folder import open_folder
 from .kitti import is_kitti, open_kitti
 from .objects import is_json, open_json
-from .rows import BoxRows, check_boxes, check_identities, check_range, fill_frames, in_frames, join
+from .rows import BoxRows, check_boxes, check_copies, check_identities, check_range, fill_frames, in_frames, join
 from .text import open_csv, open_mot
 from .vatic import is_vatic, open_vatic
 from .wildtrack import frame_files, open_annotations
@@ -295,10 +297,42 @@ def read_boxes(
         chunks: Iterator[BoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
-        whole = in_frames(chunks, survey.first, survey.stop)
+        whole = check_copies(in_frames(chunks, survey.first, survey.stop), cameras, file.path)
         if options.classes is not None:
             whole = check_identities(whole, cameras, file.path)
         yield from fill_frames(whole, table, cameras, survey.first, survey.stop, times, survey.step)
+
+
+def box_source(path: Path) -> BoxSource:
+    """What a file of boxes holds, of whichever format; one that names no camera is of a camera with its own name.
+
+    Raises:
+        InputError: it is none, or cannot be read.
+    """
+    for camera in (None, path.stem):
+        try:
+            source = _open(BoxFile(path, camera), (), BoxOptions())
+            first = list(islice(source.chunks, 1))
+            return source._replace(chunks=chain(first, source.chunks))
+        except InputError:
+            if camera is not None:
+                raise
+    raise AssertionError("the last one returns or raises")
+
+
+def box_rows(rows: Rows, cameras: list[str], first_number: int = 0) -> BoxRows:
+    """Rows of a file as boxes; InputError, with its place, for one that cannot be, whatever its confidence stands for.
+
+    Args:
+        rows: of a `BoxSource`.
+        cameras: names of the cameras so far; new ones are added.
+        first_number: number of frame 0.
+    """
+    options = BoxOptions(first_number=first_number, scores="logistic")
+    labels = rows.cells["camera"] if rows.has("camera") else None
+    file = BoxFile(rows.path, rows.path.stem if labels is None else None)
+    camera = _number_cameras(file, rows, labels, cameras, (), options)
+    return check_boxes(rows, _numbers(rows, camera, cameras, options))
 
 
 def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource:
@@ -395,6 +429,9 @@ def _numbers(rows: Rows, camera: Ints, cameras: Sequence[str], options: BoxOptio
     if (frame < 0).any():
         row = int(np.flatnonzero(frame < 0)[0])
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; the first one is {options.first_number}")
+    if (frame >= MAX_FRAMES).any():
+        row = int(np.flatnonzero(frame >= MAX_FRAMES)[0])
+        raise rows.fail(row, f"frame {rows.cells['frame'][row]}; it must be below {MAX_FRAMES}; correct or remove it")
     left, top, width, height = _edges(rows, camera, cameras, options.sizes)
     return BoxRows(
         frame=frame,
@@ -414,8 +451,9 @@ def _edges(
     """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet."""
     if not rows.has(SHARE_X):
         left, top = rows.floats("left"), rows.floats("top")
-        width = rows.floats("width") if rows.has("width") else rows.floats("right") - left
-        height = rows.floats("height") if rows.has("height") else rows.floats("bottom") - top
+        with np.errstate(over="ignore"):  # whoever takes the boxes looks how large they are
+            width = rows.floats("width") if rows.has("width") else rows.floats("right") - left
+            height = rows.floats("height") if rows.has("height") else rows.floats("bottom") - top
         return left, top, width, height
     size = np.ones((len(cameras), 2))
     for n in np.unique(camera).tolist() if sizes is not None else ():

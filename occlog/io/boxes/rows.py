@@ -8,10 +8,11 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Floats, Ints, Uints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.csv_rows import Rows
 from occlog.io.files.frame_times import FrameTimes
+from occlog.records.sensors import MAX_EDGE_PX
 from occlog.records.tables import Boxes
 
 B = TypeVar("B", bound=Boxes)
@@ -43,6 +44,13 @@ def check_boxes(rows: Rows, boxes: BoxRows) -> BoxRows:
         raise rows.fail(
             row, f"box of {boxes.width[row]:g} x {boxes.height[row]:g} px; both must be above 0; correct or remove it"
         )
+    far = np.max(np.abs([boxes.left, boxes.top, boxes.width, boxes.height]), axis=0)
+    if (far > MAX_EDGE_PX).any():
+        row = int(np.flatnonzero(far > MAX_EDGE_PX)[0])
+        raise rows.fail(
+            row,
+            f"box that reaches to {far[row]:g} px; no image is larger than {MAX_EDGE_PX:g} px; correct or remove it",
+        )
     bad = (np.abs(boxes.target_id) >= 2**31) | (boxes.target_id < -1)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
@@ -56,6 +64,32 @@ def check_boxes(rows: Rows, boxes: BoxRows) -> BoxRows:
             "scores are logistic (any number) or unknown (not used)",
         )
     return boxes
+
+
+def fingerprints(boxes: BoxRows) -> Uints:
+    """(n,) numbers that are the same for boxes that are the same, and nearly never for others."""
+    out = np.zeros(len(boxes.frame), dtype=np.uint64)
+    for column in boxes:
+        bits = column + 0.0 if column.dtype.kind == "f" else column.astype(np.int64)  # -0 is 0
+        # The constants of splitmix64 (Steele, Lea and Flood, 2014)
+        out = (out ^ bits.view(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)
+        out = (out ^ (out >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        out = (out ^ (out >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        out ^= out >> np.uint64(31)
+    return out
+
+
+def check_copies(chunks: Iterator[BoxRows], cameras: Sequence[str], path: Path) -> Iterator[BoxRows]:
+    """The chunks, whole frames each; InputError where a box stands there twice, alike in everything."""
+    for rows in chunks:
+        marks, first = np.unique(fingerprints(rows), return_index=True)
+        if len(marks) < len(rows.frame):
+            row = int(np.setdiff1d(np.arange(len(rows.frame)), first)[0])
+            raise InputError(
+                f"{path}: camera {cameras[rows.camera[row]]}, frame {rows.frame[row]} (from 0): the box at "
+                f"({rows.left[row]:g}, {rows.top[row]:g}) px stands there twice; leave out the copies of rows"
+            )
+        yield rows
 
 
 def check_identities(chunks: Iterator[BoxRows], cameras: Sequence[str], path: Path) -> Iterator[BoxRows]:

@@ -11,7 +11,9 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -47,6 +49,28 @@ def no_formula(text: str) -> str:
 def plain_text(text: str) -> str:
     """What `no_formula` was given."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
+
+
+BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LINES", default=None)
+"""Who is told of lines that are no rows, which are then passed over; None: the first one ends the reading."""
+
+
+@contextmanager
+def bad_lines_told_to(listener: Callable[[InputError], None]) -> Iterator[None]:
+    """Tell somebody of lines that are no rows, and read on meanwhile."""
+    token = BAD_LINES.set(listener)
+    try:
+        yield
+    finally:
+        BAD_LINES.reset(token)
+
+
+def _refuse(error: InputError) -> None:
+    """Raise the error, unless somebody wants to be told of it."""
+    listener = BAD_LINES.get()
+    if listener is None:
+        raise error
+    listener(error)
 
 
 @dataclass(frozen=True)
@@ -222,13 +246,15 @@ def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
             if len(line) > LONGEST_LINE:
                 raise InputError(f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected")
             if "\0" in line:
-                raise InputError(f"{path}: line {number}: not text; a text table was expected")
+                _refuse(InputError(f"{path}: line {number}: not text; a text table was expected"))
+                continue
             if reader is None:
                 reader = _delimiter(text)
             cells = _cells(text, reader)
             decimal = next((cell for cell in cells if _DECIMAL_COMMA.match(cell)), None) if reader == ";" else None
             if decimal is not None:
-                raise InputError(f"{path}: line {number}: {decimal!r} has a decimal comma; write it with a point")
+                _refuse(InputError(f"{path}: line {number}: {decimal!r} has a decimal comma; write it with a point"))
+                continue
             yield number, cells
     except UnicodeDecodeError as error:
         raise InputError(
@@ -288,19 +314,22 @@ def _chunks(
     rows: int,
     place: str = "line",
 ) -> Iterator[Rows]:
-    while chunk := list(islice(lines, rows)):
-        for line, cells in chunk:
-            if len(cells) != len(names):
-                raise InputError(
-                    f"{path}: {place} {line}: {len(cells)} cells, but the first line has {len(names)}; correct this "
-                    f"{place}"
-                )
-            if max(map(len, cells)) > MAX_CELL:
-                raise InputError(
-                    f"{path}: {place} {line}: a cell of more than {MAX_CELL} characters; correct this {place}"
-                )
+    whole = ((line, cells) for line, cells in lines if _is_row(path, place, line, cells, len(names)))
+    while chunk := list(islice(whole, rows)):
         turned = zip(*(cells for _, cells in chunk), strict=True)
         cells_of = {
             n: np.array(column, dtype=np.str_) for n, column in zip(names, turned, strict=True) if n is not None
         }
         yield Rows(path, np.array([line for line, _ in chunk], dtype=np.int64), cells_of, place)
+
+
+def _is_row(path: Path, place: str, line: int, cells: list[str], columns: int) -> bool:
+    """Whether a line has a cell for each column, none of them too long; if not, it is refused."""
+    fault = ""
+    if len(cells) != columns:
+        fault = f"{len(cells)} cells, but the first line has {columns}"
+    elif max(map(len, cells)) > MAX_CELL:
+        fault = f"a cell of more than {MAX_CELL} characters"
+    if fault:
+        _refuse(InputError(f"{path}: {place} {line}: {fault}; correct this {place}"))
+    return not fault

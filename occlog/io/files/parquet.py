@@ -7,8 +7,9 @@ them a damaged page is read as wrong numbers, and a damaged footer as other unit
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self, TypedDict, TypeVar
@@ -19,7 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from occlog.errors import InputError, UsageError
-from occlog.records.columns import ANY, Column, Table
+from occlog.records.columns import ANY, Column, Table, check_copies
 
 from .arrow_arrays import to_numpy
 from .atomic import Together, open_output
@@ -337,6 +338,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
             if len(chunk) and previous is not None and chunk.t_ns[0] < previous:  # type: ignore[attr-defined]
                 raise InputError(f"{path}: t_ns goes back between two chunks; sort the table by t_ns")
             previous = int(chunk.t_ns[-1]) if len(chunk) else previous  # type: ignore[attr-defined]
+            check_copies(chunk)
             yield chunk
 
 
@@ -354,6 +356,43 @@ def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str]) -> Iterator
         if together >= rows or number == file.num_row_groups - 1:
             yield from file.iter_batches(batch_size=rows, columns=columns, row_groups=groups)
             groups, together = [], 0
+
+
+@dataclass(frozen=True)
+class RowGroup:
+    """A group of rows of a table, which can be read though others are damaged.
+
+    Attributes:
+        table: the table.
+        first: number of its first row in the file.
+        rows: number of its rows.
+    """
+
+    path: Path
+    file: pq.ParquetFile
+    table: type[Table]
+    number: int
+    first: int
+    rows: int
+
+    def batches(self) -> Iterator[pa.RecordBatch]:
+        """Its rows in batches of `from_arrow`; InputError where they are damaged."""
+        names = [c.name for c in self.table.columns() if c.name in self.file.schema_arrow.names]
+        with _translate(self.path):
+            yield from self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
+
+
+def groups_of(path: Path, tables: Mapping[str, type[Table]]) -> Iterator[RowGroup]:
+    """The groups of rows of a table; InputError unless it is one of the tables, by their names, and has its columns."""
+    with _open(path) as file:
+        name, first = _schema_name(path, file.schema_arrow), 0
+        if name not in tables:
+            raise InputError(f"{path}: holds {name!r}, which is no table of this version; update occlog")
+        _check_schema(path, file.schema_arrow, tables[name])
+        for number in range(file.metadata.num_row_groups):
+            rows = file.metadata.row_group(number).num_rows
+            yield RowGroup(path, file, tables[name], number, first, rows)
+            first += rows
 
 
 def read_table(path: Path, table: type[T]) -> T:

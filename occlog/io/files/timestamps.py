@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -33,6 +33,7 @@ TIME_COLUMNS = {
 _FRAME = ("frame", "frame_index", "frame_number", "index")
 _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
 _COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
+_BESIDE = ("sync_index",)
 _ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?$")
 
 
@@ -101,16 +102,42 @@ def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
     for every name in `cameras`.  InputError with the line where times repeat or go back,
     or where a frame is left out.
     """
-    header = is_header_line(path)
-    parts = list(read_rows(path, _COLUMNS, WHAT, ignored=("sync_index",)) if header else read_plain(path, WHAT))
-    if not parts:
+    found = list(iter_times(path))
+    if not found:
         raise InputError(f"{path}: holds a header and no row; {WHAT} was expected")
+    parts, unit = [rows for rows, _ in found], found[0][1]
     rows = Rows(
         path,
         np.concatenate([p.lines for p in parts]),
         {name: np.concatenate([p.cells[name] for p in parts]) for name in parts[0].cells},
     )
-    return _by_camera(rows if header else _named(rows), cameras)
+    return _by_camera(rows, unit, cameras)
+
+
+def looks_like_times(path: Path) -> bool:
+    """Whether a text is a table of time stamps and nothing else, by its first line."""
+    try:
+        cells = first_line(path, WHAT)
+        named = is_header_line(path)
+    except InputError:
+        return False
+    if not named:
+        return 0 < len(cells) <= 2
+    names = {name for spelled in _COLUMNS.values() for name in spelled} | set(_BESIDE)
+    times = {name for spelled in TIME_COLUMNS.values() for name in spelled}
+    low = {cell.lower() for cell in cells}
+    return low <= names and bool(low & times)
+
+
+def iter_times(path: Path) -> Iterator[tuple[Rows, str]]:
+    """Iterate over the rows of a table of time stamps, with the unit of its column of times; as for `read_sidecar`."""
+    header = is_header_line(path)
+    parts = read_rows(path, _COLUMNS, WHAT, ignored=_BESIDE) if header else map(_named, read_plain(path, WHAT))
+    for rows in parts:
+        unit = time_column(rows)
+        if unit is None:
+            raise InputError(f"{path}: no column of times; name one of them time (seconds) or t_ns")
+        yield rows, unit
 
 
 def is_header_line(path: Path) -> bool:
@@ -129,10 +156,7 @@ def _named(rows: Rows) -> Rows:
     return Rows(rows.path, rows.lines, dict(zip(columns, rows.cells.values(), strict=True)))
 
 
-def _by_camera(rows: Rows, cameras: Sequence[str]) -> dict[str, Ints]:
-    unit = time_column(rows)
-    if unit is None:
-        raise InputError(f"{rows.path}: no column of times; name one of them time (seconds) or t_ns")
+def _by_camera(rows: Rows, unit: str, cameras: Sequence[str]) -> dict[str, Ints]:
     t_ns = parse_times(rows, unit, unit)
     if not rows.has("camera"):
         times = _in_order(rows, t_ns, np.arange(len(rows)))

@@ -48,6 +48,9 @@ class Cells(Protocol):
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the place of a row."""
 
+    def part(self, start: int, stop: int) -> Cells:
+        """The rows start <= row < stop."""
+
 
 class TextCells:
     """Cells of a text table."""
@@ -97,6 +100,10 @@ class TextCells:
         """An error that names the line of a row."""
         return self._rows.fail(row, message)
 
+    def part(self, start: int, stop: int) -> TextCells:
+        """The rows start <= row < stop."""
+        return TextCells(self._rows.pick(np.arange(start, stop)))
+
 
 class ArrowCells:
     """Cells of columns in memory, as Parquet and Arrow files have them."""
@@ -112,6 +119,10 @@ class ArrowCells:
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the number of a row, from 0."""
         return InputError(f"{self._path}: row {self._first + row}: {message}")
+
+    def part(self, start: int, stop: int) -> ArrowCells:
+        """The rows start <= row < stop."""
+        return ArrowCells(self._path, self._batch.slice(start, stop - start), self._first + start)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
         """(n,) finite numbers; NaN for cells that are null, where `blank` allows them."""

@@ -114,15 +114,37 @@ class ForeignTable:
         for cells in self.source.cells(list(dict.fromkeys(s.name for s in layout.columns))):
             if not len(cells):
                 continue
-            values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
-            for s in layout.columns:
-                if s.edge:  # the far edge of a box instead of its size
-                    near = {"width_px": "left_px", "height_px": "top_px"}[s.column.name]
-                    values[s.column.name] = values[s.column.name] - values[near]  # type: ignore[operator]
-            _check(cells, values, layout)
+            values = self._part(cells, layout)
             values["_row"] = first + np.arange(len(cells))
             first += len(cells)
             yield values
+
+    def _part(self, cells: Cells, layout: Layout) -> Values:
+        """The values of some cells, by the table's names; InputError, with its place, for one that cannot be."""
+        values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
+        for s in layout.columns:
+            if s.edge:  # the far edge of a box instead of its size
+                near = {"width_px": "left_px", "height_px": "top_px"}[s.column.name]
+                values[s.column.name] = values[s.column.name] - values[near]  # type: ignore[operator]
+        _check(cells, values, layout)
+        return values
+
+    def table_of(self, cells: Cells) -> Table:
+        """Some cells as the table that fits best, in the order of its key; InputError as for `rows`."""
+        values = self._part(cells, self.layout)
+        values["_row"] = np.arange(len(cells))
+        values = _pick(values, np.argsort(values[TIME], kind="stable"))
+        table = self.layout.table
+        return _as_table(self.source, table, _filled(values, table, _FrameCount()), values["_row"])
+
+    def cells(self) -> Iterator[Cells]:
+        """The cells of the columns that are used, in parts, in the order of the file."""
+        yield from self.source.cells(list(dict.fromkeys(s.name for s in self.layout.columns)))
+
+    def times_of(self, cells: Cells) -> Ints:
+        """(n,) times of some cells, in the order of the file."""
+        time = next(s for s in self.layout.columns if s.column.name == TIME)
+        return cells.times(time.name, time.unit)
 
     def _values(self, cells: Cells, s: Spelling, layout: Layout) -> NDArray[np.generic]:
         """The values of a column in the table's unit."""

@@ -42,6 +42,10 @@ class BagSurvey:
     transforms: Transforms = field(default_factory=Transforms)
 
 
+CLOCKS_APART_S = 0.5
+"""Where the stamps of messages are farther from the time of recording than this, the user is told."""
+
+
 class Messages:
     """Decodes messages of a bag into their one form; each topic's decoder is made when it is first needed."""
 

@@ -170,7 +170,7 @@ class Recording:
             if sensor not in linked:
                 linked[sensor] = open_linked(self.path, sensor, self.videos.get(sensor))
             return t_ns, partial(linked[sensor].read, index)
-        stamp, image = _parse_image(topic.encoding, data, where)
+        stamp, image = parse_image(topic.encoding, data, where)
         return stamp or t_ns, partial(decode_image, image, where)
 
     def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
@@ -205,7 +205,7 @@ def _is_image(topic: Topic) -> bool:
     return topic.schema in (IMAGE_SCHEMA, VIDEO_FRAME)
 
 
-def _parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
+def parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
     """Sensor time [ns] (0 if not given) and compressed bytes of a foxglove.CompressedImage."""
     try:
         if encoding == "json":

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-from occlog.records.columns import Column, Table
+from occlog.records.columns import Column, Table, check_copies
 from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes
 
 T = TypeVar("T", bound=Table)
@@ -131,13 +131,19 @@ class RowCollector(Generic[T]):
 
     def take(self) -> T:
         """The rows so far as a table sorted by its key; the collector is empty afterwards."""
-        values = {c.name: _array(c, self._lists[c.name], self._source) for c in self._table.columns()}
-        self._lists = {c.name: [] for c in self._table.columns()}
-        self.rows = 0
+        values = self.columns()
         try:
-            return self._table(**values).sorted()
+            table = self._table(**values).sorted()
+            check_copies(table)
+            return table
         except (InputError, ValueError) as error:
             raise InputError(f"{self._source}: {error}") from error
+
+    def columns(self) -> dict[str, NDArray[np.generic]]:
+        """The columns of the rows so far, which nothing has looked at; the collector is empty afterwards."""
+        lists, self._lists = self._lists, {c.name: [] for c in self._table.columns()}
+        self.rows = 0
+        return {c.name: _array(c, lists[c.name], self._source) for c in self._table.columns()}
 
 
 def _array(c: Column, values: list[object], source: str) -> NDArray[np.generic]:

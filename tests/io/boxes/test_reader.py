@@ -137,7 +137,11 @@ def test_several_files_share_the_range_of_frames(tmp_path: Path) -> None:
         ("1,2,3,4,5\n", "5 columns; MOTChallenge has 7 to 10"),
         ("frame,time,left,top,w,h\n0,1,1,1,1,1\n0,2,1,1,1,1\n", "line 3: frame 0 of camera cam has two times"),
         ("frame,time,left,top,w,h\n0,2,1,1,1,1\n1,1,1,1,1,1\n", "frame 1 has time 1000000000 ns, not after"),
-        ("frame,left,top,w,h\n0,1,1,1,1\n2000000000,1,1,1,1\n", "a frame number must be wrong"),
+        ("frame,left,top,w,h\n0,1,1,1,1\n100000001,1,1,1,1\n", "a frame number must be wrong"),
+        ("frame,left,top,w,h\n2000000000,1,1,1,1\n", "line 2: frame 2000000000; it must be below 1000000000"),
+        ("frame,left,top,w,h\n0,-1e308,1,2e308,1\n", "line 2: width is '2e308'; a finite number was expected"),
+        ("frame,x1,y1,x2,y2\n0,-1e308,1,1e308,2\n", "line 2: box that reaches to inf px; no image is larger"),
+        ("frame,left,top,w,h\n0,1,1e308,1,1\n", r"line 2: box that reaches to 1e\+308 px; no image is larger"),
         ("frame,left,top,w,h\n", "no row with a box"),
         ("frame,left\0,top,w,h\n", "not text"),
     ],
@@ -160,6 +164,15 @@ def test_without_a_camera_or_a_time_it_is_said_which_option_helps(tmp_path: Path
         list(read_boxes(files, survey, {}, (), BoxOptions(), Boxes))
 
 
+def test_a_box_that_stands_there_twice_is_refused_wherever_it_stands(tmp_path: Path) -> None:
+    head = "frame,camera,left,top,w,h,conf\n"
+    path = write(tmp_path, head + "0,a,1,1,9,9,0.5\n1,a,1,1,9,9,0.5\n1,b,1,1,9,9,0.5\n1,a,1,1,9,9,0.6\n")
+    assert len(read(BoxFile(path, None))[0]) == 5  # and a look of b at nobody
+    path = write(tmp_path, head + "0,a,1,1,9,9,0.5\n1,a,1,1,9,9,0.5\n0,a,1,1,9,9,0.5\n")
+    with pytest.raises(InputError, match=r"camera a, frame 0 \(from 0\): the box at \(1, 1\) px stands there twice"):
+        read(BoxFile(path, None))
+
+
 def test_extra_columns_can_be_skipped_and_confidences_scaled(tmp_path: Path) -> None:
     path = write(tmp_path, "frame,left,top,w,h,conf,colour\n0,1,1,1,1,55,red\n")
     boxes, _ = read(BoxFile(path, "cam"), options=BoxOptions(confidence_scale=100, ignore_extra=True))
@@ -168,7 +181,7 @@ def test_extra_columns_can_be_skipped_and_confidences_scaled(tmp_path: Path) -> 
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.lists(st.tuples(st.integers(0, 40), st.integers(0, 2), st.integers(1, 9)), min_size=1, max_size=60),
+    st.lists(st.tuples(st.integers(0, 40), st.integers(0, 2), st.integers(2, 9)), min_size=1, max_size=60, unique=True),
     st.booleans(),
 )
 def test_every_frame_of_every_camera_has_its_boxes_or_one_empty_row(

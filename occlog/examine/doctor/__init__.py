@@ -1,0 +1,1 @@
+"""Looks for everything that is wrong in files, and says all of it."""

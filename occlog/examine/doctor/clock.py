@@ -1,0 +1,240 @@
+"""The clocks of sensors: times that go back or repeat, gaps, jumps, epochs, and sensors that are apart from the others.
+
+Only a regular sensor has gaps: one of which nearly all intervals are about the usual one, their median.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from occlog.array_types import NS, Ints
+from occlog.io.files.utc import utc
+from occlog.words import counted
+
+from .findings import LONGEST, Findings
+
+MIN_INTERVALS = 10
+"""Fewer intervals tell no usual one."""
+REGULAR_SHARE, REGULAR_FROM, REGULAR_TO = 0.9, 0.5, 1.5
+"""Of a regular sensor at least this share of intervals is between these times the usual one."""
+MOST_INTERVALS = 50_000
+"""Different intervals that are kept apart; beyond, they are rounded to `DIGITS` digits."""
+DIGITS = 3
+KEPT_GAPS = 64
+FIRST_NS, LAST_NS = 946_684_800 * NS, 4_102_444_800 * NS
+"""Years 2000 to 2100, where times since 1970 are looked for."""
+UNITS = (
+    (10**3, "microseconds", "nanoseconds"),
+    (10**6, "milliseconds", "nanoseconds"),
+    (10**9, "seconds", "nanoseconds"),
+)
+"""Factors by which times that were taken for nanoseconds are too small."""
+SHORTEST_NS = 100_000
+"""A sensor that measures 10,000 times a second has such intervals."""
+APART_NS = 60 * NS
+"""Sensors whose times do not overlap are apart from so much on, and from the length of the recording on."""
+SAME_RATE = 0.01
+
+
+@dataclass
+class Clock:
+    """What the times of one sensor say, fed in the order of the file.
+
+    Attributes:
+        name: the sensor, in words.
+        unique: its times may not repeat, since they are those of frames.
+        dropped: messages whose times repeat or go back are left out by whoever reads the file.
+        sorted: whoever reads the file puts its times in order, so that they may go back.
+    """
+
+    name: str
+    unique: bool = False
+    dropped: bool = False
+    sorted: bool = False
+    count: int = 0
+    low: int = 0
+    high: int = 0
+    _last: int | None = None
+    _last_frame: int | None = None
+    _step: int = 0  # smallest one of frame numbers; 0: they are not known
+    _back: int = 0
+    _repeats: int = 0
+    _first_back: str = ""
+    _first_repeat: str = ""
+    _intervals: dict[int, int] = field(default_factory=dict)
+    _longest: list[tuple[int, int, int]] = field(default_factory=list)  # interval, time before, step of frame numbers
+
+    def add(self, t_ns: Ints, frame: Ints | None = None) -> None:
+        """Take the next times [ns], with the numbers of their frames where there are any."""
+        if not len(t_ns):
+            return
+        before = self.count
+        whole = t_ns if self._last is None else np.concatenate([[self._last], t_ns])
+        # As float64 a difference cannot overflow; it is exact for any interval below 104 days
+        steps = np.diff(whole.astype(np.float64)) if _is_wide(whole) else np.diff(whole)
+        offset = before - (len(whole) - len(t_ns))
+        for place in np.flatnonzero(steps < 0).tolist():
+            self._back += 1
+            if self._back == 1:
+                self._first_back = f"row {offset + place + 1}: {whole[place + 1]} ns after {whole[place]} ns"
+        for place in np.flatnonzero(steps == 0)[:1].tolist():
+            self._first_repeat = self._first_repeat or f"row {offset + place + 1}: {whole[place + 1]} ns"
+        self._repeats += int((steps == 0).sum())
+        self._note_intervals(whole, steps, frame)
+        low, high = int(t_ns.min()), int(t_ns.max())
+        self.low, self.high = (low, high) if not before else (min(self.low, low), max(self.high, high))
+        self._last, self.count = int(t_ns[-1]), before + len(t_ns)
+        self._last_frame = int(frame[-1]) if frame is not None else None
+
+    def _note_intervals(self, whole: Ints, steps: np.ndarray, frame: Ints | None) -> None:
+        forward = np.flatnonzero(steps > 0)
+        if not len(forward):
+            return
+        lengths, counts = np.unique(steps[forward].astype(np.int64), return_counts=True)
+        for length, count in zip(lengths.tolist(), counts.tolist(), strict=True):
+            self._intervals[length] = self._intervals.get(length, 0) + count
+        if len(self._intervals) > MOST_INTERVALS:
+            rounded: dict[int, int] = {}
+            for length, count in self._intervals.items():
+                short = round(length, DIGITS - len(str(length)))
+                rounded[short] = rounded.get(short, 0) + count
+            self._intervals = rounded
+        numbers = np.zeros(len(whole), dtype=np.int64)
+        if frame is not None:
+            known = [] if len(whole) == len(frame) else [self._last_frame if self._last_frame is not None else frame[0]]
+            numbers = np.concatenate([np.array(known, dtype=np.int64), frame])
+            risen = np.diff(numbers)
+            self._step = min([self._step or 2**62, *risen[risen > 0].tolist()])
+        for place in forward[np.argsort(steps[forward])[-KEPT_GAPS:]].tolist():
+            one = (int(steps[place]), int(whole[place]), int(numbers[place + 1] - numbers[place]))
+            if len(self._longest) < KEPT_GAPS:
+                heapq.heappush(self._longest, one)
+            else:
+                heapq.heappushpop(self._longest, one)
+
+    @property
+    def usual_ns(self) -> int | None:
+        """The usual interval [ns], where the sensor is regular; else None."""
+        total = sum(self._intervals.values())
+        if total < MIN_INTERVALS or self._back:
+            return None
+        median = self._median()
+        near = sum(n for d, n in self._intervals.items() if REGULAR_FROM * median <= d <= REGULAR_TO * median)
+        return median if near >= REGULAR_SHARE * total else None
+
+    def _median(self) -> int:
+        """The median of all intervals between different times, 0 without any."""
+        half, seen = sum(self._intervals.values()) / 2, 0
+        for length in sorted(self._intervals):
+            seen += self._intervals[length]
+            if seen >= half:
+                return length
+        return 0
+
+    def judge(self, findings: Findings) -> None:
+        """Note what is wrong with the times of this sensor alone."""
+        if self._back and not self.sorted:
+            findings.add("left-out" if self.dropped else "order", self.name, self._first_back, count=self._back)
+        if self.unique and self._repeats:
+            findings.add(
+                "left-out" if self.dropped else "repeated-time", self.name, self._first_repeat, count=self._repeats
+            )
+        if self.count:
+            self._judge_epoch(findings)
+            self._judge_gaps(findings)
+
+    def _judge_epoch(self, findings: Findings) -> None:
+        usual = self._median()
+        for factor, unit, stated in UNITS:
+            if not FIRST_NS <= self.low * factor <= self.high * factor <= LAST_NS:
+                continue
+            # Intervals tell seconds and milliseconds from short times after 0; those of microseconds tell nothing
+            if factor == UNITS[0][0] or 0 < usual < SHORTEST_NS:
+                meant = utc(self.low * factor)
+                value = f"from {utc(self.low)} if they are {stated}, and from {meant} if they are {unit}"
+                findings.add("epoch-unit", self.name, value)
+                return
+        if self.low < 0 or self.high > LAST_NS:
+            findings.add("epoch", self.name, f"from {utc(self.low)} to {utc(self.high)}")
+
+    def _judge_gaps(self, findings: Findings) -> None:
+        usual = self.usual_ns
+        if usual is None:
+            return
+        long = sorted((one for one in self._longest if one[0] > LONGEST * usual), key=lambda one: one[1])
+        total = sum(n for d, n in self._intervals.items() if d > LONGEST * usual)
+        for length, before, step in long:
+            what = f"for {length / NS:.6g} s, where {usual / NS:.6g} s are usual"
+            missed = f", {counted(step // self._step - 1, 'frame')} by their numbers" if step > self._step > 0 else ""
+            findings.add(
+                "jump" if 0 < step == self._step else "gap",
+                f"{self.name}: after {utc(before)}",
+                what + missed,
+                limit=f"{LONGEST * usual / NS:.6g} s",
+            )
+        if total > len(long):
+            findings.add("gap", self.name, "further ones", count=total - len(long))
+
+
+def _is_wide(t_ns: Ints) -> bool:
+    return int(t_ns.max()) - int(t_ns.min()) >= 2**62
+
+
+def judge_clocks(clocks: Sequence[Clock], findings: Findings) -> None:
+    """Note what is wrong with the times of every sensor, and of each beside the others."""
+    for clock in clocks:
+        clock.judge(findings)
+    # Whoever has times of another epoch is not late too
+    told = [clock for clock in clocks if clock.count]
+    apart = list(_apart(told))
+    for clock in apart:
+        others = [other for other in told if other not in apart]
+        low, high = min(other.low for other in others), max(other.high for other in others)
+        value = f"{utc(clock.low)} to {utc(clock.high)}; the others {utc(low)} to {utc(high)}"
+        findings.add("clock-apart", clock.name, value)
+    for clock, late_ns in _late([clock for clock in told if clock not in apart]):
+        limit = f"{LONGEST * (clock.usual_ns or 0) / NS:.6g} s"
+        findings.add("clock-late", clock.name, f"by {late_ns / NS:.6g} s", limit=limit)
+
+
+def _apart(clocks: Sequence[Clock]) -> Iterator[Clock]:
+    """Those whose times lie far from the group with the most sensors; the first such group stays."""
+    groups: list[list[Clock]] = []
+    end = 0
+    margin = max([APART_NS, *(clock.high - clock.low for clock in clocks)])
+    for clock in sorted(clocks, key=lambda c: c.low):
+        if groups and clock.low - end <= margin:
+            groups[-1].append(clock)
+            end = max(end, clock.high)
+        else:
+            groups.append([clock])
+            end = clock.high
+    best = max(groups, key=lambda group: (len(group), sum(c.count for c in group)), default=[])
+    for group in groups:
+        if group is not best:
+            yield from group
+
+
+def _late(clocks: Iterable[Clock]) -> Iterator[tuple[Clock, int]]:
+    """Regular sensors with as many times as the others of their rate, all of them later (or earlier) by one time [ns].
+
+    Of two sensors the later one is taken for late.
+    """
+    regular = [(clock, usual) for clock in clocks if (usual := clock.usual_ns) is not None]
+    for clock, usual in regular:
+        like = [
+            other
+            for other, their in regular
+            if abs(their - usual) <= SAME_RATE * usual and abs(other.count - clock.count) <= 1
+        ]
+        if len(like) < 2:
+            continue
+        others = sorted(like, key=lambda c: c.low)
+        middle = others[(len(others) - 1) // 2]
+        begins, ends = clock.low - middle.low, clock.high - middle.high
+        if abs(begins) > LONGEST * usual and abs(begins - ends) <= usual / 2:
+            yield clock, begins

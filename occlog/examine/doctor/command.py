@@ -1,0 +1,52 @@
+"""The `occlog doctor` command: everything that is wrong in files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from occlog.cli import options
+from occlog.details import tell
+
+
+@click.command(name="doctor", short_help="List everything that is wrong in recordings, tables and other files.")
+@click.argument("files", nargs=-1, required=True, type=options.INPUT)
+@options.json_opt
+@options.quiet_opt
+def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
+    """List everything that is wrong in FILES: recordings, tables, scenes, calibrations, videos, and their clocks.
+
+    Of a folder all files are looked at, those of its own folders too.  Each finding is one line: how bad it is, the
+    file, the place in it, what is there, what may be there, and what to do.  Nothing is changed, and nothing stops
+    at the first finding.
+
+    The exit code is that of the worst finding: 4 for an error, at which a command that reads the file stops; 3 for
+    a warning, with which it goes on; 0 for notes, and where nothing is found.
+
+    \b
+      occlog doctor hall.mcap
+      occlog doctor run/ --json | jq '.findings[] | select(.severity == "error")'
+    """
+    from occlog.words import counted
+
+    from .findings import Severity, exit_code
+    from .run import look_at
+
+    found = look_at(files, lambda path: tell(f"{path}: looked at"))
+    of = {severity: sum(f.severity is severity for f in found.findings) for severity in Severity}
+    if as_json:
+        counts = {f"{severity}s": count for severity, count in of.items()}
+        listed = [finding.as_dict() for finding in found.findings]
+        options.echo_summary(
+            {"files": found.files, "others": dict(sorted(found.others.items())), **counts, "findings": listed}, True
+        )
+        return exit_code(found.findings)
+    for finding in found.findings:
+        click.echo(str(finding))
+    if not quiet:
+        words = ", ".join(counted(count, str(severity)) for severity, count in of.items() if count) or "nothing found"
+        others = sum(found.others.values())
+        more = f"; {counted(others, 'other file')} not looked at" if others else ""
+        options.note(f"{counted(found.files, 'file')}: {words}{more}")
+    return exit_code(found.findings)

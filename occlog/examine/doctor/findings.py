@@ -1,0 +1,248 @@
+"""What can be found wrong in a file: the kinds of findings, and the list of those that were found."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+from occlog.errors import ExitCode
+
+MOST = 10
+"""Findings of one kind and file that are listed one by one; further ones are counted."""
+
+
+class Severity(StrEnum):
+    """How bad a finding is, which is what a command does that reads the file."""
+
+    ERROR = "error"
+    """The command stops, and says so (exit code 4)."""
+    WARNING = "warning"
+    """The command goes on: something is lost, or its result may be wrong."""
+    NOTE = "note"
+    """Worth knowing."""
+
+
+EXIT_CODES = {Severity.ERROR: ExitCode.BAD_INPUT, Severity.WARNING: ExitCode.LOSSY, Severity.NOTE: ExitCode.DONE}
+"""The exit code of the worst finding; without any it is 0."""
+
+
+class Kind(NamedTuple):
+    """A kind of findings.
+
+    Attributes:
+        severity: how bad it is.
+        what: what is wrong, in words.
+        limit: up to where it would not be; empty: none can be stated, or the value says it.
+        remedy: what to do; empty: the value says it.
+    """
+
+    severity: Severity
+    what: str
+    limit: str = ""
+    remedy: str = ""
+
+
+E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
+LONGEST = 2.5
+"""An interval of more than so many usual ones is a gap."""
+KINDS: dict[str, Kind] = {
+    "unreadable": Kind(E, "cannot be read"),
+    "unknown": Kind(W, "is no file that occlog knows", remedy="name a recording, a table, a scene or a video"),
+    "no-table": Kind(N, "fits none of occlog's tables"),
+    "not-looked-at": Kind(W, "not looked at", remedy="name the files, or a folder with fewer"),
+    "damaged-recording": Kind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
+    "damaged-table": Kind(E, "rows that are damaged", remedy="make the table again from the recording"),
+    "damaged-bag": Kind(W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"),
+    "message": Kind(E, "a message that is not of its type", remedy="make the recording again"),
+    "row": Kind(E, "a row that cannot be"),
+    "repeated-row": Kind(E, "rows that stand there again", "once", "leave out the copies"),
+    "double-key": Kind(W, "rows of one key with different values", "one row", "keep one of them"),
+    "order": Kind(E, "a time that goes back", "each after the one before", "sort by time"),
+    "repeated-time": Kind(E, "a time that repeats", "each after the one before", "give each frame its own time"),
+    "left-out": Kind(
+        W, "a header stamp that repeats or goes back", "each after the one before", "`occlog ingest` leaves it out"
+    ),
+    "lost-message": Kind(W, "a message that is not of its type", remedy="`occlog ingest` leaves it out"),
+    "undecoded": Kind(N, "messages of which only the times of recording were looked at"),
+    "linked-video": Kind(E, "its video cannot be used"),
+    "image": Kind(W, "an image that cannot be decoded", remedy="its frame is lost; ingest the source again"),
+    "video-frames": Kind(W, "frames that are lost", remedy="copy or repair the file"),
+    "sound": Kind(W, "samples that are lost", remedy="copy or repair the file"),
+    "uneven-video": Kind(
+        N, "frames at uneven times", remedy="keep its time stamps: give no frame rate (ingest --fps) for it"
+    ),
+    "doubt": Kind(W, "may be wrong"),
+    "losses": Kind(N, "lost when it was made"),
+    "epoch-unit": Kind(W, "times in another unit than is stated", remedy="name the column after its unit, or multiply"),
+    "epoch": Kind(W, "times outside 1970 to 2100", remedy="give the origin of the times"),
+    "gap": Kind(W, "nothing came", f"{LONGEST:g} usual intervals", "expect no estimates of this time by this sensor"),
+    "jump": Kind(
+        W,
+        "a clock that jumps: the frames are numbered on",
+        f"{LONGEST:g} usual intervals",
+        "take the times of another clock",
+    ),
+    "clock-apart": Kind(
+        W, "times that do not meet those of the other sensors", remedy="give an offset (ingest --offset)"
+    ),
+    "clock-late": Kind(
+        W,
+        "begins and ends later (or earlier, below 0) than the others, by the same time",
+        f"{LONGEST:g} usual intervals",
+        "if its clock is off, give an offset (ingest --offset)",
+    ),
+    "two-clocks": Kind(W, "recorded at other times than its header stamps say", remedy="choose one: ingest --stamp"),
+}
+"""Every kind of findings, by the name that it has in JSON."""
+
+
+class Finding(NamedTuple):
+    """Something that is wrong.
+
+    Attributes:
+        kind: one of `KINDS`.
+        file: the file, as it was named.
+        place: where in it: byte, line, row, sensor and time; empty: in the whole of it.
+        value: what is there.
+        limit: what may be there; empty: that of the kind.
+        places: how many places are like this one, itself included.
+    """
+
+    kind: str
+    file: str
+    place: str
+    value: str
+    limit: str = ""
+    places: int = 1
+
+    @property
+    def severity(self) -> Severity:
+        """How bad it is."""
+        return KINDS[self.kind].severity
+
+    def as_dict(self) -> dict[str, Any]:
+        """The finding as JSON-ready values."""
+        kind = KINDS[self.kind]
+        return {
+            "severity": str(kind.severity),
+            "kind": self.kind,
+            "file": self.file,
+            "place": self.place or None,
+            "what": kind.what,
+            "value": self.value or None,
+            "limit": self.limit or kind.limit or None,
+            "remedy": kind.remedy.format(file=self.file) or None,
+            "count": self.places,
+        }
+
+    def __str__(self) -> str:
+        said = self.as_dict()
+        place = f" {self.place}:" if self.place else ""
+        more = f" (and {self.places - 1} more like it)" if self.places > 1 else ""
+        limit = f"; limit: {said['limit']}" if said["limit"] else ""
+        remedy = f"; {said['remedy']}" if said["remedy"] else ""
+        value = f": {self.value}" if self.value else ""
+        return f"{self.severity}: {self.file}:{place} {said['what']}{value}{more}{limit}{remedy}"
+
+
+_PLACE = re.compile(r"^((?:among )?(?:line|rows?|entry|after line|byte) [\d andto]*\d)(?: \(from 0\))?: ")
+_VALUE = re.compile(r"'[^']*'|[-+]?\d[\d.]*(?:e[-+]?\d+)?")
+
+
+class Findings:
+    """The findings of one file; those that differ in place and numbers alone are counted together."""
+
+    def __init__(self, file: str) -> None:
+        """Nothing has been found yet."""
+        self._file = file
+        self._found: dict[tuple[str, str], Finding] = {}
+        self._kinds: dict[str, int] = {}
+
+    def add(self, kind: str, place: str, value: str, *, limit: str = "", count: int = 1, alike: str = "") -> None:
+        """Note a finding.
+
+        Args:
+            kind: one of `KINDS`.
+            place: where it is.
+            value: what is there.
+            limit: what may be there, if the kind does not say it.
+            count: how many places it stands for.
+            alike: what findings have in common that are counted as one; empty: each of the first `MOST` stands alone.
+        """
+        key = (kind, alike or f"{place}\0{value}")
+        if key not in self._found and self._kinds.get(kind, 0) >= MOST:
+            key = next(each for each in reversed(self._found) if each[0] == kind)
+        known = self._found.get(key)
+        if known is not None:
+            self._found[key] = known._replace(places=known.places + count)
+            return
+        self._kinds[kind] = self._kinds.get(kind, 0) + 1
+        self._found[key] = Finding(kind, self._file, place, value, limit, count)
+
+    def refused(self, kind: str, error: Exception, *, place: str = "") -> None:
+        """Note what a reader says of a place; the same said of other places with other numbers is counted with it."""
+        text = str(error).removeprefix(f"{self._file}: ")
+        found = _PLACE.match(text)
+        if found is not None:
+            place, text = found[1], text[found.end() :]
+        self.add(kind, place, text, alike=_VALUE.sub("#", text))
+
+    def join(self, others: Findings) -> None:
+        """Take the findings of another file."""
+        for (kind, alike), finding in others._found.items():
+            self._found[kind, f"{finding.file}\0{alike}"] = finding
+            self._kinds.setdefault(kind, 0)
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(self._found.values())
+
+    def has(self, *kinds: str) -> bool:
+        """Whether there is a finding of one of the kinds."""
+        return any(kind in self._kinds for kind in kinds)
+
+
+def exit_code(findings: Iterable[Finding]) -> ExitCode:
+    """The exit code of the worst of the findings."""
+    return max((EXIT_CODES[finding.severity] for finding in findings), default=ExitCode.DONE)
+
+
+def finding_schema() -> dict[str, object]:
+    """JSON Schema of what `occlog doctor --json` prints."""
+    text, maybe = {"type": "string"}, {"type": ["string", "null"]}
+    count = {"type": "integer", "minimum": 0}
+    finding = {
+        "severity": {"enum": [str(severity) for severity in Severity]},
+        "kind": {"enum": list(KINDS)},
+        "file": text | {"description": "as it was named, with the folder in which it was found"},
+        "place": maybe | {"description": "byte, line, row, sensor and time; null: the whole file"},
+        "what": text,
+        "value": maybe | {"description": "what is there"},
+        "limit": maybe | {"description": "what may be there"},
+        "remedy": maybe | {"description": "what to do; null where the value says it"},
+        "count": count | {"description": "places like this one, itself included"},
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "occlog doctor: findings",
+        "type": "object",
+        "properties": {
+            "files": count | {"description": "files that were looked at"},
+            "others": {
+                "type": "object",
+                "additionalProperties": count,
+                "description": "files of folders that occlog does not know, by the ending of their names",
+            },
+            "errors": count,
+            "warnings": count,
+            "notes": count,
+            "findings": {"type": "array", "items": _object(finding)},
+        },
+        "required": ["files", "others", "errors", "warnings", "notes", "findings"],
+        "additionalProperties": False,
+    }
+
+
+def _object(properties: dict[str, Any]) -> dict[str, object]:
+    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}

@@ -1,0 +1,207 @@
+"""Recordings of occlog: chunks and their check sums, messages, images, linked videos, the scene and the clocks."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap import records
+from mcap.data_stream import ReadDataStream
+
+from occlog.errors import InputError
+from occlog.io.frames.codec import decode_image
+from occlog.io.models.fundamental_matrices import attached_epipolar
+from occlog.io.recording.mcap_errors import open_mcap
+from occlog.io.recording.reader import IMAGE_SCHEMA, ROWS_PER_CHUNK, Recording, open_linked, parse_image, sensor_of
+from occlog.io.recording.rows import RECORDED, RowCollector, schema_of
+from occlog.io.recording.salvage import CHANNEL, FAILURES, MESSAGE, SCHEMA, repeated_records, whole_records
+from occlog.io.recording.writer import VIDEO_FRAME
+from occlog.records.columns import Table
+
+from .clock import Clock, judge_clocks
+from .findings import Findings
+from .rows import TableWatch, sift
+from .tables import note_losses
+from .video import look_at_video
+
+_MESSAGE = struct.Struct("<HIQQ")
+TABLES = {schema_of(table): table for table in RECORDED}
+
+
+class _Message(NamedTuple):
+    topic: str
+    schema: str
+    encoding: str
+    number: int
+    log_ns: int
+    data: bytes
+
+
+def look_at_recording(path: Path, recording: Recording | None, findings: Findings, seen: set[Path]) -> None:
+    """Look at every message of a recording.
+
+    Args:
+        path: the recording.
+        recording: it, opened; None: it is damaged, and what is whole is looked at.
+        findings: takes what is wrong.
+        seen: videos that have been looked at; those that are linked to are added.
+    """
+    look, fault = _Look(path, findings), None
+    if recording is not None:
+        note_losses(recording.losses, findings)
+        try:
+            attached_epipolar(recording)
+        except InputError as error:
+            findings.refused("unreadable", error)
+        for camera in sorted(recording.videos):
+            _look_at_link(recording, camera, findings, seen)
+        try:
+            for message in _in_order(path):
+                look.take(message)
+        except InputError as error:
+            # Read on without the index, which tells all damage
+            recording, fault = None, error
+            look = _Look(path, findings)
+    if recording is None:
+        for message in _whole(path, findings):
+            look.take(message)
+    if fault is not None and not findings.has("damaged-recording"):
+        findings.refused("damaged-recording", InputError(str(fault).split(";")[0]))
+    look.finish()
+
+
+def _in_order(path: Path) -> Iterator[_Message]:
+    with open_mcap(path) as (reader, _):
+        for schema, channel, message in reader.iter_messages():
+            kind = "" if schema is None else schema.name
+            yield _Message(
+                channel.topic, kind, channel.message_encoding, message.sequence, message.log_time, message.data
+            )
+
+
+def _whole(path: Path, findings: Findings) -> Iterator[_Message]:
+    """Messages of a damaged recording, in the order of the file; all damage is noted."""
+    schemas: dict[int, records.Schema] = {}
+    channels: dict[int, records.Channel] = {}
+
+    def define(code: int, data: bytes) -> None:
+        with suppress(*FAILURES):
+            if code == SCHEMA:
+                schema = records.Schema.read(ReadDataStream(io.BytesIO(data)))
+                schemas.setdefault(schema.id, schema)
+            elif code == CHANNEL:
+                channel = records.Channel.read(ReadDataStream(io.BytesIO(data)))
+                channels.setdefault(channel.id, channel)
+
+    try:
+        for record in repeated_records(path):
+            define(record.code, record.data)
+        for record in whole_records(path, lambda at, what: findings.add("damaged-recording", f"byte {at}", what)):
+            if record.code != MESSAGE:
+                define(record.code, record.data)
+                continue
+            channel_id, number, log_ns, _ = _MESSAGE.unpack_from(record.data)
+            channel = channels.get(channel_id)
+            if channel is not None:
+                schema = schemas.get(channel.schema_id)
+                kind = "" if schema is None else str(schema.name)
+                yield _Message(
+                    channel.topic, kind, channel.message_encoding, number, log_ns, record.data[_MESSAGE.size :]
+                )
+    except InputError as error:
+        if not findings.has("unreadable"):
+            findings.refused("unreadable", error)
+
+
+def _look_at_link(recording: Recording, camera: str, findings: Findings, seen: set[Path]) -> None:
+    try:
+        video = open_linked(recording.path, camera, recording.videos.get(camera))
+    except InputError as error:
+        findings.refused("linked-video", error)
+        return
+    video.close()
+    if video.path.resolve() in seen:
+        return
+    seen.add(video.path.resolve())
+    own = Findings(str(video.path))
+    look_at_video(video.path, own)
+    findings.join(own)
+
+
+class _Look:
+    """What is known of the messages so far."""
+
+    def __init__(self, path: Path, findings: Findings) -> None:
+        self._path, self._findings = path, findings
+        self._collectors: dict[type[Table], RowCollector[Any]] = {}
+        self._watches: dict[type[Table], TableWatch] = {}
+        self._clocks: dict[str, Clock] = {}
+        self._times: dict[str, list[tuple[int, int]]] = {}  # of frames, with their numbers
+
+    def take(self, message: _Message) -> None:
+        """Look at a message."""
+        table = TABLES.get(message.schema)
+        try:
+            if table is not None:
+                self._rows(table, message)
+            elif message.schema in (IMAGE_SCHEMA, VIDEO_FRAME):
+                self._frame(message)
+        except InputError as error:
+            text = str(error).removeprefix(f"{self._path}: ")
+            self._findings.refused("message", InputError(text), place=f"{message.topic}, message {message.number}")
+
+    def finish(self) -> None:
+        """Judge what is known when all messages have been seen."""
+        for table in self._collectors:
+            self._sift(table)
+        for watch in self._watches.values():
+            watch.finish()
+        for sensor in self._times:
+            self._tell_clock(sensor)
+        judge_clocks(list(self._clocks.values()), self._findings)
+
+    def _rows(self, table: type[Table], message: _Message) -> None:
+        if table not in self._collectors:
+            self._collectors[table] = RowCollector(table, str(self._path))
+            self._watches[table] = TableWatch(table, self._findings)
+        collector = self._collectors[table]
+        collector.add(message.topic, message.data)
+        if collector.rows >= ROWS_PER_CHUNK:
+            self._sift(table)
+
+    def _sift(self, table: type[Table]) -> None:
+        values = self._collectors[table].columns()
+        order = np.lexsort([values[name] for name in reversed(table.KEY)])
+        rows = {name: column[order] for name, column in values.items()}
+        sift(
+            len(order),
+            lambda start, stop: table(**{name: column[start:stop] for name, column in rows.items()}),
+            self._watches[table],
+            lambda row: f"/{table.NAME}, {rows['t_ns'][row]} ns",
+        )
+
+    def _frame(self, message: _Message) -> None:
+        sensor, t_ns = sensor_of(message.topic), message.log_ns
+        if message.schema == IMAGE_SCHEMA:
+            where = f"camera {sensor}: frame {message.number}"
+            stamp, image = parse_image(message.encoding, message.data, where)
+            t_ns = stamp or t_ns
+            try:
+                decode_image(image, where)
+            except InputError as error:
+                self._findings.refused("image", InputError(str(error).removeprefix(f"{where}: ")), place=where)
+        times = self._times.setdefault(sensor, [])
+        times.append((t_ns, message.number))
+        if len(times) >= ROWS_PER_CHUNK:
+            self._tell_clock(sensor)
+
+    def _tell_clock(self, sensor: str) -> None:
+        clock = self._clocks.setdefault(sensor, Clock(f"camera {sensor}", unique=True))
+        t_ns, number = np.array(self._times[sensor], dtype=np.int64).reshape(-1, 2).T
+        clock.add(t_ns, number)
+        self._times[sensor] = []

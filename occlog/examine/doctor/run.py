@@ -1,0 +1,163 @@
+"""Looks at files and at all files of folders, each for itself: one that is damaged does not stop the others."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from occlog.errors import InputError, OcclogError, UsageError
+from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, Content, content_of
+from occlog.io.files.parquet import is_ours
+from occlog.io.foreign.source import ARROW_MAGIC, STREAM_MAGIC, find_source
+from occlog.io.frames.codec import image_kind
+from occlog.io.messages.bag import METADATA
+from occlog.io.recording.reader import open_recording
+from occlog.io.sound.wav import open_sound
+from occlog.io.video.reader import read_container
+
+from .bag import look_at_bag
+from .findings import Finding, Findings
+from .recording import look_at_recording
+from .tables import look_at_others, look_at_table
+from .texts import look_at_text
+from .video import look_at_image, look_at_video
+
+MOST_FILES = 10_000
+"""Files of a folder, with its own folders, that are looked at."""
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".ts", ".flv", ".m4v", ".wmv")
+PAGES = (".md", ".html", ".pdf", ".py", ".sh", ".log", ".source", ".svg")
+"""Endings of names of files that hold no data."""
+
+
+@dataclass
+class Diagnosis:
+    """What was found in all files.
+
+    Attributes:
+        files: number of files that were looked at.
+        others: files of folders that are not known, by the ending of their names.
+        findings: all of it, in the order of the files.
+    """
+
+    files: int = 0
+    others: Counter[str] = field(default_factory=Counter)
+    findings: list[Finding] = field(default_factory=list)
+
+
+def look_at(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: None) -> Diagnosis:
+    """Look at files, and at the files of folders.
+
+    Args:
+        paths: files and folders.
+        each: is told of each file before it is looked at.
+    """
+    out, seen = Diagnosis(), set[Path]()
+    for path in paths:
+        for file, named in _files(path, out):
+            each(file)
+            findings = Findings(str(file))
+            known = file.resolve() in seen or _look_at_one(file, findings, seen)
+            if not known and named:
+                findings.add("unknown", "", "")
+            if known or named:
+                out.files += 1
+            else:
+                out.others[file.suffix.lower() or "without an ending"] += 1
+            out.findings += findings
+    return out
+
+
+def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
+    """Files, and folders that are one bag; whether the user named each."""
+    if not path.is_dir() or _is_bag(path):
+        yield path, True
+        return
+    number = 0
+    for folder, folders, names in os.walk(path):
+        folders.sort()
+        bags = [name for name in folders if _is_bag(Path(folder, name))]
+        folders[:] = [name for name in folders if name not in bags and not name.startswith(".")]
+        # Recordings first: what they link to is looked at with them
+        for name in sorted([*bags, *names], key=lambda name: (not name.endswith(".mcap"), name)):
+            number += 1
+            if number > MOST_FILES:
+                beyond = Findings(str(path))
+                beyond.add("not-looked-at", "", f"files after the first {MOST_FILES}")
+                out.findings += beyond
+                return
+            if not name.startswith("."):
+                yield Path(folder, name), False
+
+
+def _is_bag(folder: Path) -> bool:
+    """Whether a folder says that its files are one bag."""
+    return (folder / METADATA).is_file()
+
+
+def _look_at_one(path: Path, findings: Findings, seen: set[Path]) -> bool:
+    """Look at one file; whether it is of a kind that occlog knows."""
+    try:
+        return _by_content(path, findings, seen)
+    except OcclogError as error:
+        findings.refused("unreadable", error)
+    except OSError as error:
+        findings.add("unreadable", "", error.strerror or str(error))
+    return True
+
+
+def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
+    if path.is_dir():
+        look_at_bag(path, findings)
+        return True
+    if path.suffix.lower() in PAGES:
+        return False
+    content = content_of(path)
+    with path.open("rb") as file:
+        head = file.read(16)
+    if content is Content.RECORDING:
+        _mcap(path, findings, seen)
+    elif head.startswith((SQLITE_MAGIC, ZSTD_MAGIC)):
+        look_at_bag(path, findings)
+    elif content is Content.TABLE or head.startswith((ARROW_MAGIC, STREAM_MAGIC)):
+        if content is Content.TABLE and is_ours(path):
+            look_at_table(path, findings)
+        elif (source := find_source(path)) is not None:
+            return look_at_others(source, findings)
+    elif head[:4] in (b"RIFF", b"RF64") and head[8:12] == b"WAVE":
+        sound = open_sound(path)
+        for _ in sound.blocks():
+            pass
+        for loss in sound.losses:
+            findings.add("sound", loss.place, loss.what, count=max(loss.count, 1))
+    elif image_kind(head) is not None or path.suffix.lower() in (".png", ".jpg", ".jpeg"):
+        look_at_image(path, findings)
+    elif path.suffix.lower() in VIDEOS or read_container(path) is not None:
+        seen.add(path.resolve())
+        look_at_video(path, findings)
+    elif path.suffix.lower() in (".mcap", ".parquet"):
+        raise InputError(f"{path}: does not begin as its name says")
+    else:
+        return look_at_text(path, findings)
+    return True
+
+
+def _mcap(path: Path, findings: Findings, seen: set[Path]) -> None:
+    """A recording of occlog, perhaps damaged, or a bag."""
+    with path.open("rb") as file:
+        says_occlog = b"occlog" in file.read(64)[len(RECORDING_MAGIC) :]
+    try:
+        recording = open_recording(path)
+    except (InputError, UsageError) as error:
+        if not says_occlog:
+            look_at_bag(path, findings)
+            return
+        findings.refused("unreadable", error)
+        look_at_recording(path, None, findings, seen)
+        return
+    if recording.ours:
+        look_at_recording(path, recording, findings, seen)
+    else:
+        look_at_bag(path, findings)

@@ -1,0 +1,176 @@
+"""Texts: scenes, calibrations, tables of boxes, of times and of others, JSON, XML, TOML and YAML."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.errors import InputError, UsageError
+from occlog.io.boxes.objects import is_json
+from occlog.io.boxes.reader import box_source
+from occlog.io.calibration.common import CalibrationOptions
+from occlog.io.calibration.reader import read_calibration
+from occlog.io.files.csv_rows import Rows, bad_lines_told_to
+from occlog.io.files.guard import read_configuration
+from occlog.io.files.json_file import MAX_JSON_BYTES, parse_json
+from occlog.io.files.timestamps import iter_times, looks_like_times, parse_times
+from occlog.io.files.toml_file import toml_values
+from occlog.io.files.xml_file import parse_xml
+from occlog.io.files.yaml_nodes import yaml_documents
+from occlog.io.foreign.source import find_source
+from occlog.io.foreign.table import ForeignTable, best_fit
+from occlog.io.scenes.scene import read_scene
+from occlog.io.scenes.stations import read_stations
+
+from .boxes import look_at_boxes
+from .clock import Clock, judge_clocks
+from .findings import Findings
+from .rows import halves
+from .tables import look_at_foreign
+
+ANY_SIZE = (1920, 1080)
+SCENE = "occlog_scene"
+TEXTS = (".csv", ".tsv", ".txt", ".gz", ".tum", ".trc", ".geojson", "")
+"""Endings of names of text tables."""
+
+
+def look_at_text(path: Path, findings: Findings) -> bool:
+    """Look at a text; whether it is one that occlog knows."""
+    kind = path.suffix.lower()
+    if kind in (".yaml", ".yml"):
+        return _yaml(path, findings)
+    if kind in (".toml", ".xml"):
+        return _structured(path, kind, findings)
+    if kind in (".npz", ".npy", ".mat"):
+        return _calibration(path, findings)
+    if kind == ".json" or (kind in TEXTS and is_json(path) and kind != ".geojson"):
+        return _json(path, findings)
+    return kind in TEXTS and _table(path, findings)
+
+
+def _yaml(path: Path, findings: Findings) -> bool:
+    try:
+        documents = yaml_documents(read_configuration(path, "YAML"), path, "YAML")
+    except InputError as error:
+        findings.refused("unreadable", error)
+        return True
+    keys: Any = documents[0] if documents and isinstance(documents[0], dict) else {}
+    if SCENE in keys or {"cameras", "room", "microphone_arrays"} & set(keys):
+        try:
+            read_scene(path)
+        except InputError as error:
+            findings.refused("unreadable", error)
+        return True
+    return _calibration(path, findings)
+
+
+def _calibration(path: Path, findings: Findings) -> bool:
+    """Whether a file is a calibration of a known format; what cannot be read of one is noted."""
+    try:
+        # Some formats want a size of the images, which is then asked for: any will do for a look
+        calibration = read_calibration([path], options=CalibrationOptions(image_size=ANY_SIZE))
+    except (InputError, UsageError) as error:
+        if "not a calibration of a known format" in str(error):
+            return False
+        findings.refused("unreadable", error)
+        return True
+    for told in calibration.told:
+        if told.startswith("warning: "):
+            findings.add("doubt", "", told.removeprefix("warning: "))
+    return True
+
+
+def _structured(path: Path, kind: str, findings: Findings) -> bool:
+    """XML and TOML: not well-formed, or a calibration."""
+    try:
+        text = read_configuration(path, kind[1:].upper(), limit=MAX_JSON_BYTES)
+        parse_xml(text, path) if kind == ".xml" else toml_values(text, path, "TOML")
+    except InputError as error:
+        findings.refused("unreadable", error)
+        return True
+    return _calibration(path, findings)
+
+
+def _json(path: Path, findings: Findings) -> bool:
+    try:
+        source = box_source(path)
+    except InputError as of_boxes:
+        try:
+            value = parse_json(read_configuration(path, "JSON", limit=MAX_JSON_BYTES), path, "JSON")
+        except InputError as error:
+            findings.refused("unreadable", error)
+            return True
+        if isinstance(value, list) and value and path.suffix.lower() == ".json":
+            findings.refused("unreadable", of_boxes)
+            return True
+        return True
+    look_at_boxes(source, findings)
+    return True
+
+
+def _table(path: Path, findings: Findings) -> bool:
+    """A text table: one that fits ours, boxes, stations, time stamps, a calibration."""
+    fault: InputError | None = None
+    if looks_like_times(path):
+        _times(path, findings)
+        return True
+    try:
+        source = find_source(path)
+        if source is not None:
+            look_at_foreign(ForeignTable(source, best_fit(source)), findings)
+            return True
+    except InputError as error:
+        fault = error
+    try:
+        own = Findings(str(path))
+        with bad_lines_told_to(partial(own.refused, "row")):
+            boxes = box_source(path)
+        findings.join(own)
+        look_at_boxes(boxes, findings)
+        return True
+    except InputError:
+        if _is_scene(path) or _calibration(path, findings):
+            return True
+    if fault is not None:
+        findings.refused("no-table", fault)
+    return False
+
+
+def _is_scene(path: Path) -> bool:
+    """Whether a file is a table of stations, all of which can be."""
+    try:
+        read_stations(path)
+    except InputError:
+        return False
+    return True
+
+
+def _times(path: Path, findings: Findings) -> None:
+    """Look at a table of time stamps."""
+    clocks: dict[str, Clock] = {}
+    try:
+        with bad_lines_told_to(partial(findings.refused, "row")):
+            for rows, unit in iter_times(path):
+                _take_times(rows, unit, clocks, findings)
+    except InputError as error:
+        findings.refused("unreadable", error)
+    judge_clocks(list(clocks.values()), findings)
+
+
+def _take_times(rows: Rows, unit: str, clocks: dict[str, Clock], findings: Findings) -> None:
+    def make(start: int, stop: int) -> tuple[Rows, Ints]:
+        part = rows.pick(np.arange(start, stop))
+        return part, parse_times(part, unit, unit)
+
+    good: list[tuple[Rows, Ints]] = []
+    for _, error in halves(len(rows), make, good):
+        findings.refused("row", error)
+    for part, t_ns in good:
+        labels = part.cells["camera"] if part.has("camera") else np.full(len(part), "")
+        for label in np.unique(labels).tolist():
+            clock = clocks.setdefault(label, Clock(f"camera {label}" if label else "times", unique=True))
+            clock.add(t_ns[labels == label])
