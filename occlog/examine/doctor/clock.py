@@ -49,12 +49,14 @@ class Clock:
         unique: its times may not repeat, since they are those of frames.
         dropped: messages whose times repeat or go back are left out by whoever reads the file.
         sorted: whoever reads the file puts its times in order, so that they may go back.
+        sporadic: no time means that there was nothing, as for a reader without a tag; such a sensor has no gaps.
     """
 
     name: str
     unique: bool = False
     dropped: bool = False
     sorted: bool = False
+    sporadic: bool = False
     count: int = 0
     low: int = 0
     high: int = 0
@@ -163,7 +165,7 @@ class Clock:
 
     def _judge_gaps(self, findings: Findings) -> None:
         usual = self.usual_ns
-        if usual is None:
+        if usual is None or self.sporadic:
             return
         long = sorted((one for one in self._longest if one[0] > LONGEST * usual), key=lambda one: one[1])
         total = sum(n for d, n in self._intervals.items() if d > LONGEST * usual)

@@ -11,12 +11,15 @@ from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.io.files.utc import utc
 from occlog.records.columns import Table, repeated_rows
+from occlog.records.tables import Bearings, Boxes, Truth, TruthBoxes
 
 from .clock import Clock, judge_clocks
 from .findings import Findings
 
 MOST_CHECKS = 1000
 """Checks of parts of some thousand rows: about 80 bad rows are found by so many."""
+COMPLETE = tuple(table.NAME for table in (Bearings, Boxes, TruthBoxes, Truth))
+"""Tables with a row for each frame or moment, whatever was seen; in the others no row says that nothing was there."""
 M = TypeVar("M")
 MOST_HELD = 65_536
 """Rows of one time that are held back for those of the same time in the next part."""
@@ -76,7 +79,7 @@ class TableWatch:
             self._clock(f"sensor {name}").add(t_ns[own], None if frame is None else frame[own])
 
     def _clock(self, name: str) -> Clock:
-        return self._clocks.setdefault(name, Clock(name, sorted=True))
+        return self._clocks.setdefault(name, Clock(name, sorted=True, sporadic=self.table.NAME not in COMPLETE))
 
 
 def halves(

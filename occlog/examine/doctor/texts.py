@@ -33,6 +33,8 @@ from .rows import halves
 from .tables import look_at_foreign
 
 ANY_SIZE = (1920, 1080)
+OURS = "occlog_"
+"""Begins the key that says what a file of ours is."""
 SCENE = "occlog_scene"
 TEXTS = (".csv", ".tsv", ".txt", ".gz", ".tum", ".trc", ".geojson", "")
 """Endings of names of text tables."""
@@ -59,13 +61,15 @@ def _yaml(path: Path, findings: Findings) -> bool:
         findings.refused("unreadable", error)
         return True
     keys: Any = documents[0] if documents and isinstance(documents[0], dict) else {}
-    if SCENE in keys or {"cameras", "room", "microphone_arrays"} & set(keys):
+    marks = [key for key in keys if str(key).startswith(OURS)]
+    if SCENE in keys or (not marks and {"cameras", "room", "microphone_arrays"} & set(keys)):
         try:
             read_scene(path)
         except InputError as error:
             findings.refused("unreadable", error)
         return True
-    return _calibration(path, findings)
+    # Settings of runs, sweeps and networks are read by their commands
+    return not marks and _calibration(path, findings)
 
 
 def _calibration(path: Path, findings: Findings) -> bool:

@@ -75,6 +75,8 @@ def test_a_sensor_without_a_rhythm_has_no_gaps() -> None:
     t_ns = START + np.cumsum(draws * NS).astype(np.int64)
     assert judged(clock(t_ns)) == []
     assert judged(clock(regular(5, step=NS))) == []
+    # A reader without a tag says nothing
+    assert judged(clock(with_interval(NS), sporadic=True)) == []
 
 
 def test_times_that_go_back_and_repeat() -> None:
