@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.io.files.atomic import open_output
+from occlog.io.files.check_sums import Summed
 from occlog.io.files.parquet import ROWS_PER_GROUP, SCHEMA_KEY
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
 
@@ -39,13 +40,14 @@ def gathered_schema(name: str, fields: Iterable[pa.Field], provenance: Provenanc
 @contextmanager
 def gathered_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
     """Writer of a file that appears whole when the block ends without an error, and replaces an older one."""
-    with (
-        open_output(path, overwrite=True) as file,
-        pq.ParquetWriter(
-            file, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
-        ) as writer,
-    ):
-        yield writer
+    with open_output(path, overwrite=True) as file:
+        summed = Summed(file)
+        with pq.ParquetWriter(
+            summed, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
+        ) as writer:
+            yield writer
+            summed.begin_end()
+        summed.finish()
 
 
 def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]]) -> int:
