@@ -121,7 +121,7 @@ def _digests(folder: Path) -> dict[str, str]:
 
 
 def _kills(folder: Path, recordings: Path, whole: dict[str, str]) -> dict[str, float]:
-    """Kill a batch at random times, again and again in one folder, then let it end: its bytes are those of a whole one."""
+    """Kill a batch at random times, again and again in one folder, then let it end: its bytes are to be `whole`."""
     out, draw, finished = folder / "killed", random.Random(1), 0
     args = [sys.executable, "-m", "occlog", *_batch(folder, recordings, out, 2)]
     for _ in range(KILLS):

@@ -13,7 +13,9 @@ from occlog.cli import options
 @click.command(name="batch", short_help="Do the stages of a run for each of many recordings.")
 @click.argument("config", type=options.PATH)
 @click.argument("recordings", nargs=-1, required=True)
-@click.option("-o", "--output", type=options.PATH, required=True, help="Folder of the results; made if missing.")
+@click.option(
+    "-o", "--output", required=True, metavar="PATH", help="Folder of the results, or its URL; made if missing."
+)
 @click.option("--workers", type=click.IntRange(min=1), default=None, help="Processes. [default: one a processor]")
 @click.option("--scheduler", default=None, metavar="ADDRESS", help="Use a Dask cluster, e.g. tcp://10.0.0.1:8786.")
 @click.option(
@@ -24,6 +26,17 @@ from occlog.cli import options
     help="Tables of the run folders that are joined over all recordings.",
 )
 @click.option(
+    "--cache", type=options.PATH, default=None, help="Folder for what is fetched from URLs. [default: the user's]"
+)
+@click.option(
+    "--cache-limit",
+    type=click.FloatRange(min=0.001),
+    default=20.0,
+    show_default=True,
+    metavar="GB",
+    help="Size of the cache.",
+)
+@click.option(
     "--force", "--overwrite", "force", is_flag=True, help="Do every stage again, also those that are up to date."
 )
 @options.strict_opt
@@ -32,10 +45,12 @@ from occlog.cli import options
 def command(
     config: Path,
     recordings: tuple[str, ...],
-    output: Path,
+    output: str,
     workers: int | None,
     scheduler: str | None,
     tables: str,
+    cache: Path | None,
+    cache_limit: float,
     force: bool,
     strict: bool,
     quiet: bool,
@@ -43,7 +58,7 @@ def command(
 ) -> int:
     """Do the stages of CONFIG (YAML, as of `occlog run`, without a recording) for each of RECORDINGS.
 
-    RECORDINGS are files and patterns, which are best quoted.  The folder gets runs/NAME, a run
+    RECORDINGS are files, patterns, which are best quoted, and URLs (s3, gs, https).  The folder gets runs/NAME, a run
     folder for each recording, and tables over all: runs.parquet (a row a recording: state, exit
     code, message, losses), metrics.parquet (a row a figure), tracks.parquet (with a column
     `recording`), and timings.csv.  A recording that fails is listed, and the others go on; the
@@ -54,10 +69,13 @@ def command(
       occlog batch study.yaml 'recordings/*.mcap' -o results/
       occlog batch study.yaml 'recordings/**/*.mcap' -o results/ --scheduler tcp://127.0.0.1:8786 --json
     """
+    from occlog.io.remote.cache import Cache, default_folder
+
     from .run import BatchRequest, run_batch
 
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler exclude each other; the cluster has its own workers")
     wanted = tuple(dict.fromkeys(name.strip() for name in tables.split(",") if name.strip()))
-    request = BatchRequest(config, recordings, output, wanted, workers or os.cpu_count() or 1, scheduler, force)
+    kept = Cache(cache or default_folder(), int(cache_limit * 1e9))
+    request = BatchRequest(config, recordings, output, wanted, workers or os.cpu_count() or 1, scheduler, force, kept)
     return run_batch(request, strict=strict, quiet=quiet, as_json=as_json)

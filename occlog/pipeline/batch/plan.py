@@ -11,6 +11,9 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from occlog.errors import InputError
+from occlog.io.remote.store import find
+from occlog.io.remote.urls import is_url
+from occlog.io.remote.urls import shown as without_secrets
 
 FEWEST_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""
@@ -37,7 +40,7 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
     common one behind it, so that names do not depend on where everything lies.
 
     Args:
-        patterns: files, or patterns with `*`, `?`, `[...]` and `**`.
+        patterns: files, patterns with `*`, `?`, `[...]` and `**`, and URLs.
 
     Raises:
         InputError: a file is missing, or a pattern finds none.
@@ -57,6 +60,8 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
 
 
 def _places(pattern: str) -> Iterable[str]:
+    if is_url(pattern):
+        return _found(pattern)
     if Path(pattern).is_file():  # also one whose name has brackets
         return [os.path.abspath(pattern)]  # noqa: PTH100 -- Path.absolute keeps `..`
     if Path(pattern).is_dir():
@@ -69,14 +74,23 @@ def _places(pattern: str) -> Iterable[str]:
     return [os.path.abspath(name) for name in names]  # noqa: PTH100
 
 
+def _found(pattern: str) -> list[str]:
+    urls = find(pattern)
+    if not urls:
+        raise InputError(f"{without_secrets(pattern)}: finds no file; check the pattern and what you may list")
+    return urls
+
+
 def _stem(place: str) -> str:
-    return PurePosixPath(place).stem
+    return PurePosixPath(without_secrets(place) if is_url(place) else place).stem
 
 
 def _shown(places: Sequence[str]) -> dict[str, str]:
     """What each place is called: its path below the folder that all have in common."""
-    common = os.path.commonpath([str(Path(place).parent) for place in places])
-    return {place: Path(place).relative_to(common).as_posix() for place in places}
+    local = [place for place in places if not is_url(place)]
+    common = os.path.commonpath([str(Path(place).parent) for place in local]) if local else ""
+    files = {place: Path(place).relative_to(common).as_posix() for place in local}
+    return {place: without_secrets(place) if is_url(place) else files[place] for place in places}
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:

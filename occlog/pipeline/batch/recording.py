@@ -8,8 +8,8 @@ from __future__ import annotations
 import io
 import time
 from collections.abc import Iterable
-from contextlib import redirect_stderr
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager, nullcontext, redirect_stderr
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from occlog.cli.main import explain
@@ -17,9 +17,13 @@ from occlog.errors import ExitCode
 from occlog.io.files.json_file import read_json
 from occlog.io.files.parquet import read_provenance
 from occlog.io.files.provenance import hash_file
+from occlog.io.remote.cache import Cache
+from occlog.io.remote.urls import is_url
 from occlog.pipeline.run.run import GOING_ON, Step, do_stages, drop_empty, sentences, worst
 from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
+
+from .folders import run_folder
 
 METRICS = "metrics.json"
 STATES = {ExitCode.DONE: "done", ExitCode.LOSSY: "lossy", ExitCode.THRESHOLD: "threshold"}
@@ -33,10 +37,11 @@ class Task:
 
     name: str
     shown: str  # what it is called in tables
-    place: str  # where it is
+    place: str = field(repr=False)  # where it is; a URL may hold what opens it
     config: Config  # without a recording
     folder: str  # of its run
     force: bool  # do every stage
+    cache: Cache  # for what is at a URL
 
 
 @dataclass(frozen=True)
@@ -77,39 +82,53 @@ class _Run:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._stage = "recording"
+        self._names: dict[str, str] = {}  # of folders of this machine, for messages
         self._steps: list[Step] = []
 
     def outcome(self) -> Outcome:
         """Do all stages, until one fails."""
-        blank = Outcome(self._task.name, self._task.shown)
+        task, found = self._task, Outcome(self._task.name, self._task.shown)
         try:
-            recording = Path(self._task.place)
-            blank = replace(blank, sha256=hash_file(recording))
-            return self._done(blank, recording, Path(self._task.folder))
+            with self._recording() as recording, run_folder(task.folder, task.name, task.cache) as folder:
+                self._names = {str(recording): task.shown, str(folder): task.name}
+                found = replace(found, sha256=hash_file(recording))
+                try:
+                    code = self._do_stages(recording, folder)
+                except Exception as error:
+                    found = self._failed(found, error)
+                    if not self._steps:
+                        drop_empty(folder)
+                else:
+                    found = replace(found, code=code)
+                    if code not in GOING_ON:
+                        found = replace(found, stage=self._stage, message=f"ended with exit code {code}")
+                found = self._with_outputs(found, folder)
         except Exception as error:
-            told = replace(blank, code=int(explain(error).code), stage=self._stage, message=self._message(error))
-            folder = Path(self._task.folder)
-            if not self._steps:
-                drop_empty(folder)
-            return self._with_outputs(told, folder)
+            found = self._failed(replace(found, outputs=()), error)
+        return found
 
-    def _done(self, blank: Outcome, recording: Path, folder: Path) -> Outcome:
+    def _recording(self) -> AbstractContextManager[Path]:
+        """The recording on this machine, while the block lasts."""
+        place = self._task.place
+        return self._task.cache.holding(place) if is_url(place) else nullcontext(Path(place))
+
+    def _do_stages(self, recording: Path, folder: Path) -> int:
+        """Do the stages; the exit code of the run."""
         config = self._task.config
         config = replace(config, values={**config.values, "recording": str(recording)})
         folder.parent.mkdir(parents=True, exist_ok=True)
         for step in do_stages(config, folder, force=self._task.force, dry_run=False, begin=self._begin):
             self._steps.append(step)
         last = self._steps[-1]
-        if last.code not in GOING_ON:
-            told = replace(blank, code=last.code, stage=last.stage, message=f"ended with exit code {last.code}")
-        else:
-            told = replace(blank, code=int(worst(step.code for step in self._steps)))
-        return self._with_outputs(told, folder)
+        return last.code if last.code not in GOING_ON else worst(step.code for step in self._steps)
 
-    def _message(self, error: Exception) -> str:
-        """What is told of an error, in one line that names no folder of this machine."""
-        text = " ".join(explain(error).message.split())
-        return text.replace(self._task.place, self._task.shown).replace(self._task.folder, self._task.name)
+    def _failed(self, found: Outcome, error: Exception) -> Outcome:
+        """The outcome with the error, in one line that names no folder of this machine."""
+        text, code = explain(error)
+        text = " ".join(text.split())
+        for path, name in self._names.items():
+            text = text.replace(path, name)
+        return replace(found, code=int(code), stage=self._stage, message=text, redone=True)
 
     def _begin(self, stage: str) -> None:
         self._stage = stage
@@ -117,7 +136,7 @@ class _Run:
     def _with_outputs(self, told: Outcome, folder: Path) -> Outcome:
         """The outcome with what its files say."""
         made = tuple(name for step in self._steps for name in step.outputs)
-        redone = told.state == FAILED or any(step.what == "done" for step in self._steps)
+        redone = told.redone or any(step.what == "done" for step in self._steps)
         told = replace(told, outputs=made, redone=redone, losses=_losses(folder / name for name in made))
         if METRICS not in made:
             return told

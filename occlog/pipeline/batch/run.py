@@ -9,12 +9,12 @@ from pathlib import Path
 
 import click
 
-from occlog import __version__
 from occlog.cli import options
 from occlog.details import begin_work, note_files
-from occlog.errors import ExitCode, InputError, OutputError, UsageError
-from occlog.io.files.atomic import PARTIAL, write_bytes
-from occlog.io.files.json_file import read_json, write_json
+from occlog.errors import ExitCode, UsageError
+from occlog.io.files.atomic import write_bytes
+from occlog.io.remote.cache import Cache
+from occlog.io.remote.urls import is_url, kind_of, shown
 from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.executors.chosen import executor_of
 from occlog.pipeline.executors.interface import Lost
@@ -22,14 +22,11 @@ from occlog.pipeline.progress import shown_progress
 from occlog.pipeline.run.run import worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
 
+from .folders import RUNS, batch_folder, fetch_files
 from .plan import Source, sources_of
 from .recording import FAILED, Outcome, Task, process
-from .tables import METRICS_TABLE, RUNS_TABLE, gather
+from .tables import METRICS_FILES, METRICS_TABLE, RUNS_TABLE, gather
 
-MARK = "batch.json"
-"""File that says that a folder is one of a batch."""
-RUNS = "runs"
-"""Folder of the run folders."""
 TIMINGS = "timings.csv"
 """What differs from run to run; the other files have the same bytes each time."""
 TOLD = 20
@@ -43,20 +40,22 @@ class BatchRequest:
     Attributes:
         config: file of the configuration.
         recordings: files and patterns.
-        output: folder of the batch.
+        output: folder of the batch, or its URL.
         tables: names of tables that are joined over all recordings.
         workers: processes of this machine.
         scheduler: what does the work instead of these; None: nothing.
         force: do every stage.
+        cache: keeps what was fetched from URLs.
     """
 
     config: Path
     recordings: tuple[str, ...]
-    output: Path
+    output: str
     tables: tuple[str, ...]
     workers: int
     scheduler: str | None
     force: bool
+    cache: Cache
 
 
 def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool) -> int:
@@ -70,57 +69,55 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
     """
     config = read_config(request.config, ())
     sources = sources_of(request.recordings)
-    _check_config(config, request.output)
-    note_files([request.config, *(Path(source.place) for source in sources)], [request.output])
+    _check_config(config)
+    _check_places(request, sources)
+    files = [request.config, *(Path(source.place) for source in sources if not is_url(source.place))]
+    note_files(files, [] if is_url(request.output) else [Path(request.output)])
     begin_work()
-    folder = _prepare(request.output, request.tables)
-    outcomes = _outcomes(request, config, sources, folder / RUNS, quiet)
-    gathered = gather(folder, folder / RUNS, outcomes, request.tables, config)
-    times = [{"recording": o.name, "seconds": o.seconds, "cpu_seconds": o.cpu_seconds} for o in outcomes]
-    write_bytes(folder / TIMINGS, to_csv(times), overwrite=True)
+    results = (RUNS_TABLE, METRICS_TABLE, *(f"{table}.parquet" for table in request.tables), TIMINGS)
+    with batch_folder(request.output, results, request.cache) as folder:
+        place = request.output if is_url(request.output) else str(folder)
+        outcomes = _outcomes(request, config, sources, place, quiet)
+        if is_url(place):
+            _fetch_gathered(place, folder / RUNS, outcomes, results)
+        gathered = gather(folder, folder / RUNS, outcomes, request.tables, config)
+        times = [{"recording": o.name, "seconds": o.seconds, "cpu_seconds": o.cpu_seconds} for o in outcomes]
+        write_bytes(folder / TIMINGS, to_csv(times), overwrite=True)
     _tell(outcomes, quiet)
     for loss in gathered.losses:
         options.note(f"lost: {loss}")
-    options.echo_summary(_summary(folder, outcomes, gathered.rows), as_json)
+    options.echo_summary(_summary(shown(place), outcomes, gathered.rows), as_json)
     plausible = all(each.plausible is not False for each in outcomes)
     return options.strict_code(_code(outcomes, bool(gathered.losses)), plausible, strict)
 
 
-def _check_config(config: Config, output: Path) -> None:
+def _check_config(config: Config) -> None:
     """Refuse keys and values that every run would refuse, before any recording is looked at."""
     # What a recording holds is not known yet; the video that is drawn on depends on it
     values = {key: value for key, value in config.values.items() if key != OVERLAY}
-    unknown = replace(config, values={**values, "recording": str(output / "recording.mcap")})
-    for stage in plan(unknown, output.resolve()):
+    unknown = replace(config, values={**values, "recording": "recording.mcap"})
+    for stage in plan(unknown, Path.cwd() / RUNS):
         check_settings(unknown, stage)
 
 
-def _prepare(output: Path, tables: Sequence[str]) -> Path:
-    """Make the folder; remove the tables of an earlier command, since runs change from here on."""
-    if output.exists() and not output.is_dir():
-        raise OutputError(f"{output}: is a file; name a folder for the batch")
-    mark = output / MARK
-    if output.is_dir() and not mark.exists() and any(not each.name.endswith(PARTIAL) for each in output.iterdir()):
-        raise UsageError(f"{output}: holds files but no {MARK}, so it is not of a batch; name a new or empty folder")
-    if mark.exists() and read_json(mark).get("program") != "occlog":
-        raise InputError(f"{mark}: not of a batch; name a new or empty folder")
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        write_json(mark, {"program": "occlog", "version": __version__, "occlog_batch": 1}, overwrite=True)
-        (output / RUNS).mkdir(exist_ok=True)
-        for name in (RUNS_TABLE, METRICS_TABLE, TIMINGS, *(f"{table}.parquet" for table in tables)):
-            (output / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"{output}: the folder of the batch cannot be made: {error.strerror or error}") from error
-    return output.resolve()
+def _check_places(request: BatchRequest, sources: Sequence[Source]) -> None:
+    """Refuse places that other processes do not have."""
+    here = [p for p in (request.output, *(source.place for source in sources)) if is_url(p) and kind_of(p) == "memory"]
+    if here and (request.workers > 1 or request.scheduler is not None):
+        raise UsageError(f"{here[0]}: lies in the memory of this process; give --workers 1")
 
 
 def _outcomes(
-    request: BatchRequest, config: Config, sources: Sequence[Source], runs: Path, quiet: bool
+    request: BatchRequest, config: Config, sources: Sequence[Source], folder: str, quiet: bool
 ) -> list[Outcome]:
     """The outcome of every recording, in their order."""
-    tasks = {s.name: Task(s.name, s.shown, s.place, config, str(runs / s.name), request.force) for s in sources}
-    executor = executor_of(min(request.workers, len(tasks)), request.scheduler, isolated=True)
+    tasks = {
+        s.name: Task(s.name, s.shown, s.place, config, f"{folder}/{RUNS}/{s.name}", request.force, request.cache)
+        for s in sources
+    }
+    places = [folder, *(source.place for source in sources)]
+    isolated = not any(is_url(place) and kind_of(place) == "memory" for place in places)
+    executor = executor_of(min(request.workers, len(tasks)), request.scheduler, isolated=isolated)
     done: dict[str, Outcome] = {}
     with shown_progress("batch", "recording", len(tasks), quiet) as progress:
         for name, found in executor.outcomes(tasks, process):
@@ -131,6 +128,13 @@ def _outcomes(
             if progress is not None:
                 progress(1)
     return [done[source.name] for source in sources]
+
+
+def _fetch_gathered(place: str, runs: Path, outcomes: Sequence[Outcome], results: Sequence[str]) -> None:
+    """Fetch what the tables over all are made of."""
+    for each in outcomes:
+        wanted = [name for name in each.outputs if name in METRICS_FILES or name in results]
+        fetch_files(f"{place}/{RUNS}/{each.name}", wanted, runs / each.name)
 
 
 def _code(outcomes: Sequence[Outcome], lost: bool) -> int:
@@ -157,7 +161,7 @@ def _tell(outcomes: Sequence[Outcome], quiet: bool) -> None:
         options.note(f"warning: tracks of {len(doubted)} recordings are not plausible: {names}", quiet)
 
 
-def _summary(folder: Path, outcomes: Sequence[Outcome], rows: object) -> dict[str, object]:
+def _summary(folder: str, outcomes: Sequence[Outcome], rows: object) -> dict[str, object]:
     states = Counter(each.state for each in outcomes)
     return {
         "recordings": len(outcomes),
@@ -165,5 +169,5 @@ def _summary(folder: Path, outcomes: Sequence[Outcome], rows: object) -> dict[st
         "up_to_date": sum(not each.redone for each in outcomes),
         "not_plausible": sum(each.plausible is False for each in outcomes),
         "rows": rows,
-        "folder": str(folder),
+        "folder": folder,
     }

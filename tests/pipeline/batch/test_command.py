@@ -121,6 +121,64 @@ def test_all_that_fail_are_no_batch(simulated: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "tracks.parquet").exists()
 
 
+def test_an_object_store_holds_recordings_and_results(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The run folder has the bytes of one on the disk; the second time nothing is done or written."""
+    system = pytest.importorskip("fsspec").filesystem("memory")
+    system.pipe_file("/in/hall.mcap", (simulated / "hall.mcap").read_bytes())
+    system.pipe_file("/in/cut.mcap", (simulated / "cut.mcap").read_bytes())
+    args = ["batch", str(simulated / "batch.yaml"), "memory://in/*.mcap", "-o", "memory://out/it", "--workers", "1"]
+    args += ["-q", "--json", "--cache", str(tmp_path / "cache")]
+    assert run(args) == ExitCode.LOSSY
+    told = json.loads(capsys.readouterr().out)
+    assert (told["done"], told["failed"], told["folder"]) == (1, 1, "memory://out/it")
+    first = {name: system.cat_file(name) for name in system.find("/out/it")}
+    assert run(args) == ExitCode.LOSSY
+    assert json.loads(capsys.readouterr().out)["up_to_date"] == 1
+    again = {name: system.cat_file(name) for name in system.find("/out/it")}
+    times = "/out/it/timings.csv"
+    assert first.pop(times)
+    assert again.pop(times)
+    assert again == first
+    do(simulated, tmp_path / "local", pattern="hall.mcap")
+    for path in (tmp_path / "local" / "runs" / "hall").iterdir():
+        assert path.read_bytes() == first[f"/out/it/runs/hall/{path.name}"], path.name
+    (tmp_path / "runs.parquet").write_bytes(first["/out/it/runs.parquet"])
+    rows = pq.read_table(tmp_path / "runs.parquet").to_pylist()
+    assert {row["source"] for row in rows} == {"memory:///in/hall.mcap", "memory:///in/cut.mcap"}
+    assert str(tmp_path) not in str(rows)
+    assert not list((tmp_path / "cache").glob("scratch-*"))
+    system.rm("/", recursive=True)
+
+
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        (("memory://in/a.mcap", "-o", "out", "--workers", "2"), "lies in the memory of this process"),
+        (("ftp://h/a.mcap", "-o", "out"), "ftp: is not taken"),
+        (
+            ("hall.mcap", "-o", "https://me:word@h/out?sig=word", "--workers", "1"),
+            "https://h/out: nothing can be written",
+        ),
+    ],
+)
+def test_places_that_cannot_be_are_refused(
+    simulated: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    places: tuple[str, ...],
+    words: str,
+) -> None:
+    monkeypatch.chdir(simulated)
+    assert run(["batch", "batch.yaml", *places]) == ExitCode.USAGE
+    error = capsys.readouterr().err
+    assert words in error
+    assert "word@" not in error
+    assert "sig" not in error
+    assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

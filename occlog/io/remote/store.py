@@ -1,0 +1,122 @@
+"""Where a URL leads: find, read and write files there; every failure is one line that names the URL alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from occlog.errors import InputError, OcclogError, OutputError, UsageError
+
+from .urls import EXTRAS, READ_ONLY, kind_of, scrubbed, shown
+
+MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
+"""What file systems tell of a file that changes when the file does."""
+
+
+class Version(NamedTuple):
+    """What is known of a file before it is fetched.
+
+    Attributes:
+        size: bytes; None: the server does not say.
+        mark: changes when the file does; empty: the server gives none.
+    """
+
+    size: int | None
+    mark: str
+
+
+@contextmanager
+def _told(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
+    """Turn what file systems raise into one line."""
+    try:
+        yield
+    except OcclogError:
+        raise
+    except ImportError as error:
+        extra = EXTRAS[kind_of(url)]
+        raise UsageError(f"{shown(url)}: wants a package that is not installed; install occlog[{extra}]") from error
+    except FileNotFoundError:
+        raise failure(f"{shown(url)}: no such file") from None
+    except Exception as error:  # each file system has errors of its own
+        words = scrubbed(str(error))
+        raise failure(f"{shown(url)}: {type(error).__name__}{f': {words}' if words else ''}; try again") from None
+
+
+def _opened(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path in it."""
+    kind_of(url)
+    import fsspec
+
+    return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
+
+
+def find(pattern: str) -> list[str]:
+    """URLs of the files that a pattern finds, sorted; a URL without `*`, `[` is its own."""
+    if not any(mark in pattern.partition("?")[0] for mark in "*["):
+        kind_of(pattern)
+        return [pattern]
+    with _told(pattern):
+        system, path = _opened(pattern)
+        return sorted(str(system.unstrip_protocol(found)) for found in system.glob(path))
+
+
+def version(url: str) -> Version:
+    """What is known of a file; InputError where it is not there, or may not be read."""
+    with _told(url):
+        system, path = _opened(url)
+        told = system.info(path)
+        marks = [str(told[key]) for key in MARKS if key in told]
+        size = told.get("size")
+        return Version(None if size is None else int(size), " ".join(marks))
+
+
+def fetch(url: str, file: Path) -> int:
+    """Copy a file to this machine; its size. What was there is replaced by the whole file or not at all."""
+    part = file.with_name(f".{file.name}.part")
+    try:
+        with _told(url):
+            system, path = _opened(url)
+            system.get_file(path, str(part))
+        part.replace(file)
+        return file.stat().st_size
+    except OSError as error:
+        raise OutputError(f"{file.parent}: cannot keep {shown(url)}: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def check_output(url: str) -> None:
+    """UsageError for a URL that nothing can be written to."""
+    if kind_of(url) in READ_ONLY:
+        raise UsageError(
+            f"{shown(url)}: nothing can be written to a web server; name a folder, or one in s3:// or gs://"
+        )
+
+
+def put(file: Path, url: str) -> None:
+    """Write a whole file, replacing what was there."""
+    with _told(url, OutputError):
+        system, path = _opened(url)
+        system.pipe_file(path, file.read_bytes())
+
+
+def names_in(url: str) -> list[str]:
+    """Names of files and folders in a folder, sorted; none where it is not there."""
+    with _told(url):
+        system, path = _opened(url)
+        system.invalidate_cache()
+        try:
+            return sorted(Path(str(found)).name for found in system.ls(path, detail=False))
+        except FileNotFoundError:
+            return []
+
+
+def remove(urls: Iterable[str]) -> None:
+    """Remove files, where they are there."""
+    for url in urls:
+        with _told(url, OutputError):
+            system, path = _opened(url)
+            if system.exists(path):
+                system.rm_file(path)

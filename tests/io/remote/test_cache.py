@@ -1,0 +1,110 @@
+"""The cache of fetched files: bounded, shared, and never older than what it was fetched from."""
+
+from __future__ import annotations
+
+import http.server
+import threading
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from occlog.errors import InputError
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.writer import RecordingWriter
+from occlog.io.remote.cache import Cache
+
+fsspec = pytest.importorskip("fsspec")
+LARGE = b"x" * 1000
+
+
+@pytest.fixture
+def store() -> Iterator[object]:
+    system = fsspec.filesystem("memory")
+    yield system
+    system.rm("/", recursive=True)
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.rglob("*") if path.is_file() and not path.name.endswith(".lock")}
+
+
+def test_the_least_recently_used_goes_when_the_limit_is_reached(store: object, tmp_path: Path) -> None:
+    cache = Cache(tmp_path, 2500)
+    for name in ("a", "b", "a", "c"):
+        store.pipe_file(f"/in/{name}.mcap", LARGE) if not store.exists(f"/in/{name}.mcap") else None  # type: ignore[attr-defined]
+        with cache.holding(f"memory://in/{name}.mcap") as path:
+            assert path.read_bytes() == LARGE
+            assert path.name == f"{name}.mcap"
+    assert names(tmp_path) == {"a.mcap", "c.mcap"}
+
+
+def test_what_is_in_use_stays_and_what_is_larger_than_the_limit_is_refused(store: object, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        store.pipe_file(f"/in/{name}.mcap", LARGE)  # type: ignore[attr-defined]
+    cache = Cache(tmp_path, 1500)
+    with cache.holding("memory://in/a.mcap") as first, cache.holding("memory://in/b.mcap") as second:
+        assert first.exists()
+        assert second.exists()
+    assert len(names(tmp_path)) == 1
+    with pytest.raises(InputError, match=r"memory://in/b.mcap: has 1000 bytes, limit 999; raise --cache-limit"):
+        Cache(tmp_path, 999).holding("memory://in/b.mcap").__enter__()
+
+
+def test_a_file_that_changed_is_fetched_again(store: object, tmp_path: Path) -> None:
+    cache = Cache(tmp_path, 5000)
+    for content in (b"before", b"after!"):
+        store.pipe_file("/in/a.mcap", content)  # type: ignore[attr-defined]
+        with cache.holding("memory://in/a.mcap") as path:
+            assert path.read_bytes() == content
+
+
+def test_linked_videos_come_along_and_links_that_leave_the_folder_do_not(store: object, tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "hall.mcap", None, Provenance("test")) as out:
+        for camera, path in (("a", "a.avi"), ("b", "../b.avi"), ("c", "/c.avi")):
+            out.video(camera, path, "0" * 64)
+            out.video_frame(camera, 1, 0)
+    store.pipe_file("/in/hall.mcap", (tmp_path / "hall.mcap").read_bytes())  # type: ignore[attr-defined]
+    for name in ("/in/a.avi", "/b.avi", "/in/b.avi", "/c.avi"):
+        store.pipe_file(name, b"frames")  # type: ignore[attr-defined]
+    with Cache(tmp_path / "cache", 10**6).holding("memory://in/hall.mcap") as path:
+        assert {each.name for each in path.parent.iterdir()} == {"hall.mcap", "a.avi"}
+
+
+def test_scratch_folders_of_killed_processes_are_removed(tmp_path: Path) -> None:
+    cache = Cache(tmp_path, 10**6)
+    (tmp_path / "scratch-dead").mkdir(parents=True)
+    (tmp_path / "scratch-dead" / "x").write_bytes(LARGE)
+    (tmp_path / "scratch-dead.lock").touch()
+    with cache.scratch() as mine, cache.scratch() as other:
+        assert mine != other
+        assert mine.is_dir()
+    assert names(tmp_path) == set()
+    assert not list(tmp_path.glob("scratch-*"))
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """Files of a folder; what is not in it is not there."""
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_a_web_server_is_read_and_its_signature_is_not_told(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.mcap").write_bytes(LARGE)
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path / "in")))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    url = f"http://127.0.0.1:{server.server_port}"
+    try:
+        with Cache(tmp_path / "cache", 10**6).holding(f"{url}/a.mcap?signature=s3cret") as path:
+            assert path.name == "a.mcap"
+            assert path.read_bytes() == LARGE
+        with pytest.raises(InputError, match=r"b\.mcap: no such file") as told:
+            Cache(tmp_path / "cache", 10**6).holding(f"{url}/b.mcap?signature=s3cret").__enter__()
+        assert "s3cret" not in str(told.value)
+    finally:
+        server.shutdown()
+        server.server_close()

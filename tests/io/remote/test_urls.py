@@ -1,0 +1,30 @@
+"""URLs: which are taken, and that nothing which opens them is told."""
+
+from __future__ import annotations
+
+import pytest
+
+from occlog.errors import UsageError
+from occlog.io.remote.urls import is_url, kind_of, scrubbed, shown
+
+SIGNED = "https://me:word@store.example/hall.mcap?X-Amz-Signature=abc123&X-Amz-Credential=key#part"
+
+
+def test_names_of_files_are_no_urls() -> None:
+    assert not any(map(is_url, ("hall.mcap", "/data/a:b/hall.mcap", "./s3/hall.mcap", "hall:1.mcap")))
+    assert all(map(is_url, ("s3://b/hall.mcap", "memory://hall.mcap", "simplecache::s3://b/hall.mcap", SIGNED)))
+
+
+@pytest.mark.parametrize(
+    "url", ["ftp://h/x.mcap", "file:///etc/x.mcap", "simplecache::s3://b/x.mcap", "zip://a::s3://b"]
+)
+def test_other_kinds_are_refused(url: str) -> None:
+    with pytest.raises(UsageError, match="is not taken; give a file, or one of s3, gs, https"):
+        kind_of(url)
+
+
+def test_what_opens_a_url_is_not_told() -> None:
+    assert shown(SIGNED) == "https://store.example/hall.mcap"
+    words = scrubbed(f"403, message='Forbidden',\nurl='{SIGNED}' and s3://key:secret@bucket/x")
+    assert not any(secret in words for secret in ("word", "abc123", "key", "secret"))
+    assert "store.example/hall.mcap" in words
