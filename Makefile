@@ -62,7 +62,7 @@ docs: $(VENV)/installed-dev
 COMPILE = $(BIN)/uv pip compile pyproject.toml --quiet --upgrade --no-annotate --custom-compile-command "make lock"
 lock: $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet uv
-	$(COMPILE) --extra dev --extra openvino --extra fuzz --universal --python-version 3.11 -o constraints.txt
+	$(COMPILE) --extra dev --extra openvino --extra fuzz --extra s3 --extra gs --extra ray --universal --python-version 3.11 -o constraints.txt
 	$(COMPILE) --extra test --extra cluster --extra qp --extra ros2 --extra sound --resolution lowest-direct --python-version 3.11 -o .ci/lowest.txt
 
 $(VENV)/bin/python:
