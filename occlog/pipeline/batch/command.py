@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from occlog.cli import options
+from occlog.pipeline.executors.options import job_settings, scheduler_options
 
 
 @click.command(name="batch", short_help="Do the stages of a run for each of many recordings.")
@@ -17,7 +18,7 @@ from occlog.cli import options
     "-o", "--output", required=True, metavar="PATH", help="Folder of the results, or its URL; made if missing."
 )
 @click.option("--workers", type=click.IntRange(min=1), default=None, help="Processes. [default: one a processor]")
-@click.option("--scheduler", default=None, metavar="ADDRESS", help="Use a Dask cluster, e.g. tcp://10.0.0.1:8786.")
+@scheduler_options
 @click.option(
     "--tables",
     default="tracks",
@@ -48,6 +49,7 @@ def command(
     output: str,
     workers: int | None,
     scheduler: str | None,
+    jobs: tuple[str, ...],
     tables: str,
     cache: Path | None,
     cache_limit: float,
@@ -76,6 +78,16 @@ def command(
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler exclude each other; the cluster has its own workers")
     wanted = tuple(dict.fromkeys(name.strip() for name in tables.split(",") if name.strip()))
-    kept = Cache(cache or default_folder(), int(cache_limit * 1e9))
-    request = BatchRequest(config, recordings, output, wanted, workers or os.cpu_count() or 1, scheduler, force, kept)
+    kept = Cache((cache or default_folder()).absolute(), int(cache_limit * 1e9))
+    request = BatchRequest(
+        config=config,
+        recordings=recordings,
+        output=output,
+        tables=wanted,
+        workers=workers or os.cpu_count() or 1,
+        scheduler=scheduler,
+        jobs=job_settings(jobs, scheduler),
+        force=force,
+        cache=kept,
+    )
     return run_batch(request, strict=strict, quiet=quiet, as_json=as_json)

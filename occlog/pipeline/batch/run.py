@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from occlog.io.remote.urls import is_url, kind_of, shown
 from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.executors.chosen import executor_of
 from occlog.pipeline.executors.interface import Lost
+from occlog.pipeline.executors.options import JOBS_FOLDER
 from occlog.pipeline.progress import shown_progress
 from occlog.pipeline.run.run import worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
@@ -44,6 +45,7 @@ class BatchRequest:
         tables: names of tables that are joined over all recordings.
         workers: processes of this machine.
         scheduler: what does the work instead of these; None: nothing.
+        jobs: settings of jobs, where the scheduler makes them.
         force: do every stage.
         cache: keeps what was fetched from URLs.
     """
@@ -54,6 +56,7 @@ class BatchRequest:
     tables: tuple[str, ...]
     workers: int
     scheduler: str | None
+    jobs: Mapping[str, str]
     force: bool
     cache: Cache
 
@@ -117,7 +120,9 @@ def _outcomes(
     }
     places = [folder, *(source.place for source in sources)]
     isolated = not any(is_url(place) and kind_of(place) == "memory" for place in places)
-    executor = executor_of(min(request.workers, len(tasks)), request.scheduler, isolated=isolated)
+    jobs = None if is_url(folder) else Path(folder) / JOBS_FOLDER
+    workers = min(request.workers, len(tasks))
+    executor = executor_of(workers, request.scheduler, request.jobs, jobs, isolated=isolated)
     done: dict[str, Outcome] = {}
     with shown_progress("batch", "recording", len(tasks), quiet) as progress:
         for name, found in executor.outcomes(tasks, process):

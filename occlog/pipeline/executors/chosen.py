@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
+from occlog.errors import UsageError
+
 from .dask_cluster import DaskCluster
 from .interface import Executor, InThisProcess
+from .jobs import Jobs
+from .options import JOB_CLUSTERS, JOB_FOLDER
 from .processes import Processes
+from .ray_cluster import RayCluster
 
 
-def executor_of(workers: int, scheduler: str | None, *, isolated: bool = False) -> Executor:
+def executor_of(
+    workers: int, scheduler: str | None, jobs: Mapping[str, str], folder: Path | None, *, isolated: bool = False
+) -> Executor:
     """Return what runs the work.
 
     Args:
         workers: processes of this machine.
-        scheduler: address of a Dask scheduler; its workers are used instead.
+        scheduler: what is used instead; None: nothing.
+        jobs: settings of jobs.
+        folder: for scripts and logs of jobs, where their settings name none; None: there is none.
         isolated: true: one worker is a process of its own too, which may die without harm.
+
+    Raises:
+        UsageError: jobs have no folder.
     """
+    if scheduler in JOB_CLUSTERS:
+        settings = dict(jobs)
+        place = settings.pop(JOB_FOLDER, None) or folder
+        if place is None:
+            raise UsageError(f"--scheduler {scheduler}: give a folder that all machines see: --job {JOB_FOLDER}=PATH")
+        return Jobs(JOB_CLUSTERS[scheduler], Path(place), settings)
     if scheduler is not None:
-        return DaskCluster(scheduler)
+        return RayCluster(scheduler) if scheduler.partition(":")[0] == "ray" else DaskCluster(scheduler)
     return Processes(workers) if isolated or workers > 1 else InThisProcess()

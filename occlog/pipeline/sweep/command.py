@@ -8,13 +8,14 @@ from pathlib import Path
 import click
 
 from occlog.cli import options
+from occlog.pipeline.executors.options import job_settings, scheduler_options
 
 
 @click.command(name="sweep", short_help="Monte Carlo runs over seeds and parameters, in parallel.")
 @click.argument("sweep", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, required=True, help="Folder of the results; made if missing.")
 @click.option("--workers", type=click.IntRange(min=1), default=None, help="Processes. [default: one a processor]")
-@click.option("--scheduler", default=None, metavar="ADDRESS", help="Use a Dask cluster, e.g. tcp://10.0.0.1:8786.")
+@scheduler_options
 @click.option(
     "--figures",
     default="rmse,rmse_occ,restart,bytes",
@@ -30,6 +31,7 @@ def command(
     output: Path,
     workers: int | None,
     scheduler: str | None,
+    jobs: tuple[str, ...],
     figures: str,
     overwrite: bool,
     quiet: bool,
@@ -57,6 +59,7 @@ def command(
         output,
         workers=workers or os.cpu_count() or 1,
         scheduler=scheduler,
+        jobs=job_settings(jobs, scheduler),
         figures=wanted,
         overwrite=overwrite,
         quiet=quiet,

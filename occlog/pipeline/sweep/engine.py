@@ -21,6 +21,7 @@ from occlog import __version__
 from occlog.errors import InputError, OcclogError, OutputError
 from occlog.pipeline.executors.chosen import executor_of
 from occlog.pipeline.executors.interface import Lost
+from occlog.pipeline.executors.options import JOBS_FOLDER
 
 from .trial import Spec, run_trial
 
@@ -113,20 +114,22 @@ def run_all(
     store: Path | None = None,
     progress: Callable[[int], None] | None = None,
     run: Trial = run_trial,
+    jobs: Mapping[str, str] | None = None,
 ) -> list[Result]:
     """Run all trials; return their figures in the order of the descriptions.
 
     Args:
         specs: descriptions, see `run_trial` (or what `run` takes); equal ones are run once.
         workers: processes on this machine.
-        scheduler: address of a Dask scheduler; its workers are used instead.
+        scheduler: what does the work instead of these, as `--scheduler` says it; None: nothing.
         store: file of finished trials (JSON lines); those in it are not run again.
         progress: called with the number of trials that have finished since the last call.
         run: runs one trial.
+        jobs: settings of jobs, where the scheduler makes them.
 
     Raises:
         TrialError: names the first trial that failed; all others were run before.
-        UsageError: a scheduler without the package `distributed`, or that does not answer.
+        UsageError: a scheduler whose package is not installed, or that does not answer.
     """
     kept = Store(store)
     keys = [key_of(spec, run) for spec in specs]
@@ -138,7 +141,8 @@ def run_all(
         progress(sum(key in kept.results for key in keys))
     failed: dict[str, str] = {}
     with kept:
-        for key, outcome in _outcomes(todo, workers, scheduler, run):
+        folder = None if store is None else store.parent / JOBS_FOLDER
+        for key, outcome in _outcomes(todo, workers, scheduler, run, jobs or {}, folder):
             if outcome.result is None:
                 failed[key] = outcome.error or "unknown"
             else:
@@ -168,8 +172,13 @@ def describe(spec: Spec) -> str:
 
 
 def _outcomes(
-    todo: Mapping[str, Spec], workers: int, scheduler: str | None, run: Trial
+    todo: Mapping[str, Spec],
+    workers: int,
+    scheduler: str | None,
+    run: Trial,
+    jobs: Mapping[str, str],
+    folder: Path | None,
 ) -> Iterator[tuple[str, Outcome]]:
-    executor = executor_of(min(workers, len(todo)), scheduler)
+    executor = executor_of(min(workers, len(todo)), scheduler, jobs, folder)
     for key, found in executor.outcomes({key: dict(spec) for key, spec in todo.items()}, partial(attempt, run=run)):
         yield key, Outcome(None, found.reason) if isinstance(found, Lost) else found

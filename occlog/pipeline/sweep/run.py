@@ -46,6 +46,7 @@ def run_sweep(
     *,
     workers: int,
     scheduler: str | None,
+    jobs: Mapping[str, str],
     figures: tuple[str, ...],
     overwrite: bool,
     quiet: bool,
@@ -57,7 +58,8 @@ def run_sweep(
         path: sweep file.
         folder: of the results.
         workers: number of processes on this machine.
-        scheduler: address of a Dask scheduler; its workers are used instead.
+        scheduler: what does the work instead of these; None: nothing.
+        jobs: settings of jobs, where the scheduler makes them.
         figures: columns of the printed table.
         overwrite: true: replace another sweep in the folder.
         quiet: true: no progress bar.
@@ -78,7 +80,7 @@ def run_sweep(
     begin_work()
     _prepare(folder, made, overwrite)
     with shown_progress("sweep", "trial", len(trials), quiet) as progress:
-        results = run_all(trials, workers, scheduler, folder / STORE, progress)
+        results = run_all(trials, workers, scheduler, folder / STORE, progress, jobs=jobs)
     unknown = [name for name in figures if name not in results[0]]
     summary = summary_rows(settings, results)
     rows = [row.as_row() for row in summary if row.figure not in TIMINGS]

@@ -41,8 +41,8 @@ def refuse(_: int) -> int:
 
 
 def test_one_worker_works_here_unless_it_is_to_be_alone() -> None:
-    assert isinstance(executor_of(1, None), InThisProcess)
-    assert isinstance(executor_of(1, None, isolated=True), Processes)
+    assert isinstance(executor_of(1, None, {}, None), InThisProcess)
+    assert isinstance(executor_of(1, None, {}, None, isolated=True), Processes)
     assert dict(InThisProcess().outcomes({"a": 3}, square)) == {"a": 9}
 
 

@@ -1,0 +1,53 @@
+"""Options that say who does work that is made of many pieces; they load no executor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import click
+
+from occlog.errors import UsageError
+
+F = TypeVar("F", bound=Callable[..., object])
+JOB_CLUSTERS = {"slurm": "slurm", "slurm-here": "local"}
+"""Names of schedulers whose work are jobs, and what submitit calls them."""
+JOBS_FOLDER = "jobs"
+"""Folder of the scripts and logs of jobs, in that of the results."""
+JOB_FOLDER = "folder"
+"""Setting of jobs that names the folder of their scripts and logs."""
+
+
+def scheduler_options(command: F) -> F:
+    """`--scheduler` and `--job`, which say where work is done that is made of many pieces."""
+    for option in (
+        click.option(
+            "--job",
+            "jobs",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help="A setting of jobs: jobs (how many), timeout_min, mem_gb, slurm_partition, ...; may be repeated.",
+        ),
+        click.option(
+            "--scheduler",
+            default=None,
+            metavar="WHERE",
+            help="Who works instead: tcp://HOST:PORT (Dask), slurm, slurm-here (its jobs on this machine), ray or "
+            "ray://HOST:PORT.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def job_settings(texts: Sequence[str], scheduler: str | None) -> dict[str, str]:
+    """The settings of `--job`; UsageError where they are none, or there are no jobs."""
+    if texts and scheduler not in JOB_CLUSTERS:
+        raise UsageError(f"--job {texts[0]}: only goes with --scheduler {' or '.join(JOB_CLUSTERS)}")
+    settings = {}
+    for text in texts:
+        name, given, value = text.partition("=")
+        if not (name and given and value):
+            raise UsageError(f"--job {text}: want NAME=VALUE")
+        settings[name] = value
+    return settings

@@ -1,0 +1,114 @@
+"""Executors of clusters: what can be tried on one machine, and what is told where something is missing."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from occlog.errors import UsageError
+from occlog.pipeline.executors import jobs as jobs_of_slurm
+from occlog.pipeline.executors.chosen import executor_of
+from occlog.pipeline.executors.dask_cluster import DaskCluster
+from occlog.pipeline.executors.interface import Lost
+from occlog.pipeline.executors.jobs import Jobs
+from occlog.pipeline.executors.options import job_settings
+from occlog.pipeline.executors.ray_cluster import RayCluster
+
+
+def square_or_die(number: int) -> int:
+    if number == 3:
+        os._exit(9)
+    return number * number
+
+
+def test_what_the_options_name_is_what_works(tmp_path: Path) -> None:
+    wanted = {"tcp://x:1": DaskCluster, "slurm": Jobs, "slurm-here": Jobs, "ray": RayCluster, "ray://x:1": RayCluster}
+    for scheduler, kind in wanted.items():
+        assert isinstance(executor_of(1, scheduler, {}, tmp_path), kind)
+    with pytest.raises(UsageError, match="give a folder that all machines see: --job folder=PATH"):
+        executor_of(1, "slurm", {}, None)
+
+
+@pytest.mark.parametrize(
+    ("texts", "scheduler", "words"),
+    [
+        (("mem_gb=2",), None, "only goes with --scheduler slurm or slurm-here"),
+        (("mem_gb",), "slurm", "--job mem_gb: want NAME=VALUE"),
+        (("jobs=none",), "slurm", "--job jobs=none: want a number above 0"),
+    ],
+)
+def test_settings_that_are_none_are_refused(
+    tmp_path: Path, texts: tuple[str, ...], scheduler: str | None, words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        executor_of(1, scheduler, job_settings(texts, scheduler), tmp_path)
+
+
+def test_a_package_that_is_not_there_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, scheduler, extra in (("submitit", "slurm", "slurm"), ("ray", "ray", "ray")):
+        monkeypatch.setitem(sys.modules, name, None)
+        with pytest.raises(UsageError, match=rf"install occlog\[{extra}\]"):
+            list(executor_of(1, scheduler, {}, tmp_path).outcomes({"a": 1}, square_or_die))
+
+
+FAKE_SLURM = {
+    "srun": "",
+    "scancel": "",
+    "sbatch": 'cp "$1" "$FAKE_SLURM/script"; echo Submitted batch job 42',
+    "sacct": "printf 'JobID|State|NodeList\\n42_0|FAILED|n1\\n42_1|FAILED|n1\\n'",
+}
+"""Programs that say what those of Slurm say of jobs that fail at once."""
+
+
+def test_slurm_gets_one_script_with_the_settings_and_jobs_that_fail_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("submitit")
+    monkeypatch.setattr(jobs_of_slurm, "POLL_S", 0.1)
+    monkeypatch.setattr("submitit.core.core.Job._results_timeout_s", 0)
+    for name, line in FAKE_SLURM.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{line}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("FAKE_SLURM", str(tmp_path))
+    settings = {"jobs": "2", "slurm_partition": "cpu", "timeout_min": "90", "mem_gb": "4"}
+    jobs = Jobs("slurm", tmp_path / "jobs", settings)
+    found = dict(jobs.outcomes({"a": 1, "b": 2, "c": 4}, square_or_die))
+    assert set(found) == {"a", "b", "c"}
+    assert all(isinstance(value, Lost) and "ended early" in value.reason for value in found.values())
+    script = (tmp_path / "script").read_text()
+    for wanted in ("--partition=cpu", "--time=90", "--mem=4GB", "--array=0-1", "--job-name=occlog"):
+        assert f"#SBATCH {wanted}" in script
+
+
+@pytest.mark.slow
+def test_jobs_share_the_work_and_one_that_dies_takes_its_own_share(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("submitit")
+    monkeypatch.setattr(jobs_of_slurm, "POLL_S", 0.1)
+    monkeypatch.setattr("submitit.core.core.Job._results_timeout_s", 0)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *sys.path]))
+    work = {str(n): n for n in range(6)}
+    found = dict(Jobs("local", tmp_path, {"jobs": "3", "timeout_min": "2"}).outcomes(work, square_or_die))
+    assert {key for key, value in found.items() if isinstance(value, Lost)} == {"0", "3"}
+    assert {key: value for key, value in found.items() if not isinstance(value, Lost)} == {
+        "1": 1,
+        "2": 4,
+        "4": 16,
+        "5": 25,
+    }
+    with pytest.raises(UsageError, match="--job: "):
+        list(Jobs("local", tmp_path, {"no_such": "2"}).outcomes(work, square_or_die))
+
+
+@pytest.mark.slow
+def test_ray_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ray")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *sys.path]))
+    found = dict(RayCluster("ray").outcomes({str(n): n for n in range(5)}, square_or_die))
+    assert isinstance(found.pop("3"), Lost)
+    assert found == {str(n): n * n for n in (0, 1, 2, 4)}
