@@ -14,7 +14,7 @@ INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINTS) --editable
 # Tests start the program often, and pytest rewrites their assertions: compiled code is kept, whatever the user's settings.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-fast fuzz lint golden schemas docs lock clean
+.PHONY: demo test test-fast fuzz lint golden schemas docs lock sbom dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -58,12 +58,23 @@ schemas: $(VENV)/installed-dev
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m docs.make
 
-# The newest releases of everything, and the oldest that pyproject.toml allows, which CI tries.
-COMPILE = $(BIN)/uv pip compile pyproject.toml --quiet --upgrade --no-annotate --custom-compile-command "make lock"
+# The newest releases of everything, the oldest that pyproject.toml allows, which CI tries, and what users install by digests.
+RESOLVE = $(BIN)/uv pip compile pyproject.toml --quiet --no-annotate --custom-compile-command "make lock"
+COMPILE = $(RESOLVE) --upgrade
 lock: $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet uv
 	$(COMPILE) --extra dev --extra openvino --extra fuzz --extra s3 --extra gs --extra ray --universal --python-version 3.11 -o constraints.txt
 	$(COMPILE) --extra test --extra cluster --extra qp --extra ros2 --extra sound --resolution lowest-direct --python-version 3.11 -o .ci/lowest.txt
+	$(RESOLVE) --universal --python-version 3.11 --generate-hashes --constraint constraints.txt -o requirements.lock
+
+# What occlog is made of, with the licences of what is installed (CycloneDX).
+sbom: $(VENV)/installed-dev
+	$(BIN)/python -m docs.sbom
+
+# The sources, with tests and sample data, and of these the wheel.
+dist: $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet build
+	$(BIN)/python -m build --outdir dist
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -11,8 +13,14 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 from places import ROOT
 
+from docs.sbom import sbom
+
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOCK, LOWEST = ROOT / "constraints.txt", ROOT / ".ci" / "lowest.txt"
+HASHED, SBOM = ROOT / "requirements.lock", ROOT / "sbom.json"
+FOR_DEVELOPERS = ("dev", "fuzz", "test")
+"""Extras without upper bounds: they change nothing that users see."""
+FOR_USERS = [name for name in PROJECT["optional-dependencies"] if name not in FOR_DEVELOPERS]
 
 
 def direct(*extras: str) -> list[Requirement]:
@@ -50,7 +58,32 @@ def test_lowest_versions_are_the_stated_bounds(requirement: Requirement) -> None
     assert version.release[: len(Version(bound).release)] == Version(bound).release, "run `make lock`"
 
 
-@pytest.mark.parametrize("path", [LOCK, LOWEST], ids=lambda path: path.name)
+@pytest.mark.parametrize("requirement", direct(*FOR_USERS), ids=lambda r: r.name)
+def test_upper_bounds_are_the_next_major_versions_after_those_that_are_tested(requirement: Requirement) -> None:
+    tested = max(pinned(LOCK)[canonicalize_name(requirement.name)])
+    (bound,) = [part.version for part in requirement.specifier if part.operator == "<"]
+    assert Version(bound) == Version(str(tested.major + 1))
+
+
+def test_the_lock_with_digests_has_the_tested_versions_of_all_that_users_need() -> None:
+    text = HASHED.read_text(encoding="utf-8")
+    pins = re.findall(r"^([^=\s]+)==([^ ;]+)[^\\]*((?:\\\n +--hash=sha256:[0-9a-f]{64}\s*)+)$", text, re.MULTILINE)
+    assert len(pins) == text.count("==") - text.count("python_full_version ==") - text.count("sys_platform ==")
+    tested = pinned(LOCK)
+    assert [name for name, version, _ in pins if Version(version) not in tested[canonicalize_name(name)]] == []
+    assert {canonicalize_name(r.name) for r in direct()} <= {name for name, _, _ in pins}
+
+
+def test_the_list_of_parts_is_that_of_the_lock() -> None:
+    """Licences are those of the packages that were there when it was made."""
+    made, now = (json.loads(text) for text in (SBOM.read_text(encoding="utf-8"), sbom()))
+    for each in (made, now):
+        stated = [part.pop("licenses", None) for part in each["components"]]
+        assert sum(part is not None for part in stated) >= 30
+    assert made == now, "run `make sbom`"
+
+
+@pytest.mark.parametrize("path", [LOCK, LOWEST, HASHED, SBOM], ids=lambda path: path.name)
 def test_versions_name_no_package_host(path: Path) -> None:
     assert "://" not in path.read_text(encoding="utf-8")
 
