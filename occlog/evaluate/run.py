@@ -29,9 +29,9 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import ground_figures
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import TableWriter, write_table
+from occlog.io.files.parquet import TableWriter, describe, write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.open import of_others, open_if_ours, open_input
+from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
@@ -47,6 +47,9 @@ from .errors.streamed import compare_streams, survey
 from .inputs import Paths, in_frames, open_tables, provenance_of, read_tables
 from .stage import Evaluation, evaluate
 from .verdict import AgainstTruth, Made, judge, with_truth
+
+LONG = 200_000
+"""Rows of tracks from which on a recording with their truth is gone through twice, so that memory stays flat."""
 
 
 def run_evaluate(
@@ -143,13 +146,15 @@ def _notes(paths: Paths, own_numbers: bool, found: tuple[str, ...]) -> tuple[str
 def run_one_target(paths: Paths, given: Mapping[str, object]) -> tuple[Evaluation, str] | None:
     """The same as `run_evaluate` of one track and one target with nothing beside them but diagnostics, in flat memory.
 
-    None where there is anything else, or another number of them.
+    None where there is anything else, or another number of them, or short tracks with their truth in a recording.
     """
     more = (paths.directions, paths.measurements, paths.views, paths.cooperation, paths.write_scene, paths.failures)
     if paths.tracks is None or paths.truth is None or any(p is not None for p in (*more, paths.counts)):
         return None
     tracks, truth, scene = open_tables(paths)
     if tracks is None or truth is None or not truth.has(Truth) or given.get("held_out"):
+        return None
+    if truth.recording is not None and not _is_long(tracks):
         return None
     unit = scene.length_unit
     config, _, own_numbers = _configured(paths, given, unit)
@@ -184,6 +189,12 @@ def run_one_target(paths: Paths, given: Mapping[str, object]) -> tuple[Evaluatio
     result = Evaluation(metrics, notes=notes, findings=findings)
     _write(replace(paths, errors=None), result, unit, config, {})
     return result, unit
+
+
+def _is_long(opened: Opened) -> bool:
+    """Whether a table is so long that it is worth to go through a recording, which has images too, more than once."""
+    ours = opened.recording is None and opened.foreign is None
+    return ours and describe(opened.path)["rows"] > LONG
 
 
 def _measured(path: Path, result: Evaluation, scene: Scene, *, overwrite: bool) -> Evaluation:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from occlog.records.tables import Bearings, Hulls, Occluders
     from occlog.report.content.model import ReportInput
 
+    from .long_tables import LongTables
+
 T = TypeVar("T", bound="Table")
 
 
@@ -80,7 +82,7 @@ def command(**given: Any) -> int:
     findings = data.findings
     options.note_findings(findings or (), quiet)
     summary: dict[str, object] = {"page": paths.output, "png": paths.png, "targets": len(data.targets)}
-    summary |= {name: len(table) for name in TABLES if (table := getattr(data, name)) is not None}
+    summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {} if findings is None else figures(findings)
     code = options.finish({k: v for k, v in summary.items() if v is not None}, (), as_json)
     return options.strict_code(code, findings is None or plausible(findings), strict)
@@ -170,9 +172,13 @@ def read_input(paths: Paths, title: str) -> ReportInput:
     scene = _scene(paths)
     unit = _unit(paths, scene)
     provenance, losses = _made(paths, title)
+    metrics = read_json(paths.metrics) if paths.metrics is not None else {}
+    shared: dict[str, Any] = {"title": title, "scene": scene, "metrics": metrics, "provenance": provenance}
+    shared |= {"losses": losses, "made": _made_tracks(paths.tracks), "length_unit": unit}
+    if (long := _long(paths)) is not None:
+        return ReportInput(**shared, **long.read(shared["made"], scene, metrics))
     return ReportInput(
-        title=title,
-        scene=scene,
+        **shared,
         tracks=_read(paths.tracks, PeopleTracks),
         bearings=_read_bearings(paths.bearings, scene),
         truth=_read(paths.truth, Truth),
@@ -181,12 +187,18 @@ def read_input(paths: Paths, title: str) -> ReportInput:
         diagnostics=_read(paths.diagnostics, Diagnostics),
         events=_read(paths.events, Events),
         occluders=_read_occluders(paths.occluders),
-        metrics=read_json(paths.metrics) if paths.metrics is not None else {},
-        provenance=provenance,
-        losses=losses,
-        made=_made_tracks(paths.tracks),
-        length_unit=unit,
     )
+
+
+def _long(paths: Paths) -> LongTables | None:
+    """Tracks, truth and errors that are drawn in part; None where they are short, or go with other tables."""
+    from .long_tables import LongTables
+
+    others = (paths.bearings, paths.bound, paths.diagnostics, paths.events, paths.occluders)
+    if paths.tracks is None or any(path is not None for path in others):
+        return None
+    found = LongTables(paths.tracks, paths.truth, paths.errors)
+    return found if found.are_long else None
 
 
 def _made_tracks(tracks: Path | None) -> Made:

@@ -92,7 +92,9 @@ def floorplan(data: ReportInput) -> Plot:
         recent = number(float(f"{(data.time.end_ns - since) / data.time.ns_per_unit:.3g}"))
         words.append(f"The paths are long: the last {recent} {data.time.unit} are bold, what came before is faint.")
     if (gone := outside(data)) > 0:
-        words.append(f"{plural(gone, 'estimate')} outside the drawing.")
+        whose = " of those that are drawn lie" if "tracks" in data.whole else ""
+        words.append(f"{plural(gone, 'estimate')}{whose} outside the drawing.")
+    words += [said] if (said := data.drawn("tracks", "truth")) else []
     return _plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
 
 
@@ -135,10 +137,10 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     errors = data.errors
     if errors is None or not (rows := errors.target_id == target).any():
         return []
-    unit = label(data.unit)
-    caption = (
-        f"RMSE {number(rms(errors.error[rows]))} {unit}, largest error {number(float(errors.error[rows].max()))} {unit}"
-    )
+    unit, of_all = label(data.unit), data.of_all
+    rmse = rms(errors.error[rows]) if of_all is None else of_all.rmse(target)
+    worst = float(errors.error[rows].max()) if of_all is None else of_all.worst(target)
+    caption = f"RMSE {number(rmse)} {unit}, largest error {number(worst)} {unit}"
     if data.bound is not None:
         its = data.bound.take(data.bound.target_id == target)
         _, bound = with_bound(errors.take(rows), its, smoothed=data.smoothed)
@@ -146,6 +148,8 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     axes = axes_of(errors.take(rows))
     if "z" in axes:
         caption = f"On the ground: {caption}. The lowest row is the height"
+    if said := data.drawn("errors"):
+        caption += f". {said[:-1]}, and the largest errors between them; figures are of all"
     heading = f"Error and bound over time{_whose(data, target)}"
     size = (WIDTH, 5.6 if axes == "xy" else 6.7)
     return [_plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]

@@ -27,7 +27,7 @@ def headline(data: ReportInput) -> list[Figure]:
     if data.everybody is not None:
         out += _people(data.everybody)
     elif data.tracks is not None:
-        out.append(Figure("estimates", number(len(data.tracks)), "", f"of {plural(len(data.targets), 'target')}"))
+        out.append(Figure("estimates", number(data.rows("tracks")), "", f"of {plural(len(data.targets), 'target')}"))
     if data.bearings is not None and len(data.bearings):
         share = 100.0 * float(data.bearings.seen.mean())
         out.append(Figure("target seen", number(round(share, 1)), "%", f"of {number(len(data.bearings))} looks"))
@@ -52,7 +52,8 @@ def _accuracy(data: ReportInput) -> list[Figure]:
     """RMSE, bound and their ratio over all targets; without truth, the distance from the sight lines."""
     if data.errors is None or not len(data.errors):
         return _sight(data)
-    out = [Figure("RMSE", number(rms(data.errors.error)), data.unit, "estimate to truth")]
+    rmse = rms(data.errors.error) if data.of_all is None else data.of_all.rmse()
+    out = [Figure("RMSE", number(rmse), data.unit, "estimate to truth")]
     if data.bound is not None and len(data.bound):
         rmse, bound = with_bound(data.errors, data.bound, smoothed=data.smoothed)
         if bound > 0:
@@ -71,7 +72,8 @@ def _in_space(data: ReportInput, errors: Errors) -> list[Figure]:
     if data.bound is not None:
         rmse, bound = with_bound(errors, data.bound, "_space", smoothed=data.smoothed)
     note = f"{number(round(rmse / bound, 3))} × bound" if bound > 0 else "heights included"
-    return [Figure("RMSE in space", number(rms(high)), data.unit, note)]
+    whole = rms(high) if data.of_all is None else data.of_all.rmse_in_space()
+    return [Figure("RMSE in space", number(whole), data.unit, note)]
 
 
 def rms(values: np.ndarray) -> float:
@@ -113,6 +115,6 @@ def row_counts(data: ReportInput) -> list[Figure]:
             out.append(Figure(name, "0", "rows", "empty"))
             continue
         seconds = number((int(table.t_ns[-1]) - int(table.t_ns[0])) / NS)
-        span = f"{seconds} s, {plural(len(np.unique(table.t_ns)), 'time')}"
-        out.append(Figure(name, number(len(table)), "rows", span))
+        moments = data.whole[name].times if name in data.whole else len(np.unique(table.t_ns))
+        out.append(Figure(name, number(data.rows(name)), "rows", f"{seconds} s, {plural(moments, 'time')}"))
     return out

@@ -29,6 +29,7 @@ from occlog.records.tables import (
 from occlog.track.plausibility.verdict import Finding
 
 from .plane_of_sight import Residuals, distances, residuals
+from .thinned import ErrorsSoFar, Whole
 
 CALENDAR_FROM_NS = 365 * 86_400 * NS
 """Times later than this (the year 1971) are dates; earlier ones count from a simulation's start."""
@@ -94,6 +95,10 @@ class ReportInput:
         losses: input that was lost on the way.
         made: how the tracks were made.
         length_unit: unit of lengths where there is no scene to say it.
+        whole: of tables that are too long to be drawn whole what is known of all rows, by the table's name.
+        of_all: figures of all errors, where a part of them is drawn; None: all are.
+        so_far: (N,) RMSE of the target of each error that is drawn, up to it, likewise.
+        judged: what speaks against the tracks, where a part of a table is drawn; None: nothing was asked.
     """
 
     title: str = "Tracking report"
@@ -111,11 +116,25 @@ class ReportInput:
     losses: tuple[Loss, ...] = ()
     made: Made = field(default_factory=Made)
     length_unit: str = "m"
+    whole: Mapping[str, Whole] = field(default_factory=dict)
+    of_all: ErrorsSoFar | None = None
+    so_far: Floats | None = None
+    judged: tuple[Finding, ...] | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError where there is nothing to draw."""
         if self.scene is None and self.tracks is None:
             raise InputError("report: neither a scene nor tracks are given; give at least one of them")
+
+    def rows(self, name: str) -> int:
+        """How many rows a table has that is given, drawn or not."""
+        return self.whole[name].rows if name in self.whole else len(getattr(self, name))
+
+    def drawn(self, *names: str) -> str:
+        """A sentence on what is drawn of the tables of these names; empty: all of them."""
+        parts = {name: whole for name, whole in self.whole.items() if name in names and whole.every > 1}
+        said = [f"one time in {w.every} of the {w.rows:,} rows of {name}" for name, w in parts.items()]
+        return f"Drawn: {', '.join(said)}." if said else ""
 
     @property
     def unit(self) -> str:
@@ -136,8 +155,8 @@ class ReportInput:
     @cached_property
     def findings(self) -> tuple[Finding, ...] | None:
         """What speaks against the tracks; None without tracks."""
-        if self.tracks is None:
-            return None
+        if self.tracks is None or self.whole:
+            return self.judged
         return judge(
             self.tracks,
             self.scene,

@@ -23,7 +23,8 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     bound = None if data.bound is None else data.bound.take(data.bound.target_id == target)
     tracks = None if data.tracks is None else data.tracks.take(data.tracks.target_id == target)
     colour = target_colour(data.targets.index(target))
-    draw_distance(total, data.time, errors=errors, bound=bound, colour=colour, unit=data.unit)
+    so_far = None if data.so_far is None else data.so_far[all_errors.target_id == target]
+    draw_distance(total, data.time, errors=errors, bound=bound, colour=colour, unit=data.unit, so_far=so_far)
     for axes, name in zip(rest, names, strict=True):
         _axis_error(axes, data, errors=errors, bound=bound, tracks=tracks, name=name, colour=colour)
     rest[-1].set_xlabel(data.time.label)
@@ -38,10 +39,21 @@ def axes_of(errors: Errors) -> str:
     return "xyz" if np.isfinite(errors.error_z).any() else "xy"
 
 
-def draw_distance(axes: Axes, time: TimeAxis, errors: Errors, bound: Bound | None, colour: str, unit: str) -> None:
-    """Distance between estimate and truth, its running RMSE, and the bound."""
+def draw_distance(
+    axes: Axes,
+    time: TimeAxis,
+    errors: Errors,
+    bound: Bound | None,
+    colour: str,
+    unit: str,
+    so_far: Floats | None = None,
+) -> None:
+    """Distance between estimate and truth, its running RMSE, and the bound.
+
+    `so_far` is the RMSE up to each error, where these are not all that there are.
+    """
     line(axes, time, errors.t_ns, errors.error, color=colour, linewidth=0.8, alpha=0.65, label="error")
-    rms = running_rms(errors.error)
+    rms = running_rms(errors.error) if so_far is None else so_far
     line(axes, time, errors.t_ns, rms, color=colour, linewidth=2.0, label="RMSE so far")
     shown = [errors.error, rms]
     if bound is not None and len(bound):
@@ -65,7 +77,7 @@ def draw_distance(axes: Axes, time: TimeAxis, errors: Errors, bound: Bound | Non
     axes.set_ylabel(f"error [{label(unit)}]")
     top = sensible_top(*shown)
     axes.set_ylim(0.0, top)
-    mark_clipped(axes, time, t_ns=errors.t_ns, values=errors.error, top=top, unit=unit)
+    mark_clipped(axes, time, t_ns=errors.t_ns, values=errors.error, top=top, unit=unit, all_there=so_far is None)
 
 
 def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, **style: object) -> None:
@@ -76,8 +88,13 @@ def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, **style: object
         axes.plot(t, v, **style)  # type: ignore[arg-type]
 
 
-def mark_clipped(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, top: float, unit: str) -> None:
-    """Marks at the upper edge where values leave the drawing, with the highest one in words."""
+def mark_clipped(
+    axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, top: float, unit: str, *, all_there: bool = True
+) -> None:
+    """Marks at the upper edge where values leave the drawing, with the highest one in words.
+
+    How many there are is said only if the values are `all_there`.
+    """
     over = np.flatnonzero(values > top)
     if not len(over):
         return
@@ -86,7 +103,8 @@ def mark_clipped(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, top: fl
     worst = int(over[np.argmax(values[over])])
     steps = "step" if len(over) == 1 else "steps"
     when = f"{time.of(t_ns[worst : worst + 1])[0]:.4g} {time.unit}"
-    text = f"{len(over)} {steps} above, up to {values[worst]:.3g} {label(unit)} at {when}"
+    above = f"{len(over)} {steps} above" if all_there else "above"
+    text = f"{above}, up to {values[worst]:.3g} {label(unit)} at {when}"
     axes.set_title(text, loc="right", fontsize=8, fontweight="normal", color=COLOURS["muted"])
 
 

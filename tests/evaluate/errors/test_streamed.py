@@ -15,12 +15,14 @@ from evaluate_scenes import scene
 from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
+from occlog.evaluate import run as running
 from occlog.evaluate.errors.streamed import compare_streams, survey
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.io import open as opening
 from occlog.io.files.parquet import iter_table, write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import Table
 from occlog.records.tables import Errors, Tracks, Truth
 
@@ -107,6 +109,20 @@ def test_the_command_gives_the_same_with_small_batches(tmp_path: Path, monkeypat
     floats = {k: v for k, v in one.items() if isinstance(v, float)}
     assert len(floats) > 20
     assert {k: many[k] for k in floats} == pytest.approx(floats, rel=1e-12)
+
+
+@pytest.mark.parametrize("long", [10, 10**6])
+def test_truth_in_a_recording_gives_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: int) -> None:
+    monkeypatch.setattr(running, "LONG", long)
+    tracks, truth = both(4)
+    write_table(tmp_path / "tracks.parquet", tracks, Provenance("track"))
+    with RecordingWriter(tmp_path / "truth.mcap", scene(), Provenance("ingest")) as out:
+        out.table(truth)
+    args = ["evaluate", str(tmp_path / "tracks.parquet"), "--truth", str(tmp_path / "truth.mcap")]
+    assert run([*args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
+    found = json.loads((tmp_path / "m.json").read_text())
+    whole = evaluate(tracks, truth, None, scene()).metrics
+    assert {name: found[name] for name in whole} == pytest.approx(whole, rel=1e-12)
 
 
 def test_an_error_leaves_no_table_of_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,168 @@
+"""Long tables for a page: every so manieth time is drawn, and what is said in numbers is of all rows.
+
+The rule: of a table of more than `MOST_ROWS` rows those of every k-th time are kept, with the smallest k by which not
+more than so many are left, if all times have as many; beside them the first and the last row of each target, and of
+errors the largest one of each target between two times that are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.metrics.sums import Sum
+from occlog.records.columns import Table
+from occlog.records.pieces import times, whole_times
+from occlog.records.tables import Errors
+
+T = TypeVar("T", bound=Table)
+MOST_ROWS = 200_000
+"""Rows of a table that are drawn whole."""
+
+
+@dataclass(frozen=True)
+class Whole:
+    """What is known of all rows of a table of which a part is drawn.
+
+    Attributes:
+        rows: how many there are.
+        times: how many times they are of.
+        every: each so manieth of these is drawn.
+    """
+
+    rows: int
+    times: int
+    every: int
+
+
+@dataclass(frozen=True, eq=False)
+class Thinned(Generic[T]):
+    """A table of which a part is kept.
+
+    Attributes:
+        table: the rows that are kept.
+        rows: (n,) their places in the whole.
+        whole: what is known of all rows.
+    """
+
+    table: T
+    rows: Ints
+    whole: Whole
+
+
+def thinned(chunks: Iterable[T], kind: type[T], rows: int, most: int = MOST_ROWS) -> Thinned[T]:
+    """Keep rows by the rule of this file.
+
+    Args:
+        chunks: the table in the order of time.
+        kind: the table.
+        rows: how many it has.
+        most: how many of them are to be kept, about.
+    """
+    every = max(-(-rows // most), 1)
+    parts, numbers, known = [kind.empty()], [np.zeros(0, np.int64)], np.zeros(0, np.int64)
+    last, last_at = kind.empty(), np.zeros(0, np.int64)
+    count = moments = 0
+    for piece in whole_times(chunks):
+        t_ns, target = times(piece), _targets(piece)
+        moment = moments + np.concatenate([[0], np.cumsum(np.diff(t_ns) != 0)])
+        at = count + np.arange(len(piece))
+        keep = moment % every == 0
+        keep[_firsts(target, known)] = True
+        if isinstance(piece, Errors):
+            keep |= _largest(piece.error, target, moment // every)
+        parts.append(piece.take(keep))
+        numbers.append(at[keep])
+        both, both_at = kind.concat([last, piece]), np.concatenate([last_at, at])
+        ends = np.sort(len(both) - 1 - np.unique(_targets(both)[::-1], return_index=True)[1])
+        last, last_at = both.take(ends), both_at[ends]
+        known = np.union1d(known, target)
+        count, moments = count + len(piece), int(moment[-1]) + 1
+    found, first = np.unique(np.concatenate([*numbers, last_at]), return_index=True)
+    whole = _one_after_another(kind, [*parts, last])
+    return Thinned(kind(**{name: values[first] for name, values in whole.items()}), found, Whole(count, moments, every))
+
+
+def _one_after_another(kind: type[T], parts: list[T]) -> dict[str, np.ndarray]:
+    """Columns of parts whose times overlap."""
+    return {c.name: np.concatenate([getattr(part, c.name) for part in parts]) for c in kind.columns()}
+
+
+def _targets(table: Table) -> Ints:
+    found: Ints = getattr(table, "target_id")  # noqa: B009
+    return found.astype(np.int64)
+
+
+def _firsts(target: Ints, known: Ints) -> Ints:
+    """First rows of targets that are not known."""
+    names, first = np.unique(target, return_index=True)
+    new: Ints = first[~np.isin(names, known)]
+    return new
+
+
+def _largest(values: Floats, target: Ints, stretch: Ints) -> Bools:
+    """(N,) whether a row has the largest value of its target in its stretch."""
+    order = np.lexsort((values, target, stretch))
+    change = (np.diff(target[order]) != 0) | (np.diff(stretch[order]) != 0)
+    out = np.zeros(len(values), dtype=np.bool_)
+    out[order[np.append(change, True)]] = True
+    return out
+
+
+@dataclass
+class _Target:
+    squares: Sum = field(default_factory=Sum)
+    rows: int = 0
+    worst: float = 0.0
+    squares_in_space: Sum = field(default_factory=Sum)
+    in_space: int = 0
+
+
+class ErrorsSoFar:
+    """Figures of errors that stream by: RMSE and largest error of each target, and the RMSE up to each row."""
+
+    def __init__(self) -> None:
+        """No errors yet."""
+        self._targets: dict[int, _Target] = {}
+
+    def add(self, errors: Errors) -> Floats:
+        """Some more, in the order of time; (N,) the RMSE of each one's target up to it."""
+        out = np.zeros(len(errors))
+        for k in np.unique(errors.target_id).tolist():
+            own = self._targets.setdefault(k, _Target())
+            rows = errors.target_id == k
+            squares = errors.error[rows] ** 2
+            count = own.rows + np.arange(1, len(squares) + 1)
+            out[rows] = np.sqrt((own.squares.value + np.cumsum(squares)) / count)
+            own.squares.add(float(squares.sum()))
+            own.rows, own.worst = own.rows + len(squares), max(own.worst, float(errors.error[rows].max()))
+            high = errors.error_space[rows]
+            high = high[np.isfinite(high)]
+            own.squares_in_space.add(float((high**2).sum()))
+            own.in_space += len(high)
+        return out
+
+    def rmse(self, target: int | None = None) -> float:
+        """Root mean square of a target's errors on the ground; None: of all; NaN without any."""
+        own = self._of(target)
+        return _root(sum(t.squares.value for t in own), sum(t.rows for t in own))
+
+    def rmse_in_space(self) -> float:
+        """The same in space of all targets."""
+        own = self._of(None)
+        return _root(sum(t.squares_in_space.value for t in own), sum(t.in_space for t in own))
+
+    def worst(self, target: int) -> float:
+        """Largest error of a target on the ground."""
+        return self._targets[target].worst
+
+    def _of(self, target: int | None) -> list[_Target]:
+        return [own for k, own in self._targets.items() if target is None or k == target]
+
+
+def _root(squares: float, count: int) -> float:
+    return float(np.sqrt(squares / count)) if count else float("nan")
