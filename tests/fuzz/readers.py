@@ -229,8 +229,8 @@ READERS = {
         Reader("bag (SQLite)", "b.db3", _bag, seeds.databases, noisy=True),
         Reader("bag (zstd)", "b.mcap.zstd", _bag, seeds.packed_bags, ZSTD, noisy=True),
         Reader(
-            "bag (metadata)", "metadata.yaml", lambda path: _bag(path.parent), seeds.text(seeds.METADATA),
-            beside={"b.mcap": b"\x89MCAP0\r\n"},
+            "bag (metadata)", "bag/metadata.yaml", lambda path: _bag(path.parent), seeds.text(seeds.METADATA),
+            beside={"bag/b.mcap": b"\x89MCAP0\r\n"},
         ),
         Reader("table", "t.parquet", _table, seeds.tables, PARQUET),
         Reader("foreign table (Arrow)", "t.parquet", _foreign, seeds.foreign_tables),

@@ -29,6 +29,19 @@ FINDINGS = [
     ),
     ("stations", b"Tower,x,y\n,0,40\n", "s.csv: line 2: the station has no name"),
     ("foreign table (text)", b"time,conf,score,bbox\n0,1,1,1\n", "t.csv: "),
+    (
+        "boxes (WILDTRACK)",
+        seeds.WILDTRACK.replace("122", "1e999").encode(),
+        "person 1: personID is inf; a whole number",
+    ),
+    ("truth (WILDTRACK)", seeds.WILDTRACK.replace("122", "9" * 30).encode(), "person 1: personID is 999"),
+    ("truth (WILDTRACK)", seeds.WILDTRACK.replace('Num": 0', 'Num": 0.5').encode(), "person 1: viewNum is 0.5"),
+    (
+        "time stamps",
+        b"time\n2024-01-01T00:00:00Z\n9024-01-01T00:00:00Z\n",
+        "t.csv: line 3: time '9024-01-01T00:00:00Z'",
+    ),
+    ("bag (metadata)", seeds.METADATA.replace("- b.mcap", "- c.mcap").encode(), "c.mcap: whole file: no such file"),
     ("calibration (projection)", seeds.PROJECTION.replace("500", LARGE).encode(), "cannot be inverted"),
     (
         "calibration (COLMAP, images)",

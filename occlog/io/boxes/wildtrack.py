@@ -119,6 +119,9 @@ def _person(file: Path, n: int, person: Any) -> Person:
     numbers = [identity, position, *found, *(edge for edges in found.values() for edge in edges)]
     if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers):
         raise InputError(f"{where}: personID, positionID, viewNum and edges must be numbers")
+    for name, number in (("personID", identity), *(("viewNum", view) for view in found)):
+        if not isinstance(number, int) or not 0 <= number < 2**31:
+            raise InputError(f"{where}: {name} is {str(number)[:40]}; a whole number from 0 was expected")
     if not isinstance(position, int) or not 0 <= position < ACROSS * ALONG:
         raise InputError(f"{where}: positionID {position}; WILDTRACK's grid has {ACROSS} x {ALONG} points, from 0")
     edges = {

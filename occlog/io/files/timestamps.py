@@ -69,7 +69,10 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
     except ValueError as error:
         raise InputError(f"time {text!r}: {error}") from None
     seconds = (moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
-    return int(seconds) * 10**9 + int((fraction or "0").ljust(9, "0"))
+    ns = int(seconds) * 10**9 + int((fraction or "0").ljust(9, "0"))
+    if abs(ns) > MAX_NS:
+        raise InputError(f"time {text!r}: out of range; times from 1824 to 2115 can be held")
+    return ns
 
 
 def parse_times(rows: Rows, name: str, unit: str) -> Ints:

@@ -156,7 +156,8 @@ def open_bag(paths: Collection[Path]) -> Bag:
                 _add(bag, file)
         if not bag.files:
             told = bag.losses[0] if bag.losses else None
-            raise InputError(str(told) if told else f"{next(iter(paths))}: holds no .mcap or .db3 file")
+            where = next(iter(paths))
+            raise InputError(f"{where}: {told}" if told else f"{where}: holds no .mcap or .db3 file")
     except BaseException:
         bag.__exit__(None, None, None)
         raise
