@@ -27,6 +27,8 @@ FINDINGS = [
         seeds.storage(".xml").replace(b"<rows>3</rows>", b"<rows>" + b"9" * 4400 + b"</rows>"),
         "want a 3 x 3 camera matrix",
     ),
+    ("tag readers", b"reader,x,y\n ,0,40\n", "r.csv: line 2: the reader has no name"),
+    ("calibration (TOML)", seeds.TOML.replace('name = "cam_0"', 'name = " "').encode(), "a camera has no name"),
     ("stations", b"Tower,x,y\n,0,40\n", "s.csv: line 2: the station has no name"),
     ("foreign table (text)", b"time,conf,score,bbox\n0,1,1,1\n", "t.csv: "),
     (

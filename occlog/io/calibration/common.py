@@ -150,6 +150,8 @@ def scale_of(options: CalibrationOptions, own: str) -> float:
 
 def build_camera(pose: Pose, where: str) -> Camera:
     """The camera of a pose; InputError where its numbers cannot be those of a camera."""
+    if not pose.name.strip():
+        raise InputError(f"{where}: a camera has no name; give it one")
     focal = _vector(pose.focal_px, 2, "focal length", where)
     principal = _vector(pose.principal_px, 2, "principal point", where)
     centre = _vector(pose.centre, 3, "camera centre", where)

@@ -160,7 +160,7 @@ def name_cameras(images: Sequence[str]) -> dict[str, str]:
             break
     else:
         names = {topic: topic.strip("/").replace("/", "_") for topic in images}
-    return {safe_name(name): topic for topic, name in names.items()}
+    return {safe_name(name.strip() or "camera"): topic for topic, name in names.items()}
 
 
 def _telling(topic: str) -> list[str]:

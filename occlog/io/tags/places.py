@@ -41,6 +41,8 @@ def read_readers(path: Path) -> tuple[Reader, ...]:
         place = np.column_stack([rows.floats("x"), rows.floats("y"), _numbers(rows, "z", 0.0)])
         far, power = _numbers(rows, "range", math.inf), _numbers(rows, "power", math.nan)
         for row, cell in enumerate(rows.cells["reader"].tolist()):
+            if not cell.strip():
+                raise rows.fail(row, "the reader has no name; give it one")
             name = safe_name(cell)
             if name in found:
                 raise rows.fail(row, f"reader {name} is there twice; give every reader its own name")
