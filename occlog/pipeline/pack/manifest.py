@@ -13,6 +13,8 @@ MANIFEST = "pack.json"
 LOCK = "lock.txt"
 INPUTS, OUTPUTS = "inputs", "run"
 """Folders of the archive."""
+MADE = "occlog-verify"
+"""Run folder of a run that may lie anywhere, when it is made again."""
 MAX_MANIFEST_BYTES = 16_000_000
 LONGEST_NAME = 1000
 
@@ -44,6 +46,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         version: of occlog.
         versions: of Python and of packages, by name.
         config: name of the configuration among the inputs.
+        folder: where the run folder lies among the inputs: a recording that `ingest` made says so where its videos are.
         inputs: the configuration, and all that it names.
         outputs: what the run made.
         stages: exit code of each stage.
@@ -53,6 +56,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version: str
     versions: dict[str, str]
     config: str
+    folder: str
     inputs: list[PackedFile]
     outputs: list[PackedFile]
     stages: dict[str, int]
@@ -80,6 +84,9 @@ def read_manifest(data: bytes, where: str) -> Manifest:
             check_name(file.path, where)
         if len({file.path for file in files}) < len(files):
             raise InputError(f"{where}: names a file twice; pack the run again")
+    check_name(manifest.folder, where)
+    if any(f"{file.path}/".startswith(f"{manifest.folder}/") for file in manifest.inputs):
+        raise InputError(f"{where}: has inputs in its run folder {manifest.folder!r}; pack the run again")
     if manifest.config not in {file.path for file in manifest.inputs}:
         raise InputError(f"{where}: its configuration {manifest.config!r} is not among its inputs; pack the run again")
     return manifest

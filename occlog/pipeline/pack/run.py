@@ -16,7 +16,7 @@ from occlog.pipeline.run.run import STATE, do_stages, files_of, inside, outcomes
 from occlog.pipeline.run.stages import Config, plan, read_config
 
 from .archive import Packer
-from .manifest import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, PackedFile, lock_text, manifest_bytes
+from .manifest import INPUTS, LOCK, MADE, MANIFEST, OUTPUTS, Manifest, PackedFile, lock_text, manifest_bytes
 
 
 class Packed(NamedTuple):
@@ -51,7 +51,9 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
             remedy = f"occlog run {config} -o {folder}"
             raise InputError(f"{folder}: stage {step.stage} is not as {config} makes it now; do it again: {remedy}")
     files = inputs_of(wanted, folder)
-    root = Path(os.path.commonpath([str(file.parent) for file in files]))
+    place = folder.resolve()
+    parents = [str(file.parent) for file in files] + ([str(place.parent)] if "ingest" in wanted.values else [])
+    root = Path(os.path.commonpath(parents))
     done = outcomes(folder)
     made = sorted({name for outcome in done.values() for name in outcome.outputs})
     manifest = Manifest(
@@ -59,6 +61,7 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
         version=__version__,
         versions=installed_versions(),
         config=_name(files[0], root),
+        folder=_name(place, root) if "ingest" in wanted.values else MADE,
         inputs=[
             _packed(file, root, include or number == 0)
             for number, file in sorted(enumerate(files), key=lambda each: each[1])

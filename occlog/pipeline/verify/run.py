@@ -20,9 +20,6 @@ from occlog.pipeline.pack.manifest import INPUTS, OUTPUTS, Manifest
 from occlog.pipeline.run.run import Step, do_stages, files_of, inside
 from occlog.pipeline.run.stages import Config, check_settings, plan, read_config
 
-MADE = "made"
-"""Folder in which the run is made again."""
-
 
 class Verified(NamedTuple):
     """What came of it.
@@ -72,12 +69,13 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
         folder = Path(name).resolve()
         manifest = unpack(archive, folder)
         _add_inputs(archive, manifest, inputs, folder / INPUTS)
+        made = folder / INPUTS / manifest.folder
         try:
-            steps = _make_again(read_config(folder / INPUTS / manifest.config), folder, begin)
+            steps = _make_again(read_config(folder / INPUTS / manifest.config), folder, made, begin)
         except (OcclogError, click.ClickException) as error:
             reason = str(error).replace(f"{folder}/", "")
             raise InputError(f"{archive}: cannot be made again: {reason}") from error
-        found = _compare(manifest, folder)
+        found = _compare(manifest, folder / OUTPUTS, made)
     codes = {step.stage: int(step.code) for step in steps}
     for stage, code in manifest.stages.items():
         if codes.get(stage) != code:
@@ -94,9 +92,8 @@ def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: 
             take(inputs / file.path, folder / file.path, file)
 
 
-def _make_again(config: Config, folder: Path, begin: Callable[[str], None]) -> list[Step]:
+def _make_again(config: Config, folder: Path, made: Path, begin: Callable[[str], None]) -> list[Step]:
     """Do all stages; InputError for a configuration that names files outside of the archive."""
-    made = folder / MADE
     for stage in plan(config, made):
         check_settings(config, stage)
         with inside(config.path.parent):
@@ -108,11 +105,11 @@ def _make_again(config: Config, folder: Path, begin: Callable[[str], None]) -> l
     return list(do_stages(config, made, force=False, dry_run=False, begin=begin))
 
 
-def _compare(manifest: Manifest, folder: Path) -> Verified:
+def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
     told = {file.path: file for file in manifest.outputs}
     same, alike, different = [], [], {}
     for name in stage_order(told):
-        old, new = folder / OUTPUTS / name, folder / MADE / name
+        old, new = packed / name, made / name
         if not new.is_file():
             different[name] = "was not made"
         elif hash_file(new) == told[name].sha256:

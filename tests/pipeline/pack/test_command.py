@@ -31,6 +31,13 @@ VALUES = {"rmse_m": 1.0}
 
 def write_outputs(stage: Stage) -> int:
     """A stage that is done at once; what the real ones make is tried in test_made_again."""
+    if stage.name == "ingest":
+        (output,) = stage.output_paths
+        link = os.path.relpath(Path("../recordings/cam1.avi"), Path(output).parent)
+        with RecordingWriter(Path(output), None, Provenance("ingest")) as writer:
+            writer.video_frame("cam1", 40_000_000, 0)
+            writer.video("cam1", link, "ab" * 32)
+        return 0
     for number, name in enumerate(stage.output_paths):
         made = dict(VALUES) if name.endswith(".json") else {"stage": stage.name, "output": number}
         Path(name).write_text(json.dumps(made))
@@ -89,6 +96,19 @@ def test_an_archive_has_all_that_the_run_was_made_of_and_the_same_bytes_each_tim
     assert str(packed) not in json.dumps(told)
     with zipfile.ZipFile(packed / "bare.zip") as file:
         assert [name for name in file.namelist() if name.startswith(INPUTS)] == [f"{INPUTS}/study/run.yaml"]
+
+
+def test_recordings_that_say_where_their_videos_are_are_the_same_bytes(
+    packed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, out, archive = packed / "study" / "ingest.yaml", packed / "far" / "away" / "out", packed / "ingest.zip"
+    config.write_text("occlog_run: 1\ningest: {video: {cam1: ../recordings/cam1.avi}, calibration: run.yaml}\n")
+    assert run(["run", str(config), "-o", str(out), "-q"]) == ExitCode.DONE
+    assert run(["pack", str(out), "--config", str(config), "-o", str(archive)]) == ExitCode.DONE
+    with zipfile.ZipFile(archive) as file:
+        assert json.loads(file.read(MANIFEST))["folder"] == "far/away/out"
+    code, found = verify(archive, capsys)
+    assert (code, found["result"]) == (ExitCode.DONE, "made again to the same bytes")
 
 
 def test_inputs_that_are_not_in_it_are_asked_for(packed: Path, capsys: pytest.CaptureFixture[str]) -> None:
