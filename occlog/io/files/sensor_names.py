@@ -10,11 +10,11 @@ from occlog.errors import InputError
 _DIGITS = re.compile(r"(\d+)\D*$")
 
 
-def match_sensor(given: str, names: Sequence[str], where: str) -> str:
+def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:
     """The name in use that a file means by `given`.
 
     It is the equal name, or else the only one whose last number is the same: `2`,
-    `cam_2` and `cam02` mean each other.  InputError where there is none, or several.
+    `cam_2` and `cam02` mean each other.  InputError where there is none, or several; `what` says what has the name.
     """
     if given in names:
         return given
@@ -22,8 +22,8 @@ def match_sensor(given: str, names: Sequence[str], where: str) -> str:
     same = [name for name in names if number is not None and _last_number(name) == number]
     if len(same) == 1:
         return same[0]
-    found = f"may be any of {', '.join(same)}" if same else f"is none of {', '.join(names) or 'the cameras (none)'}"
-    raise InputError(f"{where}: camera {given!r} {found}; give them equal names")
+    found = f"may be any of {', '.join(same)}" if same else f"is none of {', '.join(names) or f'the {what}s (none)'}"
+    raise InputError(f"{where}: {what} {given!r} {found}; give them equal names")
 
 
 def means_none(given: str, names: Sequence[str]) -> bool:

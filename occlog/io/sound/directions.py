@@ -91,7 +91,7 @@ def read_doa(
     tilted = {a.name: a for a in arrays if not a.upright}
     for rows in entry.read(path, options, told):
         unique, inverse = np.unique(rows.sensor, return_inverse=True)
-        matched = [match_sensor(str(label), names, str(path)) for label in unique]
+        matched = [match_sensor(str(label), names, str(path), what="array") for label in unique]
         sensor = np.array(matched, dtype=np.str_)[inverse]
         _check_times(path, rows, sensor, last)
         rows = _by_clocks(rows, sensor, clocks or {}, first)

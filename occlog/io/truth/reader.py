@@ -34,6 +34,7 @@ from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import check_input
 from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
 from occlog.io.sound.locata import looks_like_locata, read_source
+from occlog.io.trajectories.reader import find_trajectories
 from occlog.records.tables import Truth, TruthBoxes
 
 from .calibration_board import read_board
@@ -198,6 +199,12 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
 
 
 def _detect(path: Path) -> str:
+    trajectories = find_trajectories(path)
+    if trajectories is not None:
+        raise InputError(
+            f"{path}: is {trajectories.kind}, a format of trajectories; `occlog evaluate --truth` takes it as it is, "
+            "and a recording a table (CSV) with columns of time (or frame), target_id, x and y"
+        )
     head = first_line(path, WHAT)
     for name, entry in FORMATS.items():
         if entry.detect([cell.lower() for cell in head]):

@@ -140,7 +140,7 @@ def _arrays(request: ListenRequest, scene: Scene) -> dict[str, Path]:
     for label, path in request.sounds:
         if label is None and len(names) > 1:
             raise UsageError(f"{path}: does not name its array; give ARRAY={path.name} (arrays: {', '.join(names)})")
-        name = names[0] if label is None else match_sensor(label, names, str(path))
+        name = names[0] if label is None else match_sensor(label, names, str(path), what="array")
         if name in out:
             raise UsageError(f"array {name}: has two files; give each array one")
         out[name] = path

@@ -103,6 +103,8 @@ def test_xml_frames_that_are_listed_empty_are_rows_and_others_are_not(tmp_path: 
         ("t.csv", "time,x,y,role\n1,2,3,wall\n", "line 2: role 'wall' must be target or occluder"),
         ("t.csv", "tme,x,y\n1,2,3\n", "did you mean 'time'"),
         ("t.csv", "1,2,3\n", "not ground truth of a known format"),
+        ("t.tum", "1.5 1 2 3 0 0 0 1\n", "is TUM text, a format of trajectories; `occlog evaluate --truth` takes it"),
+        ("t.geojson", '{"type": "FeatureCollection", "features": []}', "is GeoJSON, a format of trajectories"),
         ("t.csv", "", "is empty"),
         ("g.xml", XML.replace('h="80"', 'h="-80"'), "frame 1: object 9: box of 30 x -80 px"),
         ("g.xml", XML.replace('xc="100"', 'xc="a"'), "xc of <box> is 'a'"),
