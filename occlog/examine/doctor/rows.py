@@ -93,28 +93,30 @@ def halves(
         good: what the others are, part by part, is added to it.
         checks: calls of `make`; a stretch that is left after these counts as one bad row, its first.
     """
-    left = checks
-
-    def bad(start: int, stop: int) -> Iterator[tuple[int, InputError]]:
-        nonlocal left
-        left -= 1
-        try:
-            good.append(make(start, stop))
-            return
-        except InputError as error:
-            fault = error
-        found = False
-        if stop - start > 1 and left > 0:
-            middle = (start + stop) // 2
-            for part in ((start, middle), (middle, stop)):
-                for one in bad(*part):
-                    found = True
-                    yield one
-        if not found:  # one row, or some that are good alone, and not together
-            yield start, fault
-
     if rows:
-        yield from bad(0, rows)
+        yield from _bad(0, rows, make, good, [checks])
+
+
+def _bad(
+    start: int, stop: int, make: Callable[[int, int], M], good: list[M], left: list[int]
+) -> Iterator[tuple[int, InputError]]:
+    """As `halves`, of a stretch; `left` has the number of calls that are left."""
+    left[0] -= 1
+    try:
+        good.append(make(start, stop))
+        return
+    except InputError as error:
+        # Without the frames of the stack, which would hold the rows in memory
+        fault = InputError(str(error))
+    found = False
+    if stop - start > 1 and left[0] > 0:
+        middle = (start + stop) // 2
+        for part in ((start, middle), (middle, stop)):
+            for one in _bad(*part, make, good, left):
+                found = True
+                yield one
+    if not found:  # one row, or some that are good alone, and not together
+        yield start, fault
 
 
 def sift(

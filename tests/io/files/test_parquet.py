@@ -17,6 +17,7 @@ from occlog.io.files import parquet
 from occlog.io.files.provenance import Provenance
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Views
+from occlog.track.people.boxes_by_moment import FrameTimes
 
 PROVENANCE = Provenance("detect", {"method": "em"}, 7, (("a.mcap", "00"),), (Loss("cam1", "frame 3", "lost", 1),))
 
@@ -47,6 +48,26 @@ def test_units_and_meanings_are_in_the_file(tmp_path: Path) -> None:
     assert schema.field("cov_xx").metadata[b"unit"] == b"ft^2"
     assert schema.field("vx").metadata[b"nan"]
     assert schema.metadata[b"occlog.schema"] == b"tracks/3"
+
+
+def test_copies_of_rows_are_refused_where_they_have_an_identity(tmp_path: Path) -> None:
+    first = random_table(Bearings, 1)
+    path = tmp_path / "t.parquet"
+    for target, refused in ((3, True), (-1, False)):
+        one = replace(first, target_id=np.array([target], np.int32))
+        parquet.write_table(path, Bearings.concat([one, one]), PROVENANCE, overwrite=True)
+        if refused:
+            with pytest.raises(
+                InputError, match=r"t\.parquet: Bearings: a row stands there twice \(t_ns .*target_id 3"
+            ):
+                parquet.read_table(path, Bearings)
+        else:
+            assert len(parquet.read_table(path, Bearings)) == 2
+    # What two rows differ in may be in columns that nobody asks for
+    views = Views.concat([random_table(Views, 1)] * 2)
+    views = replace(views, cluster=np.array([0, 1], np.int32))
+    parquet.write_table(path, views, PROVENANCE, overwrite=True)
+    assert len(parquet.read_table(path, FrameTimes)) == 2
 
 
 def test_same_rows_same_bytes(tmp_path: Path) -> None:
