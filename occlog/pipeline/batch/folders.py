@@ -6,13 +6,15 @@ back, `run.json` last, so that a worker may be killed at any time.
 
 from __future__ import annotations
 
+import fcntl
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from occlog import __version__
 from occlog.errors import InputError, OutputError, UsageError
-from occlog.io.files.atomic import PARTIAL
+from occlog.io.files.atomic import PARTIAL, translate_write_errors
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
 from occlog.io.remote.cache import Cache
@@ -42,7 +44,11 @@ def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[
         OutputError: it cannot be made.
     """
     if not is_url(output):
-        yield _prepare(Path(output), results)
+        with _alone(_prepare(Path(output))) as folder:
+            for name in results:
+                with translate_write_errors(folder / name):
+                    (folder / name).unlink(missing_ok=True)
+            yield folder
         return
     check_output(output)
     names = names_in(output)
@@ -58,7 +64,21 @@ def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[
                 put(folder / name, f"{output}/{name}")
 
 
-def _prepare(output: Path, results: Sequence[str]) -> Path:
+@contextmanager
+def _alone(folder: Path) -> Iterator[Path]:
+    """Yield the folder while no other command works in it; UsageError if one does."""
+    descriptor = os.open(folder / RUNS, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(f"{folder}: another `occlog batch` works in it; wait, or name another folder") from None
+        yield folder
+    finally:
+        os.close(descriptor)
+
+
+def _prepare(output: Path) -> Path:
     if output.exists() and not output.is_dir():
         raise OutputError(f"{output}: is a file; name a folder for the batch")
     mark = output / MARK
@@ -70,8 +90,6 @@ def _prepare(output: Path, results: Sequence[str]) -> Path:
         output.mkdir(parents=True, exist_ok=True)
         write_json(mark, _mark(), overwrite=True)
         (output / RUNS).mkdir(exist_ok=True)
-        for name in results:
-            (output / name).unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"{output}: the folder of the batch cannot be made: {error.strerror or error}") from error
     return output.resolve()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import uuid
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -38,7 +39,9 @@ class DaskCluster:
             ) from error
         with client:
             _check_versions(client)
-            running = {client.submit(work, piece, key=f"occlog-{key}"): key for key, piece in todo.items()}
+            # The scheduler gives one result to all who ask for it by one key: others may have pieces of the same names
+            mine = f"occlog-{uuid.uuid4().hex}"
+            running = {client.submit(work, piece, key=f"{mine}-{key}"): key for key, piece in todo.items()}
             for future in library.as_completed(running, loop=client.loop):
                 if isinstance(future.exception(), library.scheduler.KilledWorker):
                     yield running[future], Lost("its workers died (out of memory, killed, or a crash of a library)")

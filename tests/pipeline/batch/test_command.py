@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import fcntl
 import json
 import os
 import shutil
@@ -208,6 +209,20 @@ def test_other_folders_are_left_alone(simulated: Path, tmp_path: Path, capsys: p
     do(simulated, tmp_path / "out", "--dry-run")
     assert not (tmp_path / "out").exists()
     do(simulated, tmp_path / "out", "--workers", "2", "--scheduler", "tcp://x:1", code=ExitCode.USAGE)
+
+
+def test_two_commands_do_not_work_in_one_folder(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out" / "runs").mkdir(parents=True)
+    (tmp_path / "out" / "batch.json").write_text('{"program": "occlog"}')
+    descriptor = os.open(tmp_path / "out" / "runs", os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    try:
+        do(simulated, tmp_path / "out", code=ExitCode.USAGE)
+    finally:
+        os.close(descriptor)
+    assert "another `occlog batch` works in it" in json.loads(capsys.readouterr().err)["error"]
 
 
 @pytest.mark.slow
