@@ -11,7 +11,7 @@ import click
 
 from occlog.cli import options
 from occlog.details import begin_work, note_files
-from occlog.errors import ExitCode, UsageError
+from occlog.errors import ExitCode, UsageError, did_you_mean
 from occlog.io.files.atomic import write_bytes
 from occlog.io.remote.cache import Cache
 from occlog.io.remote.urls import is_url, kind_of, shown
@@ -22,6 +22,7 @@ from occlog.pipeline.executors.options import JOBS_FOLDER
 from occlog.pipeline.progress import shown_progress
 from occlog.pipeline.run.run import worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
+from occlog.records.tables import TABLES
 
 from .folders import RUNS, batch_folder, fetch_files
 from .plan import Source, sources_of
@@ -70,6 +71,9 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
         quiet: true: no progress and no notes.
         as_json: true: print the summary as JSON.
     """
+    for name in request.tables:
+        if name not in TABLES:
+            raise UsageError(f"--tables: no table {name!r}; {did_you_mean(name, TABLES)}")
     config = read_config(request.config, ())
     sources = sources_of(request.recordings)
     _check_config(config)
@@ -87,6 +91,9 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
         times = [{"recording": o.name, "seconds": o.seconds, "cpu_seconds": o.cpu_seconds} for o in outcomes]
         write_bytes(folder / TIMINGS, to_csv(times), overwrite=True)
     _tell(outcomes, quiet)
+    for name in request.tables:
+        if name not in gathered.rows and not gathered.losses:
+            options.note(f"warning: no run has made {name}, so that there is no table of all", quiet)
     for loss in gathered.losses:
         options.note(f"lost: {loss}")
     options.echo_summary(_summary(shown(place), outcomes, gathered.rows), as_json)

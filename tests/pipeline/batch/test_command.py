@@ -158,6 +158,8 @@ def test_an_object_store_holds_recordings_and_results(
     [
         (("memory://in/a.mcap", "-o", "out", "--workers", "2"), "lies in the memory of this process"),
         (("ftp://h/a.mcap", "-o", "out"), "ftp: is not taken"),
+        (("hall.mcap", "-o", "out", "--tables", "traks"), "--tables: no table 'traks'; did you mean 'tracks'?"),
+        (("hall.mcap", "-o", "out", "--tables", "runs"), "--tables: no table 'runs'"),
         (
             ("hall.mcap", "-o", "https://me:word@h/out?sig=word", "--workers", "1"),
             "https://h/out: nothing can be written",
