@@ -43,7 +43,7 @@ class JipdaConfig(LagConfig):
     calm_s: float = setting(20.0, "They do so after so long on average, at first; it is learned.", unit="s", above=0)
     turn_s: float = setting(1.0, "It takes so long on average.", unit="s", above=0)
     bend_s: float = setting(
-        60.0,
+        6000.0,
         "They bend, fall, lie down or get up after so long on average, at first; it is learned.",
         unit="s",
         above=0,

@@ -7,9 +7,8 @@ from occlog.track.jipda.batch.chains import NONE, Chain, Places, Walk
 from occlog.track.jipda.cues import law_of
 
 WALK = Walk(
-    drift=np.array([0.06, 1e-3, 1e-3]),
-    agile=16.0,
-    turning=0.0,
+    drift=np.array([[0.06, 1e-3, 1e-3], [1.0, 1e-3, 1e-3], [1.0, 0.5, 0.2]]),
+    often=np.zeros(3),
     prior=np.array([0.0, 0.0, 1.2, 1.2, 60.0, 70.0]),
     mean=np.array([0.0, 0.0, 0.0, 0.0, 1.7, 0.5]),
     speed=2.7,
@@ -51,7 +50,7 @@ def chain_with(after, used, K=0):
         if j != NONE:
             before[j] = i
     return Chain(
-        np.array(after), before, np.array(used), np.ones(n), np.zeros((n, 6)), np.zeros((n, 6, 6)), np.zeros(n),
-        np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n), np.zeros(n, dtype=np.int64),
+        np.array(after), before, np.array(used), np.zeros(n, dtype=np.int64), np.zeros((n, 6)), np.zeros((n, 6, 6)),
+        np.zeros(n), np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n), np.zeros(n, dtype=np.int64),
         np.zeros(n, dtype=np.int64), no_sums(Alike(np.zeros((n, K)), np.zeros(n), None)),
     )  # fmt: skip

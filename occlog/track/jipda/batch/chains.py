@@ -27,6 +27,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from ..interface import STATE
+from ..people import CALM
 from .appearance import Alike, Sums, sum_up, together
 from .messages import absorb, back, meet, predict, start
 
@@ -65,9 +66,8 @@ class Places(NamedTuple):
 class Walk(NamedTuple):
     """How people walk and what is known of somebody new."""
 
-    drift: Floats  # (3,) as in `messages.noise_of_walk`
-    agile: float  # how many times as large the acceleration's spectral density is in a manoeuvre
-    turning: float  # how often in a second a manoeuvre begins; 0: never
+    drift: Floats  # (3, 3) of each model of motion (`people.MODELS`), as in `messages.noise_of_walk`
+    often: Floats  # (3,) how often in a second each but the first begins; 0: never
     prior: Floats  # (6,) precisions of somebody new
     mean: Floats  # (6,) means of the same
     speed: float  # greatest speed
@@ -106,7 +106,7 @@ class Chain(NamedTuple):
     after: Ints  # (n,) the next place of the track; NONE
     before: Ints  # (n,)
     used: Bools  # (n,) whether it is in a track
-    agile: Floats  # (n,) 1, or `Walk.agile`: there is a manoeuvre before the next place
+    model: Ints  # (n,) of the motion before the next place
     mean: Floats  # (n, 6) forward messages
     covariance: Floats  # (n, 6, 6)
     past: Floats  # (n,) log likelihood of the track up to and with the place
@@ -211,29 +211,30 @@ def between(places: Places, walk: Walk, looked: Floats, i: int, j: int) -> float
 def joined(
     places: Places, walk: Walk, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
-) -> tuple[float, float]:  # fmt: skip
-    """Log probability of a track whose place i has a forward message and next place j a backward one, and how agile.
+) -> tuple[float, int]:  # fmt: skip
+    """Log probability of a track whose place i has a forward message and next place j a backward one, and the motion.
 
-    Between the two the person walks on or manoeuvres, whichever is more probable.
+    Between the two the person walks on, manoeuvres or bends, whichever is most probable.
     """
     m, P = np.empty(STATE), np.empty((STATE, STATE))
     dt = places.time[j] - places.time[i]
-    predict(mean, covariance, dt, walk.drift, 1.0, m, P)
-    calm, agile = meet(m, P, J, h, future) + log_of_agility(walk, dt, 1.0), 1.0
-    if walk.turning > 0.0:
-        predict(mean, covariance, dt, walk.drift, walk.agile, m, P)
-        turned = meet(m, P, J, h, future) + log_of_agility(walk, dt, walk.agile)
-        if turned > calm:
-            calm, agile = turned, walk.agile
-    return past + between(places, walk, looked, i, j) + calm, agile
+    most, best = -np.inf, CALM
+    for model in range(walk.often.shape[0]):
+        if model != CALM and walk.often[model] == 0.0:
+            continue
+        predict(mean, covariance, dt, walk.drift[model], m, P)
+        value = meet(m, P, J, h, future) + log_of_model(walk, dt, model)
+        if value > most:
+            most, best = value, model
+    return past + between(places, walk, looked, i, j) + most, best
 
 
 @kernel
-def log_of_agility(walk: Walk, dt: float, agile: float) -> float:
-    """Log of the probability that a manoeuvre begins within dt, or that none does."""
-    if agile == 1.0:
-        return -walk.turning * dt
-    return math.log(1.0 - math.exp(-walk.turning * dt))
+def log_of_model(walk: Walk, dt: float, model: int) -> float:
+    """Log of the probability that a manoeuvre, or bending, begins within dt; of the first model: that none does."""
+    if model == CALM:
+        return -float(np.sum(walk.often)) * dt
+    return math.log(1.0 - math.exp(-walk.often[model] * dt))
 
 
 @kernel
@@ -282,15 +283,15 @@ def known_link(
 
 @kernel
 def forward_of(
-    places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, agile: float, mean: Floats, P: Floats
+    places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, model: int, mean: Floats, P: Floats
 ) -> float:
     """Write the forward message of place k after place i (or NONE), and give its log likelihood."""
     if i == NONE:
         begun = start(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, P)
         return float(places.birth[k] + begun)
     dt = places.time[k] - places.time[i]
-    predict(chain.mean[i], chain.covariance[i], dt, walk.drift, agile, mean, P)
-    past = chain.past[i] + between(places, walk, looked, i, k) + log_of_agility(walk, dt, agile)
+    predict(chain.mean[i], chain.covariance[i], dt, walk.drift[model], mean, P)
+    past = chain.past[i] + between(places, walk, looked, i, k) + log_of_model(walk, dt, model)
     return float(past + absorb(mean, P, places.J[k], places.h[k], places.c[k]))
 
 
@@ -298,13 +299,13 @@ def forward_of(
 def with_place(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, j: int) -> float:
     """Log probability of the track in which place k lies between i and j (each may be NONE)."""
     m, P = np.empty(STATE), np.empty((STATE, STATE))
-    agile = 1.0
+    model = CALM
     if i != NONE:
-        _, agile = joined(
+        _, model = joined(
             places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
             k, places.J[k], places.h[k], places.c[k],
         )  # fmt: skip
-    past = forward_of(places, walk, looked, chain, i, k, agile, m, P)
+    past = forward_of(places, walk, looked, chain, i, k, model, m, P)
     if j == NONE:
         return float(past + places.death[k])
     value, _ = joined(places, walk, looked, k, m, P, past, j, chain.J[j], chain.h[j], chain.future[j])
@@ -313,14 +314,14 @@ def with_place(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int,
 
 @kernel
 def choose(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int) -> None:
-    """Say whether the person of place i, if it has a next one, manoeuvres before it."""
+    """Say how the person of place i, if it has a next one, moves before it."""
     if i == NONE:
         return
     j = chain.after[i]
     if j == NONE:
-        chain.agile[i] = 1.0
+        chain.model[i] = CALM
     else:
-        _, chain.agile[i] = joined(
+        _, chain.model[i] = joined(
             places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
             j, chain.J[j], chain.h[j], chain.future[j],
         )  # fmt: skip
@@ -333,7 +334,7 @@ def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: 
     k = forward_at
     while k != NONE:
         i = chain.before[k]
-        past = forward_of(places, walk, looked, chain, i, k, chain.agile[i] if i != NONE else 1.0, m, P)
+        past = forward_of(places, walk, looked, chain, i, k, chain.model[i] if i != NONE else CALM, m, P)
         same = True
         for a in range(STATE):
             moved = abs(m[a] - chain.mean[k, a]) / math.sqrt(P[a, a])
@@ -357,8 +358,8 @@ def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: 
             future = places.c[k] + places.death[k]
         else:
             dt = places.time[j] - places.time[k]
-            future = back(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift, chain.agile[k], J, h)
-            future += places.c[k] + between(places, walk, looked, k, j) + log_of_agility(walk, dt, chain.agile[k])
+            future = back(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift[chain.model[k]], J, h)
+            future += places.c[k] + between(places, walk, looked, k, j) + log_of_model(walk, dt, chain.model[k])
             J += places.J[k]
             h += places.h[k]
         same = True
@@ -383,12 +384,12 @@ def enter(places: Places, walk: Walk, looked: Floats, chain: Chain, k: int) -> N
     i, j = chain.before[k], chain.after[k]
     if i != NONE:
         # As if it were the last place, then with what follows
-        _, chain.agile[i] = joined(
+        _, chain.model[i] = joined(
             places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
             k, places.J[k], places.h[k], places.c[k],
         )  # fmt: skip
     chain.past[k] = forward_of(
-        places, walk, looked, chain, i, k, chain.agile[i] if i != NONE else 1.0, chain.mean[k], chain.covariance[k]
+        places, walk, looked, chain, i, k, chain.model[i] if i != NONE else CALM, chain.mean[k], chain.covariance[k]
     )
     chain.earlier[k] += 1
     choose(places, walk, looked, chain, k)

@@ -30,17 +30,16 @@ LEAST_DT = 1e-6
 
 
 @kernel
-def noise_of_walk(dt: float, drift: Floats, agile: float, Q: Floats) -> None:
+def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
     """Write the covariance Q (6, 6) that a step of dt adds.
 
     Args:
         dt: length of the step [s].
         drift: (3,) spectral density of the acceleration, and variances that height and width gain in a second, > 0.
-        agile: how many times as large the first is in this step.
         Q: (6, 6) written.
     """
     Q[:] = 0.0
-    t, q = max(dt, LEAST_DT), agile * drift[0]
+    t, q = max(dt, LEAST_DT), drift[0]
     for a in range(2):
         Q[a, a] = q * t * t * t / 3.0
         Q[a, a + 2] = Q[a + 2, a] = 0.5 * q * t * t
@@ -49,12 +48,10 @@ def noise_of_walk(dt: float, drift: Floats, agile: float, Q: Floats) -> None:
 
 
 @kernel
-def predict(
-    mean: Floats, covariance: Floats, dt: float, drift: Floats, agile: float, out_mean: Floats, out: Floats
-) -> None:
+def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean: Floats, out: Floats) -> None:
     """Write mean (6,) and covariance (6, 6) a time dt later: F m and F P F' + Q."""
     t = max(dt, LEAST_DT)
-    noise_of_walk(t, drift, agile, out)
+    noise_of_walk(t, drift, out)
     for a in range(STATE):
         out_mean[a] = mean[a] + (t * mean[a + 2] if a < 2 else 0.0)
     for a in range(STATE):
@@ -199,14 +196,14 @@ def meet(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> fl
 
 
 @kernel
-def back(J: Floats, h: Floats, c: float, dt: float, drift: Floats, agile: float, out_J: Floats, out_h: Floats) -> float:
+def back(J: Floats, h: Floats, c: float, dt: float, drift: Floats, out_J: Floats, out_h: Floats) -> float:
     """Write the factor of the state a time dt earlier: the mean of the given one over the noise; give its constant.
 
     With C = (Q^-1 + J)^-1 it is J - J C J, h - J C h, c + (h' C h + log|C| - log|Q|) / 2, before F is applied.
     """
     t = max(dt, LEAST_DT)
     Q, inner, C = np.empty((STATE, STATE)), np.empty((STATE, STATE)), np.empty((STATE, STATE))
-    noise_of_walk(t, drift, agile, Q)
+    noise_of_walk(t, drift, Q)
     log_q = invert(Q, inner)
     for a in range(STATE):
         for b in range(STATE):

@@ -20,7 +20,7 @@ import numpy as np
 from occlog.array_types import NS, Floats, Ints
 
 from ..cues import appearance_of, are_histograms, law_of, log_ratio, unit_vectors
-from ..detectors import blind_looks, leaving_rate, rates_of, turning_rate
+from ..detectors import bending_rate, blind_looks, leaving_rate, rates_of, turning_rate
 from ..filter import State, pack, support_of
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
 from ..kernels.joint import Boxes, Rates
@@ -135,6 +135,7 @@ def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) ->
         people=max(len(places) / len(moments), 0.5),
         stay=1.0 / leaving_rate(state.counts),
         turning=turning_rate(state.counts),
+        bending=bending_rate(state.counts),
         metre=state.metre,
     )
 

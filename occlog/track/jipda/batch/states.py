@@ -11,6 +11,7 @@ from occlog.core.numerics.jit import kernel
 
 from ..interface import STATE
 from ..kernels.linear import invert
+from ..people import CALM
 from .chains import NONE, Chain, Places, Walk
 from .messages import back, predict
 
@@ -93,7 +94,8 @@ def _states(
             information[:] = 0.0
             vector[:] = 0.0
             if i != NONE:
-                predict(chain.mean[i], chain.covariance[i], time[t] - places.time[i], walk.drift, chain.agile[i], m, P)
+                drift = walk.drift[chain.model[i]]
+                predict(chain.mean[i], chain.covariance[i], time[t] - places.time[i], drift, m, P)
                 invert(P, information)
                 vector[:] = information @ m
             else:
@@ -106,8 +108,8 @@ def _states(
                     vector[a] = information[a, a] * places.at[head, a]
             # Backward: the information of everything after the moment
             if j != NONE:
-                agile = chain.agile[i] if i != NONE else 1.0
-                back(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], walk.drift, agile, J, h)
+                drift = walk.drift[chain.model[i] if i != NONE else CALM]
+                back(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], drift, J, h)
                 information += J
                 vector += h
             track[row], moment[row], heads[row] = count, t, head

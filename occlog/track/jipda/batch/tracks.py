@@ -12,7 +12,7 @@ from occlog.array_types import Floats, Ints
 
 from ..config import JipdaConfig
 from ..cues import Law
-from ..people import GROWTH
+from ..people import BENT_HEIGHT, BENT_WIDTH, CALM, GROWTH
 from ..place_map import CELL, PlaceMap, leaving_at
 from .appearance import Alike, no_sums, together
 from .association import Found
@@ -60,6 +60,7 @@ class Span(NamedTuple):
     people: float  # at a time
     stay: float  # how long people stay on average [s]
     turning: float  # how often in a second a person begins to manoeuvre
+    bending: float  # the same to bend, fall, lie down or get up
     metre: float  # in the scene's unit
 
     @property
@@ -85,21 +86,21 @@ def walk_of(config: JipdaConfig, span: Span, reach: int, free: bool) -> Walk:
     While links are to be found (`free`), they walk on or manoeuvre.  Once they are, turns that are too slight to be
     told one by one count, too: the acceleration is the mean over both.
     """
-    least = LEAST_ACCELERATION * span.metre**2
     often = span.turning * config.turn_s / (1.0 + span.turning * config.turn_s)
     mean = (1.0 - often) * config.acceleration + often * config.manoeuvre
-    acceleration = max(config.acceleration if free else mean, least)
+    calm = max(config.acceleration if free else mean, LEAST_ACCELERATION * span.metre**2)
+    agile = max(config.manoeuvre, calm)
     deviation = np.array([config.speed, config.speed, config.sigma_height, config.sigma_width])
+    height, width = config.height**2, config.width**2
     return Walk(
         drift=np.array(
             [
-                acceleration,
-                (GROWTH * config.height) ** 2,
-                (GROWTH * config.width) ** 2,
+                [calm, GROWTH**2 * height, GROWTH**2 * width],
+                [agile, GROWTH**2 * height, GROWTH**2 * width],
+                [agile, BENT_HEIGHT**2 * height, BENT_WIDTH**2 * width],
             ]
         ),
-        agile=max(config.manoeuvre / acceleration, 1.0),
-        turning=span.turning,
+        often=np.array([0.0, span.turning, span.bending]),
         prior=np.concatenate([[0.0, 0.0], deviation**-2]),
         mean=np.array([0.0, 0.0, 0.0, 0.0, config.height, config.width]),
         speed=SPEEDS * config.speed,
@@ -203,7 +204,7 @@ def _chain(places: Places, walk: Walk, track: Ints, free: bool) -> Chain:
         after=after,
         before=before,
         used=track != NONE,
-        agile=np.ones(n),
+        model=np.full(n, CALM),
         mean=np.full((n, 6), np.nan),
         covariance=np.zeros((n, 6, 6)),
         past=np.zeros(n),

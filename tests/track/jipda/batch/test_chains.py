@@ -19,6 +19,7 @@ from occlog.track.jipda.batch.chains import (
     sweep,
     total,
 )
+from occlog.track.jipda.people import BENDING, CALM, TURNING
 
 
 def all_states(places, looked):
@@ -118,3 +119,21 @@ def test_what_the_filter_followed_speaks_for_links(other, begins, worth):
     hint = np.array([[NONE, 0], [NONE, other]])
     life = np.array([[0.0, 0.5], [begins, 1.0]])
     assert between(places._replace(hint=hint, life=life), WALK, looked, 0, 1) - without == pytest.approx(worth)
+
+
+@pytest.mark.parametrize(
+    ("at", "body", "model"),
+    [((0.5, 0.0), (1.7, 0.5), CALM), ((0.0, 1.5), (1.7, 0.5), TURNING), ((0.5, 0.0), (0.5, 1.2), BENDING)],
+)
+def test_people_walk_on_turn_or_bend_before_the_next_place(at, body, model):
+    walk = WALK._replace(often=np.array([0.0, 0.05, 1e-3]))
+    places = places_at([0, 1, 2, 3], [[-1.0, 0.0], [-0.5, 0.0], [0.0, 0.0], at], np.ones(4))
+    places = places._replace(J=20.0 * places.J, h=20.0 * places.h)
+    places.h[3] = places.J[3] @ [*at, 0.0, 0.0, *body]
+    looked = np.arange(5.0)[:, None]
+    chain = chain_with([1, 2, 3, NONE], [True] * 4)
+    # The models are chosen by the messages of all places, which are made first
+    for _ in range(2):
+        renew_all(places, walk, looked, chain)
+    assert chain.model[2] == model
+    assert chain.model[3] == CALM

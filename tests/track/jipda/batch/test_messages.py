@@ -16,7 +16,7 @@ WIDE = 1e4
 def walk(dt):
     F, Q = np.eye(6), np.empty((6, 6))
     F[0, 2] = F[1, 3] = dt
-    noise_of_walk(dt, DRIFT, 1.0, Q)
+    noise_of_walk(dt, DRIFT, Q)
     return F, Q
 
 
@@ -62,7 +62,7 @@ def forward(J, v, c, upto):
     total = start(PRIOR, AT, J[0], v[0], c[0], mean, P)
     for k in range(1, upto + 1):
         m, Q = np.empty(6), np.empty((6, 6))
-        predict(mean, P, TIMES[k] - TIMES[k - 1], DRIFT, 1.0, m, Q)
+        predict(mean, P, TIMES[k] - TIMES[k - 1], DRIFT, m, Q)
         mean, P = m, Q
         total += absorb(mean, P, J[k], v[k], c[k])
     return mean, P, total
@@ -72,7 +72,7 @@ def backward(J, v, c, downto):
     Jb, vb, total = J[-1].copy(), v[-1].copy(), c[-1]
     for k in range(len(TIMES) - 2, downto - 1, -1):
         out_J, out_h = np.empty((6, 6)), np.empty(6)
-        total = back(Jb, vb, total, TIMES[k + 1] - TIMES[k], DRIFT, 1.0, out_J, out_h) + c[k]
+        total = back(Jb, vb, total, TIMES[k + 1] - TIMES[k], DRIFT, out_J, out_h) + c[k]
         Jb, vb = out_J + J[k], out_h + v[k]
     return Jb, vb, total
 
@@ -87,7 +87,7 @@ def test_the_messages_give_the_same_density_at_every_link(at):
     *_, J, v, c = measured(1)
     mean, P, past = forward(J, v, c, at)
     m, Q = np.empty(6), np.empty((6, 6))
-    predict(mean, P, TIMES[at + 1] - TIMES[at], DRIFT, 1.0, m, Q)
+    predict(mean, P, TIMES[at + 1] - TIMES[at], DRIFT, m, Q)
     Jb, vb, future = backward(J, v, c, at + 1)
     assert past + meet(m, Q, Jb, vb, future) == pytest.approx(forward(J, v, c, 3)[2], abs=1e-6)
 

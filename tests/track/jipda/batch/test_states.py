@@ -21,7 +21,7 @@ def least_squares(places, left_out):
     vector[:6] += prior @ WALK.mean
     F, Q = np.eye(6), np.empty((6, 6))
     F[0, 2] = F[1, 3] = 0.5
-    noise_of_walk(0.5, WALK.drift, 1.0, Q)
+    noise_of_walk(0.5, WALK.drift[0], Q)
     for k in range(n - 1):
         D = np.zeros((6, 6 * n))
         D[:, 6 * k : 6 * k + 6], D[:, 6 * k + 6 : 6 * k + 12] = -F, np.eye(6)
