@@ -297,7 +297,10 @@ def read_boxes(
         chunks: Iterator[BoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
-        whole = check_copies(in_frames(chunks, survey.first, survey.stop), cameras, file.path)
+        whole = in_frames(chunks, survey.first, survey.stop)
+        # A detector may give one box to several classes, which the rows no longer tell
+        if options.classes is None or len(options.classes) < 2:
+            whole = check_copies(whole, cameras, file.path)
         if options.classes is not None:
             whole = check_identities(whole, cameras, file.path)
         yield from fill_frames(whole, table, cameras, survey.first, survey.stop, times, survey.step)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -363,7 +364,9 @@ def test_bad_input(
     (folder / "late.txt").write_text("100,1,10,10,20,20,1\n")
     tracks = view_tracks()
     whole = {c.name: getattr(tracks, c.name) for c in ViewTracks.columns()}
-    write_table(folder / "other.parquet", ViewTracks.of(**{**whole, "sensor": np.full(len(tracks), "west")}), MADE)
+    east = tracks.take(tracks.sensor == "east")
+    west = replace(east, sensor=np.full(len(east), "west"))
+    write_table(folder / "other.parquet", west, MADE)
     write_table(folder / "away.parquet", ViewTracks.of(**{**whole, "t_ns": tracks.t_ns + 5}), MADE)
     before = sorted(folder.rglob("*"))
     got, line = error(arguments, capsys)
