@@ -23,6 +23,7 @@ class ExitCode(IntEnum):
     EXISTS = 7  # the output exists and --overwrite was not given
     INTERRUPTED = 130
     PIPE = 141  # the reader of standard output has gone, as in `| head`
+    TERMINATED = 143  # SIGTERM, as a queue of jobs or a service manager sends it
 
 
 class OcclogError(Exception):

@@ -1,4 +1,4 @@
-"""Ctrl-C ends the program once, wherever it arrives.
+"""Ctrl-C and SIGTERM end the program once, wherever they arrive, and let it tidy up.
 
 Python drops an exception that a finaliser or a callback of compiled code raises, and some compiled code drops it
 without a word.  An interrupt that arrives there would be lost, so that it is remembered here and raised later.
@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
+USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+"""Signals that are taken over, and what Python does of itself."""
 AGAIN_S = 0.05
 """An interrupt that was dropped comes again so much later, so that the callback has ended."""
 
@@ -25,17 +27,22 @@ class Interrupts:
 
     Attributes:
         asked: there was one.
+        terminated: it was SIGTERM.
         raised: it was raised where it is not dropped; no other one may disturb the tidying up.
     """
 
     def __init__(self) -> None:
         """There was none."""
-        self.asked = self.raised = self._waiting = False
+        self.asked = self.raised = self.terminated = self._waiting = False
 
     def install(self) -> None:
-        """Take over SIGINT, unless the process is to ignore it, and look at what Python drops."""
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, self._arrived)
+        """Take over SIGINT and SIGTERM, unless the process is to ignore them, and look at what Python drops."""
+        for number, usual in USUAL.items():
+            if signal.getsignal(number) == usual:
+                signal.signal(number, self._arrived)
+        # Who is forked ends by SIGTERM as any process does
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=_usual_end)
         sys.unraisablehook = self._dropped
 
     def check(self) -> None:
@@ -51,8 +58,10 @@ class Interrupts:
     def end(self) -> None:
         """The program ends: no interrupt matters any more, not even while the interpreter stops."""
         self.raised = True
-        if signal.getsignal(signal.SIGINT) == self._arrived:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in USUAL:
+            if signal.getsignal(number) == self._arrived:
+                signal.signal(number, signal.SIG_IGN)
+        if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
             # An interrupt that left code which ran from text, as imports do, would make CPython kill itself by SIGINT
             # instead of leaving with the exit code; the next text that runs makes it forget
             exec("")
@@ -60,6 +69,7 @@ class Interrupts:
     def _arrived(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal wants it
         if not self.raised:
             self.asked = True
+            self.terminated = self.terminated or number == signal.SIGTERM
             raise KeyboardInterrupt
 
     def _dropped(self, unraisable: UnraisableHookArgs) -> None:
@@ -76,6 +86,11 @@ class Interrupts:
         self._waiting = False
         if not self.raised:
             os.kill(os.getpid(), signal.SIGINT)
+
+
+def _usual_end() -> None:
+    if signal.getsignal(signal.SIGTERM) == INTERRUPTS._arrived:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 INTERRUPTS = Interrupts()

@@ -88,7 +88,7 @@ EPILOG = """\b
 Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is listed);
 4 bad or unreadable input, or an output that cannot be written; 5 diff found a difference;
 6 not plausible (--strict), or a threshold not met (--fail-if); 7 the output exists; 130 interrupted;
-141 the reader of standard output has gone.
+141 the reader of standard output has gone; 143 terminated (SIGTERM).
 
 \b
   occlog run sample_data/room/run.yaml -o run/   every stage, from video to report
@@ -193,6 +193,8 @@ def run(args: list[str] | None = None) -> int:
         return int(result) if isinstance(result, int) else ExitCode.DONE
     except (click.exceptions.Abort, KeyboardInterrupt):
         INTERRUPTS.end()
+        if INTERRUPTS.terminated:
+            return _fail("terminated", ExitCode.TERMINATED, words)
         return _fail("interrupted", ExitCode.INTERRUPTED, words)
     except click.exceptions.Exit as stop:
         return int(stop.exit_code)
@@ -269,7 +271,8 @@ def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
 
         click.echo(json.dumps(_as_object(one_line, code, words)), err=True)
     else:
-        click.echo(f"occlog: error: {one_line}" if code != ExitCode.INTERRUPTED else f"occlog: {one_line}", err=True)
+        ended = code in (ExitCode.INTERRUPTED, ExitCode.TERMINATED)
+        click.echo(f"occlog: {one_line}" if ended else f"occlog: error: {one_line}", err=True)
     return code
 
 

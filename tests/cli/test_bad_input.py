@@ -223,8 +223,15 @@ def writes_into(folder: Path, pid: int) -> bool:
 
 @pytest.mark.serial
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="looks for open files in /proc")
-@pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, ExitCode.INTERRUPTED), (signal.SIGKILL, -9)])
-def test_stopped_in_the_middle(work: Path, how: int, code: int) -> None:
+@pytest.mark.parametrize(
+    ("how", "code", "line"),
+    [
+        (signal.SIGINT, ExitCode.INTERRUPTED, "occlog: interrupted\n"),
+        (signal.SIGTERM, ExitCode.TERMINATED, "occlog: terminated\n"),
+        (signal.SIGKILL, -9, ""),
+    ],
+)
+def test_stopped_in_the_middle(work: Path, how: int, code: int, line: str) -> None:
     output = work / "long.mcap"
     output.write_text("old")
     args = ["simulate", str(work / "scene.yaml"), "-o", str(output), "--steps", "2000000", "--overwrite", "-q"]
@@ -241,7 +248,7 @@ def test_stopped_in_the_middle(work: Path, how: int, code: int) -> None:
             process.kill()
     assert process.returncode == code
     assert "Traceback" not in error
-    assert error == ("occlog: interrupted\n" if how == signal.SIGINT else "")
+    assert error == line
     assert output.read_text() == "old"
     assert not [name for name in os.listdir(work) if "partial" in name]
 

@@ -307,10 +307,15 @@ def test_outputs_that_exist_are_kept(folder, capsys):
 
 def test_bearings_that_contradict_each_other_are_refused(folder, capsys):
     rows = bearings()
-    twice = Bearings.merge([rows, rows.take(np.flatnonzero(rows.sensor == "cam2")[3:4])])
-    write_table(folder / "twice.parquet", twice, Provenance("detect"))
-    assert track(folder, "--scene", str(folder / "scene.yaml"), source="twice.parquet") == ExitCode.BAD_INPUT
-    assert "sensor 'cam2' has two rows for target 0 at 3000000000 ns" in capsys.readouterr().err
+    copy = rows.take(np.flatnonzero(rows.sensor == "cam2")[3:4])
+    other = replace(copy, bearing=copy.bearing + 0.1)
+    for row, words in (
+        (copy, "a row stands there twice (t_ns 3000000000, sensor cam2, target_id 0)"),
+        (other, "sensor 'cam2' has two rows for target 0 at 3000000000 ns"),
+    ):
+        write_table(folder / "twice.parquet", Bearings.merge([rows, row]), Provenance("detect"), overwrite=True)
+        assert track(folder, "--scene", str(folder / "scene.yaml"), source="twice.parquet") == ExitCode.BAD_INPUT
+        assert words in capsys.readouterr().err
 
 
 def test_a_start_without_sigma_is_half_a_metre_in_any_unit():

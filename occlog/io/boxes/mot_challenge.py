@@ -19,16 +19,14 @@ TrackEval looks at MOT17-train when nothing else is said, so that it needs the t
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from occlog.errors import InputError, OutputError, OutputExistsError
-from occlog.io.files.atomic import translate_write_errors, write_bytes
+from occlog.io.files.atomic import folder_beside, translate_write_errors, write_bytes
 from occlog.records.tables import UNLABELLED, Boxes, TruthBoxes
 
 SEQUENCE_INFO = "seqinfo.ini"
@@ -191,13 +189,9 @@ def write_layout(folder: Path, tracker: str, sequences: Sequence[MotSequence], *
         raise OutputError(f"{folder}: is a file; name a folder")
     if not folder.parent.is_dir():
         raise OutputError(f"{folder}: the folder {folder.parent} does not exist; make it first")
-    with translate_write_errors(folder):
-        beside = Path(mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=folder.parent))
-    try:
+    with folder_beside(folder) as beside:
         _fill(beside, tracker, sequences)
         _move(beside, folder, overwrite)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
 
 
 def _fill(folder: Path, tracker: str, sequences: Sequence[MotSequence]) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -124,6 +125,25 @@ def open_output(path: Path, overwrite: bool = False, together: Together | None =
                 name.unlink()
 
 
+@contextmanager
+def folder_beside(path: Path) -> Iterator[Path]:
+    """A hidden folder beside an output, for what libraries write into files that they name themselves; it goes away.
+
+    What a killed process left goes when the output, or a folder beside it, is made again.
+
+    Raises:
+        OutputError: the folder of `path` is not writable, or the disk is full.
+    """
+    _remove_stale(path)
+    name = path.with_name(f".{path.name}.{os.getpid()}.folder{PARTIAL}")
+    with translate_write_errors(path):
+        name.mkdir()
+    try:
+        yield name
+    finally:
+        shutil.rmtree(name, ignore_errors=True)
+
+
 def write_bytes(path: Path, data: bytes, overwrite: bool = False) -> None:
     """Write a whole small file atomically."""
     with open_output(path, overwrite) as file:
@@ -189,7 +209,10 @@ def _name(fd: int, name: Path | None, path: Path) -> None:
 def _remove_stale(path: Path) -> None:
     """Remove what killed writers of the same target left behind."""
     for old in path.parent.glob(f".{path.name}.*{PARTIAL}"):
-        pid = old.name[len(path.name) + 2 : -len(PARTIAL)]
+        pid = old.name[len(path.name) + 2 : -len(PARTIAL)].removesuffix(".folder")
         if pid.isdigit() and not Path(f"/proc/{pid}").exists() and Path("/proc/self").exists():
             with suppress(OSError):
-                old.unlink()
+                if old.is_dir() and not old.is_symlink():
+                    shutil.rmtree(old, ignore_errors=True)
+                else:
+                    old.unlink()

@@ -11,7 +11,7 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -160,7 +160,7 @@ def read_rows(
     ignored: Sequence[str] = (),
     ignore_extra: bool = False,
     rows: int = ROWS_PER_CHUNK,
-) -> Iterator[Rows]:
+) -> Generator[Rows, None, None]:
     """Chunks of a text table whose first line names the columns, or of a file that a plug-in reads as one.
 
     Cells are separated by commas, semicolons or tabs; lines that are empty or begin
@@ -191,7 +191,7 @@ def read_rows(
         yield from _chunks(path, lines, names, rows)
 
 
-def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Iterator[Rows]:
+def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generator[Rows, None, None]:
     """Chunks of a text table without a header; columns are named `0`, `1`, ... by their place."""
     with _open_text(path, what) as file:
         lines = _split(path, file)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -135,12 +136,14 @@ def looks_like_times(path: Path) -> bool:
 def iter_times(path: Path) -> Iterator[tuple[Rows, str]]:
     """Iterate over the rows of a table of time stamps, with the unit of its column of times; as for `read_sidecar`."""
     header = is_header_line(path)
-    parts = read_rows(path, _COLUMNS, WHAT, ignored=_BESIDE) if header else map(_named, read_plain(path, WHAT))
-    for rows in parts:
-        unit = time_column(rows)
-        if unit is None:
-            raise InputError(f"{path}: no column of times; name one of them time (seconds) or t_ns")
-        yield rows, unit
+    # The file is closed where a fault ends the reading, too
+    with closing(read_rows(path, _COLUMNS, WHAT, ignored=_BESIDE) if header else read_plain(path, WHAT)) as parts:
+        for part in parts:
+            rows = part if header else _named(part)
+            unit = time_column(rows)
+            if unit is None:
+                raise InputError(f"{path}: no column of times; name one of them time (seconds) or t_ns")
+            yield rows, unit
 
 
 def is_header_line(path: Path) -> bool:

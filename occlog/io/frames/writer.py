@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import shutil
-import tempfile
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -11,7 +11,7 @@ from typing import Self
 import cv2
 
 from occlog.errors import OutputError
-from occlog.io.files.atomic import Together, check_writable, open_output
+from occlog.io.files.atomic import Together, check_writable, folder_beside, open_output
 from occlog.io.files.provenance import hash_file
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
@@ -50,12 +50,12 @@ class VideoWriter:
     def __enter__(self) -> Self:
         """Open a temporary file."""
         check_writable(self.path, self.overwrite)
-        self._folder = tempfile.TemporaryDirectory(prefix="occlog-")
-        self._draft = Path(self._folder.name) / f"video{self.suffix}"
+        self._folder = folder_beside(Path(os.path.realpath(self.path)))
+        self._draft = self._folder.__enter__() / f"video{self.suffix}"
         code = cv2.VideoWriter.fourcc(*self.code)
         self._video = cv2.VideoWriter(str(self._draft), cv2.CAP_FFMPEG, code, self.rate_hz, self.size)
         if not self._video.isOpened():
-            self._folder.cleanup()
+            self._folder.__exit__(None, None, None)
             raise OutputError(f"{self.path}: OpenCV here cannot write {self.code} video{self.otherwise}")
         return self
 
@@ -75,15 +75,14 @@ class VideoWriter:
             if kind is None:
                 self._finish()
         finally:
-            self._folder.cleanup()
+            self._folder.__exit__(None, None, None)
 
     def _finish(self) -> None:
         container = read_container(self._draft)
         written = 0 if container is None else (container.frames or 0) - int(container.broken.sum())
         if written != self.frames:
             raise OutputError(
-                f"{self.path}: only {written} of {self.frames} frames could be written to {self._draft.parent}; "
-                "is the disk for temporary files full?"
+                f"{self.path}: only {written} of {self.frames} frames could be written; is the disk full?"
             )
         with self._draft.open("rb") as draft, open_output(self.path, self.overwrite, self.together) as file:
             shutil.copyfileobj(draft, file, 1 << 20)

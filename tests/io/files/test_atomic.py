@@ -180,6 +180,25 @@ def test_leftovers_of_killed_writers_are_removed(tmp_path: Path) -> None:
     assert live.exists()
 
 
+def test_a_folder_beside_an_output_goes_and_so_does_that_of_a_killed_process(tmp_path: Path) -> None:
+    path = tmp_path / "a.avi"
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    stale = tmp_path / f".a.avi.{dead.pid}.folder.partial"
+    live = tmp_path / f".a.avi.{os.getppid()}.folder.partial"
+    for folder in (stale, live):
+        folder.mkdir()
+        (folder / "video.avi").write_bytes(b"half")
+    with pytest.raises(KeyError), atomic.folder_beside(path) as folder:
+        assert sorted(tmp_path.iterdir()) == sorted([folder, live])
+        # The output takes its name while the folder is there
+        atomic.write_bytes(path, b"whole")
+        (folder / "video.avi").write_bytes(b"half")
+        raise KeyError
+    assert sorted(tmp_path.iterdir()) == sorted([path, live])
+    assert path.read_bytes() == b"whole"
+
+
 def test_standard_output_is_refused() -> None:
     with pytest.raises(UsageError, match="nothing is written to standard output; name a file"):
         atomic.check_writable(Path("-"), overwrite=True)
