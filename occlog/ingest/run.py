@@ -197,7 +197,7 @@ def _write_frames(
         if plan.store == "link":
             writer.video_frame(name, t_ns, frame.index)
         else:
-            writer.image(name, t_ns, frame.index, frame.data, frame.kind)
+            writer.image(name, t_ns, frame.index, bytes(frame.data), frame.kind)
         done.frames[name] = done.frames.get(name, 0) + 1
     if done.failures and not done.frames:
         raise done.failures[0]

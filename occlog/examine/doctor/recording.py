@@ -14,7 +14,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 
 from occlog.errors import InputError
-from occlog.io.frames.codec import decode_image
+from occlog.io.frames.apart import decode_apart
 from occlog.io.models.fundamental_matrices import attached_epipolar
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.reader import IMAGE_SCHEMA, ROWS_PER_CHUNK, Recording, open_linked, parse_image, sensor_of
@@ -192,7 +192,7 @@ class _Look:
             stamp, image = parse_image(message.encoding, message.data, where)
             t_ns = stamp or t_ns
             try:
-                decode_image(image, where)
+                decode_apart(image, where)
             except InputError as error:
                 self._findings.refused("image", InputError(str(error).removeprefix(f"{where}: ")), place=where)
         times = self._times.setdefault(sensor, [])

@@ -9,7 +9,7 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
-from occlog.io.frames.codec import decode_image
+from occlog.io.frames.apart import decode_apart
 from occlog.io.frames.process import DecodingJob, start_decoder
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
@@ -60,6 +60,6 @@ def look_at_image(path: Path, findings: Findings) -> None:
         size = check_input(path, "an image").stat().st_size
         if size > MAX_IMAGE_BYTES:
             raise InputError(f"{path}: {size} bytes; the limit is {MAX_IMAGE_BYTES}")
-        decode_image(path.read_bytes(), str(path))
+        decode_apart(path.read_bytes(), str(path))
     except (InputError, OSError) as error:
         findings.refused("image", error)

@@ -70,14 +70,22 @@ def _png_damage(data: bytes) -> str | None:
     return "cut short: the end mark of a PNG image is missing"
 
 
-def decode_image(data: bytes, where: str) -> Image:
-    """(h, w, 3) BGR or (h, w) grey; InputError for damaged, too large or unknown images."""
+def check_image(data: bytes, where: str) -> None:
+    """InputError for images that are too large, or damaged as far as their marks and check sums tell."""
     size = image_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels")
     damage = image_damage(data)
     if damage:
         raise InputError(f"{where}: {damage}")
+
+
+def decode_image(data: bytes, where: str) -> Image:
+    """(h, w, 3) BGR or (h, w) grey; InputError for damaged, too large or unknown images.
+
+    For the decoding process, which meets foreign bytes in place of the command (see `apart`).
+    """
+    check_image(data, where)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR) if data else None
     except cv2.error as error:

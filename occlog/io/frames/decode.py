@@ -7,7 +7,6 @@ its time stamp in the list of frames that the container announces.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -61,20 +60,18 @@ class VideoFile:
     bars: tuple[int, int, int, int] = (0, 0, 0, 0)  # black, at the left, top, right and lower edge [px]
 
 
-def quiet() -> None:
-    """Keep FFmpeg and OpenCV from writing to standard error: what matters is told by us."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+def examine(path: Path, allow_pixels: Callable[[int], None] = lambda _: None) -> VideoFile:
+    """Size, frame count and rate of a video; InputError unless at least one frame can be decoded.
 
-
-def examine(path: Path) -> VideoFile:
-    """Size, frame count and rate of a video; InputError unless at least one frame can be decoded."""
+    Args:
+        path: the video file.
+        allow_pixels: is called with the number of pixels of a frame, which is within the limit, before one is decoded.
+    """
     check_input(path, WHAT)
     container = read_container(path)
     capture = _open(path, container)
     try:
-        return _describe(path, capture, container)
+        return _describe(path, capture, container, allow_pixels)
     finally:
         capture.release()
 
@@ -90,10 +87,13 @@ def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
     raise InputError(f"{path}: the video cannot be opened{faults}; copy or repair it")
 
 
-def _describe(path: Path, capture: cv2.VideoCapture, container: Container | None) -> VideoFile:
+def _describe(
+    path: Path, capture: cv2.VideoCapture, container: Container | None, allow_pixels: Callable[[int], None]
+) -> VideoFile:
     size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
     if size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{path}: frames of {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels")
+    allow_pixels(size[0] * size[1])
     fps = capture.get(cv2.CAP_PROP_FPS)
     rate = float(container.rate) if container and container.rate else fps
     count = capture.get(cv2.CAP_PROP_FRAME_COUNT)

@@ -17,19 +17,32 @@ from typing import IO, Any, Literal, Required, Self, TypedDict
 
 import numpy as np
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    PIPE_SIZE_OPTION = None
+else:
+    PIPE_SIZE_OPTION = getattr(fcntl, "F_SETPIPE_SZ", None)
+
 import occlog
 from occlog.errors import InputError
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
+from .limits import SECONDS
+
+PIPE_SIZE = 1 << 20
+"""Bytes that a pipe holds, where the system lets it: images go through in few pieces."""
+
 
 class DecodingJob(TypedDict, total=False):
     """What the decoding process is to do."""
 
-    kind: Required[Literal["video", "images"]]
+    kind: Required[Literal["video", "images", "messages"]]  # messages: images that come on standard input
     path: Required[str]  # video file, or folder of the images
     files: list[tuple[int, str]]  # of images: frame number and file
     start: int  # of a video: first frame
+    waits: bool  # of a video: its first frame comes later, on standard input
     stop: int | None  # of a video: frame before which it ends; None: its end
     store: Required[str]  # png, jpeg, raw or none; of images also keep
     quality: Required[int]  # of JPEG
@@ -57,7 +70,7 @@ class Delivered:
     index: int
     pos_ns: int | None
     kind: str  # png, jpeg, raw or none
-    data: bytes
+    data: bytes | bytearray  # a bytearray if raw
     shape: tuple[int, ...] = ()
 
     @property
@@ -85,6 +98,34 @@ class Decoder:
     rate_hz: float | None = None
     bars: tuple[int, int, int, int] = (0, 0, 0, 0)
     losses: list[Loss] = field(default_factory=list)
+    death: str = ""
+
+    def begin(self, start: int) -> None:
+        """Tell a video that `waits` its first frame."""
+        self._write(b"%d\n" % start)
+
+    def image_of(self, data: bytes, where: str) -> Image:
+        """The image in compressed bytes, by a decoder of `messages`.
+
+        Raises:
+            InputError: it cannot be decoded; if the process has ended, because of it.
+        """
+        self._write(struct.pack(">I", len(data)), data)
+        try:
+            message = self._receive()
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        if message is None:
+            raise InputError(f"{where}: the decoder {self._death()}")
+        header, payload = message
+        return np.frombuffer(payload, np.uint8).reshape(header["s"])
+
+    def _write(self, *parts: bytes) -> None:
+        pipe: IO[bytes] = self.process.stdin  # type: ignore[assignment]
+        with suppress(BrokenPipeError):  # that it died shows when it is read from
+            for part in parts:
+                pipe.write(part)
+            pipe.flush()
 
     def __enter__(self) -> Self:
         """Wait until the process knows the size of the frames; InputError where it cannot open the file."""
@@ -128,7 +169,8 @@ class Decoder:
                     raise InputError(
                         f"{self.path}: the decoder {self._death()} before the first frame; repair the file"
                     )
-                self.losses.append(Loss(self.path.name, f"after frame {last}", f"the decoder {self._death()}"))
+                self.death = self._death()
+                self.losses.append(Loss(self.path.name, f"after frame {last}", f"the decoder {self.death}"))
                 return
             header, payload = message
             if "end" in header:
@@ -139,7 +181,7 @@ class Decoder:
             kind = header.get("k", "raw" if "s" in header else "none")
             yield Delivered(last, None if pos is None else round(pos), kind, payload, tuple(header.get("s", ())))
 
-    def _receive(self) -> tuple[Header, bytes] | None:
+    def _receive(self) -> tuple[Header, bytes | bytearray] | None:
         """The next message, None if the process died; InputError if it reports one."""
         pipe: IO[bytes] = self.process.stdout  # type: ignore[assignment]
         head = pipe.read(8)
@@ -147,8 +189,14 @@ class Decoder:
             return None
         text, size = struct.unpack(">II", head)
         header: Header = json.loads(pipe.read(text))
-        payload = pipe.read(size)
-        if len(payload) < size:
+        payload: bytes | bytearray
+        if "s" in header:  # an image, which may be drawn upon
+            payload = bytearray(size)
+            received = pipe.readinto(payload)  # type: ignore[attr-defined]
+        else:
+            payload = pipe.read(size)
+            received = len(payload)
+        if received < size:
             return None
         if "error" in header:
             raise InputError(header["error"])
@@ -158,6 +206,8 @@ class Decoder:
         code = self.process.wait()
         if code >= 0:
             return f"stopped with exit code {code}"
+        if code == -getattr(signal, "SIGXCPU", 0):
+            return f"took more than {SECONDS} s for one frame"
         with suppress(ValueError):
             return f"crashed ({signal.Signals(-code).name})"
         return f"crashed (signal {-code})"
@@ -172,6 +222,7 @@ def start_decoder(job: DecodingJob) -> Decoder:
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OPENCV_FFMPEG_", "OPENCV_LOG"))}
     # -P and an explicit path: the process must find this very package, whatever the working folder holds.
     package = str(Path(occlog.__file__).resolve().parents[1])
+    environment["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and nothing is computed
     environment["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "occlog.io.frames.process_main"],
@@ -181,7 +232,11 @@ def start_decoder(job: DecodingJob) -> Decoder:
         env=environment,
     )
     pipe: IO[bytes] = process.stdin  # type: ignore[assignment]
+    if PIPE_SIZE_OPTION is not None:
+        with suppress(OSError):
+            for end in (pipe, process.stdout):
+                fcntl.fcntl(end, PIPE_SIZE_OPTION, PIPE_SIZE)  # type: ignore[arg-type]
     with suppress(BrokenPipeError):
-        pipe.write(json.dumps(job).encode())
-        pipe.close()
+        pipe.write(json.dumps(job).encode() + b"\n")
+        pipe.flush()
     return Decoder(Path(job["path"]), process)

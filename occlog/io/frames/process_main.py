@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, BinaryIO
 from occlog.errors import InputError
 from occlog.records.losses import Loss
 
+from .limits import Clock, allow_pixels, lower_limits
+
 if TYPE_CHECKING:
     from occlog.records.frames import Image
 
@@ -30,8 +32,6 @@ if TYPE_CHECKING:
 
 _ADDRESS = re.compile(r"\[([^\]@]+) @ 0x[0-9a-f]+\] ?")
 MAX_TEXT = 90
-MAX_MEMORY = 8 * 2**30
-"""Address space that a decoder may use; a file can ask for any amount."""
 
 
 class Log:
@@ -68,7 +68,7 @@ def main() -> None:
     out = os.fdopen(os.dup(1), "wb")
     log = Log()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
-    job = json.load(sys.stdin)
+    job = json.loads(sys.stdin.buffer.readline())
     losses: list[Loss] = []
     try:
         _run(job, out, log, losses)
@@ -85,16 +85,14 @@ def main() -> None:
 
 
 def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
-    with suppress(ImportError, ValueError, OSError):
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    lower_limits()
     import cv2
 
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     if job["kind"] == "video":
         _video(job, out, log, losses)
+    elif job["kind"] == "messages":
+        _messages(out, log)
     else:
         _images(job, out, log, losses)
 
@@ -104,12 +102,50 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> Non
     from .sizes import size_changes
 
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
-    video = examine(Path(job["path"]))
+    clock = Clock(Path(job["path"]))
+
+    def news() -> str:
+        clock.go_on()
+        return log.news()
+
+    video = examine(Path(job["path"]), allow_pixels)
     send(out, {"size": video.size, "frames": video.frames, "rate": video.rate_hz, "bars": video.bars})
-    sizes = size_changes(video.path)
-    log.news()  # what was written about the trial frame, or about packets, will be written again
-    for picture in decode(video, job["start"], job["stop"], losses.append, log.news, sizes):
+    if job.get("waits"):
+        line = sys.stdin.buffer.readline()
+        if not line:
+            return
+        start, sizes = int(line), None  # frames of another size were told of, and left out, when it was ingested
+    else:
+        start, sizes = job["start"], size_changes(video.path)
+    news()  # what was written about the trial frame, or about packets, will be written again
+    for picture in decode(video, start, job["stop"], losses.append, news, sizes):
         _deliver(job, out, picture.index, picture.pos_ns, picture.image)
+
+
+def _messages(out: BinaryIO, log: Log) -> None:
+    """Images that come on standard input, each after its length; an answer to each."""
+    from .codec import decode_image, image_size
+
+    clock = Clock()
+    while head := sys.stdin.buffer.read(4):
+        data = sys.stdin.buffer.read(*struct.unpack(">I", head))
+        clock.go_on()
+        width, height = image_size(data) or (0, 0)
+        allow_pixels(width * height)
+        try:
+            image = decode_image(data, "")
+        except InputError as error:
+            send(out, {"error": str(error).removeprefix(": ")})
+            log.news()
+            continue
+        except MemoryError:
+            send(out, {"error": "needs more memory than there is"})
+            continue
+        said = log.news()
+        if said:
+            send(out, {"error": f"the decoder met damage ({said.replace(': ', ' ')})"})
+        else:
+            send(out, {"s": image.shape}, bytes_of(image))
 
 
 def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
@@ -117,12 +153,18 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
     from .folder import load
 
     files = [(int(index), Path(path)) for index, path in job["files"]]
+    clock = Clock()
+
+    def news() -> str:
+        clock.go_on()
+        return log.news()
+
     first = _first_image(job, files)
     size = (first.shape[1], first.shape[0])
     send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first)})
     log.news()
     delivered = 0
-    for picture, data in load(files, size, losses.append, log.news):
+    for picture, data in load(files, size, losses.append, news):
         kind = image_kind(data)
         delivered += 1
         if kind is not None and job["store"] in (kind, "keep"):
@@ -131,6 +173,13 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
             _deliver(job, out, picture.index, picture.pos_ns, picture.image)
     if not delivered:
         raise InputError(f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}")
+
+
+def bytes_of(image: Image) -> memoryview:
+    """The values of an image as they lie in memory, row by row."""
+    import numpy as np
+
+    return np.ascontiguousarray(image).reshape(-1).data
 
 
 def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> Image:
@@ -154,7 +203,7 @@ def _deliver(job: DecodingJob, out: BinaryIO, index: int, pos_ns: float, image: 
     if store == "none":
         send(out, header)
     elif store == "raw":
-        send(out, {**header, "s": image.shape}, memoryview(image.tobytes()))
+        send(out, {**header, "s": image.shape}, bytes_of(image))
     else:
         kind = "jpeg" if store == "jpeg" else "png"
         send(out, {**header, "k": kind}, encode_image(image, kind, job["quality"]))

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.frames.codec import MAX_PIXELS, decode_image, encode_image, image_damage, image_kind, image_size
+from occlog.io.frames.apart import decode_apart
+from occlog.io.frames.codec import MAX_PIXELS, encode_image, image_damage, image_kind, image_size
 from occlog.records.frames import Image
 
 from .kinds import ImageMessage
@@ -80,7 +81,7 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
 def pixels(message: ImageMessage, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError as `stored`."""
     if message.size is None:
-        return decode_image(message.data, f"{where} ({message.encoding})")
+        return decode_apart(message.data, f"{where} ({message.encoding})")
     (width, height), encoding = message.size, message.encoding
     if not is_picture(message):
         raise InputError(f"{where}: pixels of encoding {encoding!r} cannot be read; known: {', '.join(ENCODINGS)}")

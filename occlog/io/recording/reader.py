@@ -19,8 +19,7 @@ from occlog.errors import InputError
 from occlog.io.files.content import Content, content_of
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
-from occlog.io.frames.codec import decode_image
-from occlog.io.frames.decode import Picture, VideoFile, decode, examine, quiet
+from occlog.io.frames.apart import VideoApart, decode_apart
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.columns import Table
 from occlog.records.frames import Frame, Image
@@ -39,24 +38,31 @@ class LinkedVideo:
 
     path: Path
     where: str
-    video: VideoFile
-    _pictures: Iterator[Picture] | None = field(default=None)
+    _video: VideoApart | None = field(default=None)
+
+    def open(self) -> None:
+        """Start to decode, in a process of its own; InputError unless one frame at least can be decoded."""
+        if self._video is None:
+            self._video = VideoApart(self.path)
 
     def read(self, index: int) -> Image:
         """The frame of that number; frames before it are skipped, InputError where it cannot be decoded."""
-        if self._pictures is None:
-            # Losses were told when the video was ingested.
-            self._pictures = decode(self.video, index, None, lambda _: None)
-        for picture in self._pictures:
-            if picture.index == index:
-                return picture.image
-            if picture.index > index:
-                break
-        raise InputError(f"{self.where}: frame {index}: cannot be decoded from {self.path}; ingest it again")
+        self.open()
+        assert self._video is not None
+        image = self._video.read(index)
+        if image is not None:
+            return image
+        # Other losses were told when the video was ingested.
+        why = f"the decoder of {self.path} {self._video.death}" if self._video.death else ""
+        raise InputError(
+            f"{self.where}: frame {index}: {why or f'cannot be decoded from {self.path}'}; ingest it again"
+        )
 
     def close(self) -> None:
-        """Let go of the file."""
-        self._pictures = None
+        """End the process."""
+        if self._video is not None:
+            self._video.close()
+        self._video = None
 
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
@@ -64,12 +70,13 @@ def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> Li
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
         raise InputError(f"{where}: has frame times but no link to its video; ingest it again")
+    if Path(link["path"]).is_absolute():
+        raise InputError(f"{where}: links to {link['path']}, which is no place relative to it; ingest it again")
     path = recording.parent / link["path"]
     check_input(path, f"the video of camera {sensor} that {recording} links to")
     if hash_file(path) != link["sha256"]:
         raise InputError(f"{where}: {path} is not the video that was ingested (its content changed); ingest it again")
-    quiet()
-    return LinkedVideo(path, where, examine(path))
+    return LinkedVideo(path, where)
 
 
 T = TypeVar("T", bound=Table)
@@ -169,9 +176,10 @@ class Recording:
         if topic.schema == VIDEO_FRAME:
             if sensor not in linked:
                 linked[sensor] = open_linked(self.path, sensor, self.videos.get(sensor))
+                linked[sensor].open()
             return t_ns, partial(linked[sensor].read, index)
         stamp, image = parse_image(topic.encoding, data, where)
-        return stamp or t_ns, partial(decode_image, image, where)
+        return stamp or t_ns, partial(decode_apart, image, where)
 
     def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
         """(topic, log time, data, sequence) in the order of time."""

@@ -12,12 +12,11 @@ import pytest
 from video_samples import FRAMES, KINDS, avi, faststart, fragmented, jpeg, number_shown, write_video
 
 from occlog.errors import InputError
-from occlog.io.frames.decode import decode, examine, quiet
+from occlog.io.frames.decode import decode, examine
 from occlog.io.frames.process import start_decoder
 from occlog.io.frames.sizes import size_changes
 from occlog.records.losses import Loss
 
-quiet()
 HALF = FRAMES // 2
 
 

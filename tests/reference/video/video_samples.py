@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from functools import cache
 from pathlib import Path
 
 import cv2
 import numpy as np
-
-from occlog.io.frames.decode import quiet
 
 WIDTH, HEIGHT, BITS, CELL = 160, 120, 8, 20
 FRAMES = 40
@@ -49,7 +48,8 @@ def number_shown(image: np.ndarray) -> int:
 
 
 def write_video(path: Path, frames: int = FRAMES, fourcc: str | None = None) -> Path:
-    quiet()
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     code = cv2.VideoWriter_fourcc(*(fourcc or KINDS[path.name]))
     writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, FPS, (WIDTH, HEIGHT))
     assert writer.isOpened()

@@ -1,0 +1,64 @@
+"""What a decoding process may use: memory, time, files."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+with suppress(ImportError):  # no such limits on Windows
+    import resource
+LIMITED = "resource" in globals()
+
+MEMORY = 2 * 2**30
+"""Address space of a decoder [B]; a damaged file can ask for any amount."""
+MEMORY_PER_PIXEL = 24
+"""What is added for each pixel of a frame [B]: 16 reference frames of YUV 4:2:0."""
+SECONDS = 60
+"""CPU time from one frame to the next [s]."""
+BYTES_PER_SECOND = 10_000_000
+"""A pass over all packets of a file is given a second for so many bytes."""
+FILES = 64
+"""Files that may be open at once; a decoder opens one."""
+WRITTEN = 16 * 2**20
+"""Size of a file that is written [B]: there is one, of what the decoders say."""
+
+
+def lower_limits() -> None:
+    """Set the limits that do not depend on the file; for the process that calls."""
+    if LIMITED:
+        _set(resource.RLIMIT_AS, MEMORY)
+        _set(resource.RLIMIT_CORE, 0)
+        _set(resource.RLIMIT_FSIZE, WRITTEN)
+        _set(resource.RLIMIT_NOFILE, FILES)
+
+
+def allow_pixels(pixels: int) -> None:
+    """Raise the limit of memory for frames of so many pixels."""
+    if LIMITED:
+        _set(resource.RLIMIT_AS, MEMORY + MEMORY_PER_PIXEL * pixels)
+
+
+class Clock:
+    """The limit of CPU time, which every frame moves on: a long video may take long, and one frame may not."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        """Begin; with the time for one pass over a file."""
+        size = 0
+        if path is not None:
+            with suppress(OSError):
+                size = path.stat().st_size
+        self._seconds = SECONDS + size // BYTES_PER_SECOND
+        self.go_on()
+
+    def go_on(self) -> None:
+        """Give the time for the next frame."""
+        if LIMITED:
+            _set(resource.RLIMIT_CPU, int(sum(os.times()[:2])) + 1 + self._seconds)
+
+
+def _set(kind: int, value: int) -> None:
+    """Set a soft limit, as far as the hard one goes."""
+    with suppress(ValueError, OSError):
+        _, hard = resource.getrlimit(kind)
+        resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
