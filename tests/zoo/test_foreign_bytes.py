@@ -329,7 +329,7 @@ BORDER = {
 
 
 LIBRARIES = {
-    "import csv": {"io/files/by_reader.py", "io/files/csv_rows.py", "papers/run.py", "pipeline/sweep/run.py"},
+    "import csv": {"io/files/by_reader.py", "io/files/csv_rows.py", "papers/run.py", "pipeline/csv_text.py"},
     "import gzip": {"io/files/csv_rows.py", "examine/export/run.py"},  # which writes
     "import lz4": {"io/recording/chunks.py", "io/recording/salvage.py"},
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mp4", "reader")}
@@ -339,7 +339,7 @@ LIBRARIES = {
     "import tomllib": {"io/files/toml_file.py"},
     "import wave": set(),
     "import yaml": {"io/files/yaml_file.py", "io/files/yaml_nodes.py", "io/scenes/scene.py"},
-    "import zipfile": {"io/calibration/rigs/arrays.py"},
+    "import zipfile": {"io/calibration/rigs/arrays.py", "pipeline/pack/archive.py"},
     "import tarfile": set(),
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
