@@ -124,7 +124,6 @@ def _look_at_link(recording: Recording, camera: str, findings: Findings, seen: s
     except InputError as error:
         findings.refused("linked-video", error)
         return
-    video.close()
     if video.path.resolve() in seen:
         return
     seen.add(video.path.resolve())

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import weakref
 from pathlib import Path
 
 from occlog.errors import InputError
@@ -83,6 +84,8 @@ class VideoApart:
     def _open(self) -> Decoder:
         job = DecodingJob(kind="video", path=str(self.path), waits=True, stop=None, store="raw", quality=0)
         self._decoder = start_decoder(job).__enter__()
+        # Frames may be decoded, in other threads, after whoever listed them is done; the process ends with the last one
+        weakref.finalize(self, self._decoder.close)
         self._frames = self._decoder.delivered()
         self._begun = False
         return self._decoder

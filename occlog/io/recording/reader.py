@@ -58,12 +58,6 @@ class LinkedVideo:
             f"{self.where}: frame {index}: {why or f'cannot be decoded from {self.path}'}; ingest it again"
         )
 
-    def close(self) -> None:
-        """End the process."""
-        if self._video is not None:
-            self._video.close()
-        self._video = None
-
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
     """The video of a camera; InputError unless it lies where the recording says and has not changed."""
@@ -152,22 +146,18 @@ class Recording:
         linked: dict[str, LinkedVideo] = {}
         last: dict[str, int] = {}
         counts: dict[str, int] = {}
-        try:
-            for name, t_ns, data, sequence in self._messages(list(topics)):
-                sensor = sensor_of(name)
-                index = sequence if self.ours else counts.get(sensor, 0)
-                counts[sensor] = counts.get(sensor, 0) + 1
-                stamp, decode = self._decoder(topics[name], sensor, t_ns, data, index, linked)
-                if sensor in last and stamp <= last[sensor]:
-                    raise InputError(
-                        f"{self.path}: camera {sensor}: frame {index}: time {stamp} ns does not come after "
-                        f"{last[sensor]} ns; each frame needs its own, later time"
-                    )
-                last[sensor] = stamp
-                yield Frame(stamp, sensor, index, decode)
-        finally:
-            for video in linked.values():
-                video.close()
+        for name, t_ns, data, sequence in self._messages(list(topics)):
+            sensor = sensor_of(name)
+            index = sequence if self.ours else counts.get(sensor, 0)
+            counts[sensor] = counts.get(sensor, 0) + 1
+            stamp, decode = self._decoder(topics[name], sensor, t_ns, data, index, linked)
+            if sensor in last and stamp <= last[sensor]:
+                raise InputError(
+                    f"{self.path}: camera {sensor}: frame {index}: time {stamp} ns does not come after "
+                    f"{last[sensor]} ns; each frame needs its own, later time"
+                )
+            last[sensor] = stamp
+            yield Frame(stamp, sensor, index, decode)
 
     def _decoder(
         self, topic: Topic, sensor: str, t_ns: int, data: bytes, index: int, linked: dict[str, LinkedVideo]
