@@ -1,7 +1,9 @@
 """Ctrl-C and SIGTERM end the program once, wherever they arrive, and let it tidy up.
 
 Python drops an exception that a finaliser or a callback of compiled code raises, and some compiled code drops it
-without a word.  An interrupt that arrives there would be lost, so that it is remembered here and raised later.
+without a word.  An interrupt that arrives there would be lost, so that it is remembered here and raised later.  Where
+numba's kernels look up the class of a result and make a named tuple of it the process would crash, so that the
+interrupt waits for another place.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
 USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
 """Signals that are taken over, and what Python does of itself."""
+NOT_THERE = ("numba.core.serialize", "namedtuple_")
+"""How modules begin whose functions numba calls to make results: that of classes' constructors is of `collections`."""
 AGAIN_S = 0.05
 """An interrupt that was dropped comes again so much later, so that the callback has ended."""
 
@@ -66,17 +70,25 @@ class Interrupts:
             # instead of leaving with the exit code; the next text that runs makes it forget
             exec("")
 
-    def _arrived(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal wants it
-        if not self.raised:
-            self.asked = True
-            self.terminated = self.terminated or number == signal.SIGTERM
-            raise KeyboardInterrupt
+    def _arrived(self, number: int, frame: FrameType | None) -> None:
+        if self.raised:
+            return
+        self.terminated = self.terminated or number == signal.SIGTERM
+        if frame is not None and str(frame.f_globals.get("__name__", "")).startswith(NOT_THERE):
+            self._later()
+            return
+        self.asked = True
+        raise KeyboardInterrupt
 
     def _dropped(self, unraisable: UnraisableHookArgs) -> None:
         """Interrupt the program once more where Python drops an interrupt; show all else that is dropped."""
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
-        elif not self._waiting:
+        else:
+            self._later()
+
+    def _later(self) -> None:
+        if not self._waiting:
             self._waiting = True
             again = threading.Timer(AGAIN_S, self._again)
             again.daemon = True

@@ -275,6 +275,20 @@ IN_TEXT_THAT_RUNS = """
 def work(**_):
     exec("interrupt()")
 """
+IN_WHAT_A_KERNEL_CALLS = """
+def work(**_):
+    # As numba makes a kernel's result: a class is unpickled by a function of this module, and crashes where that raises
+    there = {"__name__": "numba.core.serialize", "interrupt": inside}
+    exec("def unpickle(): interrupt()", there)
+    try:
+        there["unpickle"]()
+    except KeyboardInterrupt:
+        os._exit(9)
+    time.sleep(60)
+
+def inside():
+    main.INTERRUPTS._arrived(signal.SIGINT, sys._getframe(1))
+"""
 WHILE_IT_ENDS = """
 def work(**_):
     atexit.register(interrupt)
@@ -283,7 +297,9 @@ def work(**_):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="wants signals")
-@pytest.mark.parametrize("where", [IN_A_FINALISER, IN_COMPILED_CODE, IN_TEXT_THAT_RUNS, WHILE_IT_ENDS])
+@pytest.mark.parametrize(
+    "where", [IN_A_FINALISER, IN_COMPILED_CODE, IN_TEXT_THAT_RUNS, IN_WHAT_A_KERNEL_CALLS, WHILE_IT_ENDS]
+)
 def test_an_interrupt_ends_the_program_once_wherever_it_arrives(tmp_path: Path, where: str) -> None:
     (tmp_path / "program.py").write_text(f"""
 import atexit, os, signal, sys, time
