@@ -54,7 +54,7 @@ The times of each camera, array, reader and topic are looked at, and of text tab
   long, and than {APART_NS // NS} s. It is late if it has as many times as the others of its rate (one more or
   less), and begins and ends later by the same time, more than {LONGEST:g} intervals. A sensor that was switched
   on late ends with the others, and has fewer. An offset that is shorter shows in no clock, but in the
-  [residuals](believe.md) of tracks.
+  [residuals](../explanation/believe.md) of tracks.
 
 ## Findings
 

@@ -141,16 +141,16 @@ def settings_page() -> str:
 
 
 PAGES = {
-    "api.md": api_page,
-    "commands.md": commands_page,
-    "doctor.md": doctor_page,
-    "settings.md": settings_page,
-    "tables.md": tables_page,
+    "reference/api.md": api_page,
+    "reference/commands.md": commands_page,
+    "how-to/doctor.md": doctor_page,
+    "reference/settings.md": settings_page,
+    "reference/tables.md": tables_page,
 }
 """Reference pages of the program."""
-RESULTS = {"verdicts.md": verdicts_page}
+RESULTS = {"research/verdicts.md": verdicts_page}
 """What runs of the experiments gave."""
-ROOMS = {"rooms.svg": picture, "folders.md": folders_page}
+ROOMS = {"development/rooms.svg": picture, "development/folders.md": folders_page}
 """How the code is laid out."""
 
 

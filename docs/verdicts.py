@@ -3,8 +3,8 @@
     occlog reproduce lee fig2.7 -o out/
     python -m docs.verdicts out/
 
-takes the experiments of the folders into `docs/reproduced/PAPER.json`, in place of what was there of the same
-experiments; `make docs` writes `docs/verdicts.md` from these files.
+takes the experiments of the folders into `docs/research/reproduced/PAPER.json`, in place of what was there of the same
+experiments; `make docs` writes `docs/research/verdicts.md` from these files.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 from occlog.papers.catalogue import PAPERS, RECORDED, TITLES
 from occlog.papers.verdicts.words import WORDS
 
-KEPT = Path(__file__).resolve().parent / "reproduced"
+KEPT = Path(__file__).resolve().parent / "research" / "reproduced"
 FIELDS = ("id", "statement", "place", "page", "paper", "measured", "error_bar", "runs", "verdict")
 """What is kept of a verdict."""
 DIGITS = 6
@@ -149,8 +149,8 @@ def verdicts_page() -> str:
     """Every statement of the four papers that was judged, and by which run."""
     kept = {paper: kept_of(paper) for paper in PAPERS}
     head = (
-        "# Verdicts of the four papers\n\nMade by `make docs` from `docs/reproduced/`, where `python -m docs.verdicts "
-        "DIR` puts what a run of\n`occlog reproduce -o DIR` gave. By [one rule](reproduce.md#the-rule); figures are "
+        "# Verdicts of the four papers\n\nMade by `make docs` from `docs/research/reproduced/`, where "
+        "`python -m docs.verdicts DIR` puts what a run of\n`occlog reproduce -o DIR` gave. By [one rule](reproduce.md#the-rule); figures are "
         "means and standard errors.\n\nStatements of the experiments that were run at full size:\n"
     )
     return "\n".join([head, counts_table(kept), *(_paper(paper, own) for paper, own in kept.items())])

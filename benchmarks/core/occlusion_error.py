@@ -1,4 +1,4 @@
-"""Errors of the approximations of [Ercan] Eqs. 7-9: the tables of docs/occlusion.md.
+"""Errors of the approximations of [Ercan] Eqs. 7-9: the tables of docs/explanation/occlusion.md.
 
 `python -m benchmarks.core.occlusion_error` prints them.  q: each form of Eq. 7 against
 quadrature, over random priors of one shape around random sight lines.  p(eta | u):

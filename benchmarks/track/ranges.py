@@ -1,6 +1,6 @@
 """Ranges, signal strengths and time differences: RMSE over the Cramér-Rao bound, NEES and coverage, by kind and method.
 
-`python -m benchmarks ranges` measures `map` with sharp ranges; the table of docs/ranges.md is printed by
+`python -m benchmarks ranges` measures `map` with sharp ranges; the table of docs/explanation/ranges.md is printed by
 `python -m benchmarks.track.ranges`.
 """
 

@@ -58,7 +58,8 @@ def detect(
         bearings: with `onnx` or a plug-in: also a candidate bearing for each box.
         workers: threads; None: one a processor. The result is the same.
         progress: show a bar on standard error, if it is a terminal.
-        **settings: of detection, of networks or of the plug-in, by their names in docs/settings.md, in their units.
+        **settings: of detection, of networks or of the plug-in, by their names in docs/reference/settings.md, in their
+            units.
 
     Returns:
         Bearings of the targets, and every region of the size of a person; of a network or plug-in the boxes as views.
@@ -127,7 +128,7 @@ def fuse(
         bearings: detections of targets, or candidates.
         views: regions that the bearings are of.
         scene: where the cameras are; None: the input holds it.
-        **settings: of the fusion, by their names in docs/settings.md.
+        **settings: of the fusion, by their names in docs/reference/settings.md.
 
     Raises:
         UsageError: a setting that there is not.
@@ -161,7 +162,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
 
     Args:
         tracks: of each group, two or more, in one world.
-        **settings: of the fusion of tracks, by their names in docs/settings.md.
+        **settings: of the fusion of tracks, by their names in docs/reference/settings.md.
 
     Returns:
         The fused tracks; `events` are births, deaths and doubtful identities.
@@ -219,7 +220,7 @@ def label(
         doa_labels: identities in the log of directions are those of targets.
         cameras: only these sensors; empty: all.
         without: leave these sensors out.
-        **settings: by their names in docs/settings.md.
+        **settings: by their names in docs/reference/settings.md.
 
     Raises:
         UsageError: a setting that there is not.

@@ -33,8 +33,8 @@ class Table:
     """Rows of one kind, for example tracks or bearings.
 
     A table is a Parquet file on disk, which is removed with the last reference to it unless it was there before; rows
-    are read when they are asked for. Columns, units and meanings are in docs/tables.md. Every function of occlog takes
-    a table in the place of a file.
+    are read when they are asked for. Columns, units and meanings are in docs/reference/tables.md. Every function of
+    occlog takes a table in the place of a file.
 
     DataFrames are copies. What is changed in them is not in the table; give the DataFrame to the next function instead.
     Such a DataFrame is a table of another program: it has lost provenance, losses and the unit of lengths.

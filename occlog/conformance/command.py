@@ -45,7 +45,7 @@ def list_plugins(as_json: bool) -> int:
         options.echo_summary({"plugins": rows}, True)
         return ExitCode.DONE
     if not told:
-        click.echo("no plug-in is installed; see docs/plugins.md")
+        click.echo("no plug-in is installed; see docs/how-to/plugins.md")
     width = max((len(plugin.name) for plugin, _ in told), default=0)
     for plugin, said in told:
         click.echo(f"{plugin.name:<{width}}  {plugin.kind}, {plugin.origin}: {said}")

@@ -66,4 +66,4 @@ def hint_if_unknown(name: str, more: Collection[str] = ()) -> str | None:
     if FIGURES.intersection(endings) or base.startswith(OWN_ENDINGS):
         return None
     near = difflib.get_close_matches(base, (*more, *FIGURES), n=3, cutoff=0.5)
-    return f"did you mean {' or '.join(near)}?" if near else "docs/evaluate.md names them"
+    return f"did you mean {' or '.join(near)}?" if near else "docs/reference/evaluate.md names them"

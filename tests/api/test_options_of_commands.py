@@ -1,4 +1,4 @@
-"""Every option of a command is an argument or a setting of its function, or docs/python.md says that it is not."""
+"""Every option of a command is an argument or a setting of its function, or python.md says that it is not."""
 
 from __future__ import annotations
 
@@ -77,5 +77,5 @@ def test_what_a_command_takes_its_function_takes(name: str) -> None:
     params = options_of(name)
     lacking = {p.opts[0] for p in params if not {str(p.name), CALLED.get(str(p.name), "")} & taken}
     assert lacking == MISSING.get(name, set()) | (EVERYWHERE & {p.opts[0] for p in params})
-    page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/how-to/python.md").read_text(encoding="utf-8")
     assert [flag for flag in sorted(lacking) if f"`{flag}`" not in page] == []

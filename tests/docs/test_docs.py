@@ -14,7 +14,7 @@ from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import VariantCommand, params_of
 
 FRONT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
-TEXTS = [*FRONT, *sorted((ROOT / "docs").glob("*.md"))]
+TEXTS = [*FRONT, *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 MADE = {**PAGES, **RESULTS}

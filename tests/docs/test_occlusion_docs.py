@@ -1,4 +1,4 @@
-"""The tables of docs/occlusion.md are those of benchmarks/core/occlusion_error.py, and its conclusions follow."""
+"""The tables of occlusion.md are those of benchmarks/core/occlusion_error.py, and its conclusions follow."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from places import DOCS
 
 from benchmarks.core.occlusion_error import CROWDS, SHAPES, p_line, p_row, q_line, q_row
 
-TEXT = (DOCS / "occlusion.md").read_text(encoding="utf-8")
+TEXT = (DOCS / "explanation/occlusion.md").read_text(encoding="utf-8")
 
 
 def rows(columns: int) -> list[list[str]]:

@@ -13,7 +13,7 @@ from places import ROOT
 from docs.make import ROOMS
 from docs.rooms import GROUND, rooms
 
-TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PATH = re.compile(r"`((?:[a-z0-9_.-]+/)+(?:[a-z0-9_.-]+\.(?:py|md|yaml|toml|txt|json|j2|svg|sh|cff)|run)?)`")
 """A path in backticks: a file in a folder, or a folder with a slash at its end. Placeholders have capitals."""
 COMMIT = re.compile(r"git show (?:--stat )?([0-9a-f]{7,40})(?: --((?: [\w./]+)+))?")
@@ -84,7 +84,7 @@ def test_every_commit_that_is_named_exists_and_has_the_paths() -> None:
 
 def steps() -> list[tuple[str, str]]:
     """(file, name of a function or class) of each step of the walks through the code."""
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/development/architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(occlog/[\w/]+\.py)` \| ((?:`\w+`(?:, )?)+) \|", text, re.MULTILINE)
     return [(file, name) for file, names in rows for name in re.findall(r"\w+", names)]
 

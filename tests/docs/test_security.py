@@ -8,7 +8,7 @@ import re
 import pytest
 from places import ROOT
 
-PAGE = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/reference/security.md").read_text(encoding="utf-8")
 LIMITS = re.findall(r"^\|[^|]+\| ([0-9,]+)[^|]*\| `([a-z_.]+)\.([A-Z_]+)` \|$", PAGE, re.MULTILINE)
 
 

@@ -25,7 +25,7 @@ PART = re.compile(r"<!-- figures of (.*?) -->\n(.*?)<!-- end of figures -->", re
 def parts() -> Iterator[tuple[str, list[str], str]]:
     """Paper, experiments and text of every part of a page that has figures of runs that are kept."""
     for paper in PAPERS:
-        text = (ROOT / "docs" / f"reproduce-{paper}.md").read_text(encoding="utf-8")
+        text = (ROOT / "docs/research" / f"reproduce-{paper}.md").read_text(encoding="utf-8")
         for items, part in PART.findall(text):
             yield paper, items.split(), part
 

@@ -141,7 +141,7 @@ def command(
     (target_id -1); one with simulated bearings gives these.
 
     With --onnx a network of yours finds the boxes: YOLO, RT-DETR, RF-DETR or RTMDet. With --method NAME a
-    detector of a plug-in does, see docs/plugins.md.
+    detector of a plug-in does, see docs/how-to/plugins.md.
 
     \b
       occlog detect walk.mcap -o bearings.parquet --views views.parquet

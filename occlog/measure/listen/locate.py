@@ -21,7 +21,7 @@ from .config import ALGORITHMS, ListenConfig
 from .spectra import coherence, direction, extents, sharpness
 
 FACTOR = 1.6
-"""How much larger errors are than their bound in simulated rooms, see docs/sound.md."""
+"""How much larger errors are than their bound in simulated rooms, see docs/how-to/sound.md."""
 FLOOR = math.radians(0.5)
 """Least standard deviation: no array is built and placed better."""
 INDEPENDENT, MOST_INDEPENDENT = 1.0 / 3.0, 1.5

@@ -23,7 +23,7 @@ class FixConfig(Settings):
 
     estimator: str = setting(
         MIXTURE,
-        "Mixture of true and false bearings, maximum likelihood, M-estimate, or repeated median; see docs/fix.md.",
+        "Mixture of true and false bearings, maximum likelihood, M-estimate, or repeated median; see fix.md.",
         choices=(MIXTURE, *ESTIMATORS),
     )
     bend: float | None = setting(

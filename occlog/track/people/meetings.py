@@ -8,7 +8,8 @@ exchanged, and nothing in its states says so.  Two things that the tracks do say
   of them alone to the next such moment: the smallest log likelihood ratio of their states, with people who turn.
 
 The probability of an exchange is a logistic function of the logarithms of both.  Its numbers were fitted to meetings
-with known truth (docs/people.md); where boxes are better or worse than those, it is too high or too low.
+with known truth (docs/explanation/trackers/people.md); where boxes are better or worse than those, it is too high or
+too low.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 Limits have two parts.  A figure is said only if it is far enough off to matter (the constants of this file), and if
 chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
-limit with a probability of `CHANCE` for the contrary.  docs/believe.md has each finding with causes and remedies.
+limit with a probability of `CHANCE` for the contrary.  docs/explanation/believe.md has each finding with causes and
+remedies.
 """
 
 from __future__ import annotations

@@ -59,7 +59,9 @@ def test_examples_are_read(name: str) -> None:
 
 
 def test_what_the_documentation_shows_is_read() -> None:
-    page, scenes = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("simulate.md", "scenes.md"))
+    page, scenes = (
+        (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("how-to/simulate.md", "reference/scenes.md")
+    )
     (block,) = re.findall(r"```yaml\n(occlog_paths.*?)```", page, re.DOTALL)
     assert len(paths_from_yaml(block, "x").targets[0].segments) == 3
     (block,) = re.findall(r"```yaml\n(occlog_scene.*?)```", scenes, re.DOTALL)

@@ -120,7 +120,7 @@ def test_orders_are_those_of_the_choices_that_were_made(make, policy, monkeypatc
 
 
 def test_a_selection_that_no_frame_followed_is_in_no_row(monkeypatch):
-    """Of the orders those between the rows' selections are counted; docs/selection.md says so."""
+    """Of the orders those between the rows' selections are counted; docs/explanation/selection.md says so."""
     calls, sets = [], [(0,), (5,), (1,)]  # cam6 is silent when it is asked
 
     def given(*args):

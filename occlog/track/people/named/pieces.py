@@ -144,7 +144,7 @@ def name_probability(evidence: Evidence, row: int, target: int, least_likeness: 
     """Probability that a track of the gallery is this person.
 
     A logistic function of the margin by which its boxes are more like this person than the next, or than the least
-    likeness of a box that may be somebody's.  Its numbers were fitted (docs/appearance.md).
+    likeness of a box that may be somebody's.  Its numbers were fitted (docs/explanation/appearance.md).
 
     Args:
         evidence: of tracks.
