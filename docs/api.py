@@ -20,7 +20,8 @@ def api_page() -> str:
     classes = {n: v for n in api.__all__ if inspect.isclass(v := getattr(api, n)) and n not in ERRORS}
     parts = [
         "# The Python API\n\nMade by `make docs` from the docstrings; "
-        "[python.md](../how-to/python.md) shows how it is used. Everything here is a name of `occlog`\nafter `import occlog`; what is not here may change. A `Source` is a "
+        "[python.md](../how-to/python.md) shows how it is used. "
+        "Everything here is a name of `occlog`\nafter `import occlog`; what is not here may change. A `Source` is a "
         "path, a `Table`, a `Recording`, a DataFrame of pandas or polars, anything\nelse that speaks the Arrow "
         "PyCapsule interface, or a dict of columns; a `SceneSource` is one of these or a `Scene`.\nA "
         "`File` is a path; `Files` are one, several, or a dict of paths by the names of cameras or arrays;\n`Times` "

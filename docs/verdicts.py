@@ -150,7 +150,8 @@ def verdicts_page() -> str:
     kept = {paper: kept_of(paper) for paper in PAPERS}
     head = (
         "# Verdicts of the four papers\n\nMade by `make docs` from `docs/research/reproduced/`, where "
-        "`python -m docs.verdicts DIR` puts what a run of\n`occlog reproduce -o DIR` gave. By [one rule](reproduce.md#the-rule); figures are "
+        "`python -m docs.verdicts DIR` "
+        "puts what a run of\n`occlog reproduce -o DIR` gave. By [one rule](reproduce.md#the-rule); figures are "
         "means and standard errors.\n\nStatements of the experiments that were run at full size:\n"
     )
     return "\n".join([head, counts_table(kept), *(_paper(paper, own) for paper, own in kept.items())])

@@ -57,8 +57,8 @@ def simulate(
         output: where the recording is written; None: a folder that goes with the last reference to it.
         overwrite: an output that is there may be replaced.
         progress: show a bar on standard error, if it is a terminal.
-        **settings: of walkers, cameras, arrays, readers and storage, by their names in docs/reference/settings.md; those
-            of the video with `render_` before them.
+        **settings: of walkers, cameras, arrays, readers and storage, by their names in docs/reference/settings.md;
+            those of the video with `render_` before them.
 
     Raises:
         UsageError: a setting that there is not, or arguments that contradict each other.
