@@ -51,7 +51,9 @@ class Agreement:
 
     def add(self, moment: Moment, looks: Sequence[FrameLook]) -> None:
         """Count one more moment."""
-        np.add.at(self.used, moment.support.camera, moment.support.probability)
+        # A box of two people who touch stands in the rows of both: each takes half of it
+        support = moment.support
+        np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
         by = seen_in(moment, len(self.names)) >= LIKELY
         self._delays.add(moment, looks, by)
         if not len(moment.ids):

@@ -77,9 +77,9 @@ class PeopleSummary:
 
         people, rows: of the tracks.  people_at_a_time: mean, of the times that have any.  unseen: share of the rows of
         whom no camera has a box.  exchanges_expected: of identities, the sum of the doubts' probabilities.  boxes: of
-        each camera, those in use, those that people explain, and those that nobody does; expected of all of them, since
-        a box may be of several people.  sees: share of the people whom another camera sees and the camera should see
-        plainly that it does see.
+        each camera, those in use, those that people explain, and those that nobody does; expected numbers, where a box
+        of two people who touch is one box.  sees: share of the people whom another camera sees and the camera should
+        see plainly that it does see.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {

@@ -47,6 +47,17 @@ def codes(by: list[bool], times: int, visible: float = 1.0) -> list[str]:
     return [f"{found.code}: {found.sentence.split()[1]}" for found in agreement.findings(tally)]
 
 
+def test_a_box_of_two_people_who_touch_is_one_explained_box() -> None:
+    agreement = Agreement([camera(name) for name in "ab"])
+    pair = np.array([0, 1])
+    # Camera a: one box of both with 0.75, of the first alone with 0.25; camera b: a box of the second alone
+    support = Support(
+        np.array([*pair, 1]), np.array([0, 0, 1]), np.zeros(3, int), np.array([1, 0.75, 1]), np.array([0.75, 0.75, 0])
+    )
+    agreement.add(moment([[True, False], [True, True]])._replace(support=support), looks(2))
+    np.testing.assert_allclose(agreement.used, [1.0, 1.0])
+
+
 def test_a_camera_that_does_not_see_whom_the_others_see_is_named() -> None:
     assert codes([True, True, True, False], FEWEST) == ["camera-disagrees: d"]
     assert codes([True, True, True, True], FEWEST) == []
