@@ -14,7 +14,7 @@ INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINTS) --editable
 # Tests start the program often, and pytest rewrites their assertions: compiled code is kept, whatever the user's settings.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-fast fuzz lint golden schemas docs lock sbom dist clean
+.PHONY: demo test test-fast fuzz lint golden schemas docs site lock sbom dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -57,6 +57,12 @@ schemas: $(VENV)/installed-dev
 
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m docs.make
+	$(BIN)/python -m docs.pictures
+	$(MAKE) --no-print-directory VENV=$(VENV) site
+
+# The pages as a site, with search: build/site/index.html. Links that lead nowhere fail.
+site: $(VENV)/installed-dev
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -c docs . build/site
 
 # The newest releases of everything, the oldest that pyproject.toml allows, which CI tries, and what users install by digests.
 RESOLVE = $(BIN)/uv pip compile pyproject.toml --quiet --no-annotate --custom-compile-command "make lock"

@@ -18,7 +18,7 @@ from docs.sbom import sbom
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOCK, LOWEST = ROOT / "constraints.txt", ROOT / ".ci" / "lowest.txt"
 HASHED, SBOM = ROOT / "requirements.lock", ROOT / "sbom.json"
-FOR_DEVELOPERS = ("dev", "fuzz", "test")
+FOR_DEVELOPERS = ("dev", "docs", "fuzz", "test")
 """Extras without upper bounds: they change nothing that users see."""
 FOR_USERS = [name for name in PROJECT["optional-dependencies"] if name not in FOR_DEVELOPERS]
 

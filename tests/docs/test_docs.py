@@ -10,6 +10,7 @@ import pytest
 from places import ROOT
 
 from docs.make import PAGES, RESULTS
+from docs.pictures.__main__ import PICTURES
 from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import VariantCommand, params_of
 
@@ -64,3 +65,10 @@ def test_links_lead_somewhere() -> None:
         for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8")):
             if "://" not in target:
                 assert (path.parent / target).exists(), f"{path.name}: {target}"
+
+
+def test_every_picture_is_made_by_a_command_and_shown() -> None:
+    there = {path.name for path in (ROOT / "docs/pictures").iterdir() if path.suffix not in (".py", "")}
+    shown = "".join(path.read_text(encoding="utf-8") for path in TEXTS)
+    assert there == set(PICTURES), "python -m docs.pictures makes what is there, and what it makes is there"
+    assert not [name for name in there if f"pictures/{name})" not in shown]

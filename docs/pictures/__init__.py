@@ -1,0 +1,1 @@
+"""Pictures of the pages; `python -m docs.pictures` makes them anew."""

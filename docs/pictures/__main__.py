@@ -1,0 +1,82 @@
+"""Makes the pictures of the pages by the command line: `python -m docs.pictures [NAME...]`, all without a name.
+
+A picture is not compared byte by byte: fonts and compiled kernels of another machine may move a pixel.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parent
+ROOT = FOLDER.parents[1]
+
+
+def occlog(work: Path, *words: str) -> None:
+    """Run a command of occlog in a folder, in which the examples and the sample data lie."""
+    for name in ("examples", "sample_data"):
+        if not (work / name).exists():
+            (work / name).symlink_to(ROOT / name)
+    subprocess.run([sys.executable, "-m", "occlog", *words, "-q"], cwd=work, check=True, stdout=subprocess.DEVNULL)
+
+
+def people(work: Path, to: Path) -> None:
+    """A frame of the overlay of everybody."""
+    occlog(work, "run", "examples/people.yaml", "-o", "people")
+    tracks, recording = "people/view_tracks.parquet", "people/recording.mcap"
+    occlog(
+        work, "report", tracks, "--recording", recording, "--frame", "43", "--png", str(to), "--scale", "1.2",
+        "--overwrite",
+    )  # fmt: skip
+
+
+def report(work: Path, to: Path) -> None:
+    """The figures of a report."""
+    occlog(work, "run", "sample_data/room/run.yaml", "-o", "room")
+    (work / "room/report.png").replace(to)
+
+
+def overlay(work: Path, to: Path) -> None:
+    """Targets that look alike, with epipolar lines."""
+    occlog(work, "simulate", "--scene", "balls", "--seed", "1", "--store", "ffv1", "-o", "balls.mcap")
+    occlog(work, "track", "balls.mcap", "--method", "bmct", "--initial", "balls.mcap", "-o", "view_tracks.parquet")
+    occlog(
+        work, "report", "view_tracks.parquet", "--recording", "balls.mcap", "--truth", "balls.mcap", "--frame", "86",
+        "--png", str(to), "--scale", "1.5", "--overwrite",
+    )  # fmt: skip
+
+
+def navigation(work: Path, to: Path) -> None:
+    """A robot among people."""
+    occlog(
+        work, "simulate", "examples/room.yaml", "-o", "walk.mcap", "--seconds", "20", "--occluders", "3", "--seed", "4",
+        "--motion", "field",
+    )  # fmt: skip
+    occlog(
+        work, "navigate", "examples/room.yaml", "--from", "1,1", "--to", "7,5", "--obstacles", "walk.mcap",
+        "-o", "among.parquet", "--picture", str(to), "--strict", "--overwrite",
+    )  # fmt: skip
+
+
+PICTURES: dict[str, Callable[[Path, Path], None]] = {
+    "people.png": people,
+    "report.png": report,
+    "overlay.png": overlay,
+    "navigation.png": navigation,
+}
+"""Name of each picture of this folder, and what makes it from a folder to work in and the place of the picture."""
+
+
+def main(names: Sequence[str]) -> None:
+    """Make these pictures, or all."""
+    for name in names or PICTURES:
+        with tempfile.TemporaryDirectory() as work:
+            PICTURES[name](Path(work), FOLDER / name)
+        sys.stdout.write(f"made docs/pictures/{name}\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
