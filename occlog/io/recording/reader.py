@@ -17,7 +17,6 @@ from google.protobuf.message import DecodeError
 
 from occlog.errors import InputError
 from occlog.io.files.content import Content, content_of
-from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
 from occlog.io.frames.apart import VideoApart, decode_apart
 from occlog.io.scenes.scene import scene_from_yaml
@@ -26,6 +25,7 @@ from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
+from .links import leaves, linked_path
 from .mcap_errors import SALVAGE, open_mcap, read_attachment
 from .metadata import read_metadata
 from .rows import RowCollector, schema_of
@@ -64,10 +64,7 @@ def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> Li
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
         raise InputError(f"{where}: has frame times but no link to its video; ingest it again")
-    if Path(link["path"]).is_absolute():
-        raise InputError(f"{where}: links to {link['path']}, which is no place relative to it; ingest it again")
-    path = recording.parent / link["path"]
-    check_input(path, f"the video of camera {sensor} that {recording} links to")
+    path = linked_path(recording, sensor, link["path"])
     if hash_file(path) != link["sha256"]:
         raise InputError(f"{where}: {path} is not the video that was ingested (its content changed); ingest it again")
     return LinkedVideo(path, where)
@@ -181,14 +178,26 @@ class Recording:
 
 
 def linked_videos(path: Path) -> tuple[Path, ...]:
-    """Files of the videos that a recording links to; none of what is no recording, or one that cannot be opened."""
+    """Files of the videos that a recording links to, those of its folder also where there are none.
+
+    None of what is no recording or cannot be opened, and none that may not be followed.
+    """
     try:
         if content_of(path, "a recording") is not Content.RECORDING:
             return ()
-        links = open_recording(path).videos.values()
+        links = open_recording(path).videos.items()
     except InputError:  # whoever reads it says so
         return ()
-    return tuple(path.parent / link["path"] for link in links if "path" in link)
+    found = []
+    for sensor, link in links:
+        if "path" in link:
+            if leaves(path, link["path"]):
+                try:
+                    linked_path(path, sensor, link["path"])
+                except InputError:  # whoever decodes it says so
+                    continue
+            found.append(path.parent / link["path"])
+    return tuple(found)
 
 
 def sensor_of(topic: str) -> str:
