@@ -68,6 +68,7 @@ COMMANDS = {
     ),
     "recover": Command("occlog.examine.recover", "Salvage what is whole in a recording that was cut off or damaged."),
     "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
+    "view": Command("occlog.examine.viewers.command", "Show a run or a recording in Rerun, Foxglove or Lichtblick."),
     "plugin": Command("occlog.conformance.command", "List plug-ins of others, and check them."),
     "schema": Command("occlog.examine.schema", "Print the schema of a table, a message, a file format or settings."),
 }

@@ -18,10 +18,12 @@ class Frame:
 
     `decode` must be called at most once, in the order of `index` for each camera
     (compressed video can only be decoded forwards).  It raises InputError for a
-    frame that cannot be decoded.
+    frame that cannot be decoded.  `encoded` is the compressed image as recorded, PNG or
+    JPEG as a rule; None: the frame is in a video.
     """
 
     t_ns: int
     sensor: str
     index: int
     decode: Callable[[], Image]
+    encoded: bytes | None = None

@@ -20,6 +20,8 @@ from .views import ViewTracks
 
 KINDS = ("birth", "death", "doubt", "named")
 """`kind` of an event."""
+BOX, FLOOR = "box", "floor"
+"""`mode` of a row of everybody in the images: the camera has a box of the person, or the place on the floor alone."""
 UNSEEN, ONE_VIEW, EXCHANGE, CONTRADICTION = "unseen", "one-view", "exchange", "contradiction"
 """Words of the column `doubt`, in the order in which they stand there."""
 

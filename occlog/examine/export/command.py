@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
 from occlog.cli import options
 from occlog.cli.plugged import PluggedCommand, chosen_in
+from occlog.errors import UsageError
 from occlog.plugins.loading import EXPORTER
 
-from .formats import FORMATS
+from .formats import FORMATS, FOXGLOVE, format_of
 
 LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" for name, f in FORMATS.items())
 
@@ -22,7 +24,8 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     kind=EXPORTER,
     ours=tuple(FORMATS),
     short_help="Write a table in a format of other programs.",
-    help=f"""Write the table in FILE (a table or a recording) in a format that other programs read.
+    help=f"""Write the table in FILE (a table or a recording) in a format that other programs read; or all of it,
+    or of a run folder, for a viewer.
 
     The ending of the output says the format, or --to:
 
@@ -34,6 +37,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
       occlog export tracks.parquet --target 3 -o three.tum
       occlog export view_tracks.parquet --camera cam1 --to mot -o cam1.txt
       occlog export tracks.parquet --origin 52.5163,13.3777 -o tracks.geojson
+      occlog export run/ -o run.mcap --layout run.json
     """,
 )
 @click.argument("file", type=options.INPUT)
@@ -54,7 +58,16 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     metavar="LAT,LON[,DEG]",
     help="Where on earth the scene's origin is (WGS 84), and the angle of +x from the east towards the north.",
 )
-@click.option("--scene", type=options.INPUT, default=None, help="Scene file, for the sizes of images (coco).")
+@click.option("--scene", type=options.INPUT, default=None, help="Scene file, for sizes of images (coco) and viewers.")
+@click.option("--recording", type=options.INPUT, default=None, help="Viewers: images and scene, if not in the folder.")
+@click.option("--layout", type=options.PATH, default=None, help="foxglove: also write the layout of panels to import.")
+@click.option(
+    "--quality",
+    type=click.IntRange(1, 100),
+    default=None,
+    help="Viewers: of JPEG images that are made of videos.  [default: 90]",
+)
+@options.quiet_opt
 @options.overwrite_opt
 @options.json_opt
 def command(
@@ -66,11 +79,26 @@ def command(
     camera: str | None,
     origin: str | None,
     scene: Path | None,
+    recording: Path | None,
+    layout: Path | None,
+    quality: int | None,
+    quiet: bool,
     overwrite: bool,
     as_json: bool,
     **values: object,
 ) -> int:
     """Call the run, and print what was written; nothing more where the table itself is printed."""
+    name = to or format_of(output.name)
+    if name is not None and name in FORMATS and FORMATS[name].viewer:
+        named = {"--table": table, "--target": targets, "--camera": camera, "--origin": origin}
+        _refuse(named, f"format {name} shows everything; leave it out")
+        if name != FOXGLOVE:
+            _refuse({"--layout": layout}, f"format {name} takes none; {FOXGLOVE} does")
+        from occlog.examine.viewers.run import QUALITY, Request, run_viewers
+
+        show = Request(file, output, name, recording, scene, layout, quality or QUALITY, overwrite)
+        return options.finish(*run_viewers(show, quiet=quiet), as_json)
+    _refuse({"--recording": recording, "--layout": layout, "--quality": quality}, "is for viewers' formats only")
     from .run import STANDARD, ExportRequest, parse_origin, run_export
 
     request = ExportRequest(
@@ -87,3 +115,10 @@ def command(
     )
     summary, losses = run_export(request)
     return options.finish({} if output == STANDARD else summary, losses, as_json and output != STANDARD)
+
+
+def _refuse(named: Mapping[str, object], why: str) -> None:
+    """UsageError for the first option that was given."""
+    for option, value in named.items():
+        if value not in (None, ()):
+            raise UsageError(f"{option}: {why}")

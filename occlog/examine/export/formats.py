@@ -10,6 +10,10 @@ PLACE_TABLES = ("tracks", "truth")
 IMAGE_TABLES = ("view_tracks", "truth_boxes", "boxes", "views")
 
 
+FOXGLOVE, RERUN = "foxglove", "rerun"
+"""Formats for viewers."""
+
+
 @dataclass(frozen=True)
 class Format:
     """One format.
@@ -18,11 +22,13 @@ class Format:
         endings: of names of files that are of this format without being told; none: it must be named.
         tables: names of the tables that it takes, the first that an input holds is taken; none: any.
         doc: one line of what it is.
+        viewer: whether it shows everything that a run folder or a recording holds, and is no table.
     """
 
     endings: tuple[str, ...]
     tables: Sequence[str]
     doc: str
+    viewer: bool = False
 
 
 FORMATS: dict[str, Format] = {
@@ -35,6 +41,8 @@ FORMATS: dict[str, Format] = {
     "geojson": Format((".geojson",), PLACE_TABLES, "a line for each target, in longitude and latitude"),
     "coco": Format((".json",), IMAGE_TABLES, "COCO's images, annotations and categories"),
     "trc": Format((".trc",), PLACE_TABLES, "OpenSim's table of markers, one a target"),
+    FOXGLOVE: Format((".mcap",), (), "a run or a recording to look at in Foxglove and Lichtblick", viewer=True),
+    RERUN: Format((), (), "the same for Rerun, which draws points where those draw lines", viewer=True),
 }
 """Every format by the name that `--to` takes."""
 

@@ -147,26 +147,26 @@ class Recording:
             sensor = sensor_of(name)
             index = sequence if self.ours else counts.get(sensor, 0)
             counts[sensor] = counts.get(sensor, 0) + 1
-            stamp, decode = self._decoder(topics[name], sensor, t_ns, data, index, linked)
+            stamp, decode, encoded = self._decoder(topics[name], sensor, t_ns, data, index, linked)
             if sensor in last and stamp <= last[sensor]:
                 raise InputError(
                     f"{self.path}: camera {sensor}: frame {index}: time {stamp} ns does not come after "
                     f"{last[sensor]} ns; each frame needs its own, later time"
                 )
             last[sensor] = stamp
-            yield Frame(stamp, sensor, index, decode)
+            yield Frame(stamp, sensor, index, decode, encoded)
 
     def _decoder(
         self, topic: Topic, sensor: str, t_ns: int, data: bytes, index: int, linked: dict[str, LinkedVideo]
-    ) -> tuple[int, Callable[[], Image]]:
+    ) -> tuple[int, Callable[[], Image], bytes | None]:
         where = f"{self.path}: camera {sensor}: frame {index}"
         if topic.schema == VIDEO_FRAME:
             if sensor not in linked:
                 linked[sensor] = open_linked(self.path, sensor, self.videos.get(sensor))
                 linked[sensor].open()
-            return t_ns, partial(linked[sensor].read, index)
+            return t_ns, partial(linked[sensor].read, index), None
         stamp, image = parse_image(topic.encoding, data, where)
-        return stamp or t_ns, partial(decode_apart, image, where)
+        return stamp or t_ns, partial(decode_apart, image, where), image
 
     def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
         """(topic, log time, data, sequence) in the order of time."""

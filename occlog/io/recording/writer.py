@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -117,6 +118,14 @@ class RecordingWriter:
             sequence = self._sequence.get(topic, 0)
             self._sequence[topic] = sequence + 1
             self._add(self._channel(topic, name, "json"), t_ns, data, sequence)
+
+    def message(self, topic: str, schema: str, descriptors: Callable[[], bytes], t_ns: int, data: bytes) -> None:
+        """Add a message of protobuf; `descriptors` makes the set that describes it, once for each schema."""
+        if schema not in self._schemas:
+            self._register(schema, "protobuf", descriptors())
+        sequence = self._sequence.get(topic, 0)
+        self._sequence[topic] = sequence + 1
+        self._add(self._channel(topic, schema, "protobuf"), t_ns, data, sequence)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Add a file."""

@@ -12,6 +12,8 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
+from occlog.colours import TARGETS
+
 COLOURS = {
     "ink": "#1f2933",
     "muted": "#5f6b76",
@@ -26,12 +28,7 @@ COLOURS = {
     "moving": "#7d7a00",
     "view": "#6b8fb5",
     "halo": "#fffffe",
-    "t0": "#0173b2",
-    "t1": "#b0488f",
-    "t2": "#028e74",
-    "t3": "#a85d00",
-    "t4": "#5a60c8",
-    "t5": "#ca3542",
+    **{f"t{n}": colour for n, colour in enumerate(TARGETS)},
 }
 """Colours on white paper, each used for one thing only, so that the page can change them in the dark."""
 

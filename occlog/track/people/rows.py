@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.records.people import EXCHANGE, ONE_VIEW, UNSEEN, words_of
+from occlog.records.people import BOX, EXCHANGE, FLOOR, ONE_VIEW, UNSEEN, words_of
 from occlog.records.scene import Camera
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
@@ -21,8 +21,6 @@ LIKELY = 0.5
 """A box is a person's if it is more probably of this person than not."""
 DOUBTS = (UNSEEN, ONE_VIEW, EXCHANGE)
 """Values of the column `doubt`, in the order in which they stand there."""
-BOX, FLOOR = "box", "floor"
-"""Values of the column `mode` of everybody in every image."""
 COVARIANCES = {
     "cov_xx": (X, X),
     "cov_xy": (X, Y),

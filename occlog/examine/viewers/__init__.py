@@ -1,0 +1,1 @@
+"""Recordings and results for viewers of others: Foxglove, Lichtblick, Rerun."""

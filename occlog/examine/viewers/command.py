@@ -1,0 +1,63 @@
+"""The `occlog view` command: shows a run or a recording in a viewer that is installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from occlog.cli import options
+from occlog.examine.export.formats import FOXGLOVE, RERUN
+
+PROGRAMS = {"rerun": RERUN, "foxglove": FOXGLOVE, "foxglove-studio": FOXGLOVE, "lichtblick": FOXGLOVE}
+"""Programs that are looked for, in this order, and the format that each takes."""
+OTHERS = """install one: Rerun (`pip install rerun-sdk`), Foxglove or Lichtblick (programs with windows); or name the
+program with --viewer; or write the file alone with `occlog export`"""
+
+
+@click.command(name="view", short_help="Show a run or a recording in Rerun, Foxglove or Lichtblick.")
+@click.argument("file", type=options.INPUT)
+@click.option(
+    "-o",
+    "--output",
+    type=options.PATH,
+    default=None,
+    help="The file that the viewer opens (MCAP).  [default: a temporary one, which goes when the viewer ends]",
+)
+@click.option("--recording", type=options.INPUT, default=None, help="Images and scene, if not in the folder.")
+@options.scene_opt
+@click.option(
+    "--viewer",
+    default=None,
+    metavar="PROGRAM",
+    help=f"Its name or path.  [default: the first that is installed of {', '.join(PROGRAMS)}]",
+)
+@click.option("--print", "only_print", is_flag=True, help="Write the file (-o), print the viewer's command, and end.")
+@options.overwrite_opt
+@options.quiet_opt
+@options.json_opt
+def command(
+    file: Path,
+    output: Path | None,
+    recording: Path | None,
+    scene: Path | None,
+    viewer: str | None,
+    only_print: bool,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Show FILE, a run folder, a recording or a table, in a viewer: images, the plan, people, numbers, events.
+
+    The viewer is a program of others on this machine; nothing is sent anywhere and no server is started.
+
+    \b
+      occlog view run/
+      occlog view run/ --recording hall.mcap --viewer foxglove
+      occlog view run/ -o run.mcap --print
+    """
+    from .opened import ViewRequest, run_view
+
+    request = ViewRequest(file, output, recording, scene, viewer, only_print, overwrite)
+    summary, losses = run_view(request, quiet=quiet)
+    return options.finish(summary, losses, as_json)

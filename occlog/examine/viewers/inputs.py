@@ -1,0 +1,176 @@
+"""What is shown: a run folder with its recording, a recording alone, or a table with or without one."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.open import Opened, open_input, scene_in
+from occlog.io.recording.reader import Recording
+from occlog.records.columns import Table
+from occlog.records.pieces import whole_times
+from occlog.records.scene import Scene
+from occlog.records.tables import (
+    Bearings,
+    Bound,
+    Boxes,
+    Diagnostics,
+    Doa,
+    Errors,
+    Events,
+    Hulls,
+    Occluders,
+    PeopleTracks,
+    Tracks,
+    Truth,
+    TruthBoxes,
+    Views,
+    ViewTracks,
+)
+from occlog.settings import METRES
+
+T = TypeVar("T", bound=Table)
+RECORDING = "recording.mcap"
+SHOWN: tuple[type[Table], ...] = (
+    Truth,
+    Diagnostics,
+    PeopleTracks,
+    Errors,
+    Bound,
+    Occluders,
+    Hulls,
+    Bearings,
+    Doa,
+    Events,
+    ViewTracks,
+    Views,
+    Boxes,
+    TruthBoxes,
+)
+"""Tables of which something is shown."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything that is shown; each table has one source.
+
+    Attributes:
+        tables: opened inputs by the name of the table.
+        recording: None: there is none, so that there are no images.
+        scene: None: there is none, so that cameras and the plan are not drawn.
+        unit: of lengths.
+    """
+
+    tables: Mapping[str, Opened] = field(default_factory=dict)
+    recording: Recording | None = None
+    scene: Scene | None = None
+    unit: str = "m"
+
+    @property
+    def metres(self) -> float:
+        """Length of the unit; 1 where it is not known."""
+        return METRES.get(self.unit, 1.0)
+
+    @property
+    def opened(self) -> list[Opened]:
+        """Every file that is read, each once."""
+        return list({opened.path: opened for opened in self.tables.values()}.values())
+
+    def has(self, table: type[Table]) -> bool:
+        """Whether there are rows of a table."""
+        return table.NAME in self.tables
+
+    def pieces(self, table: type[T]) -> Iterator[T]:
+        """Rows of a table, those of one time and sensor together; none where there are none."""
+        if not self.has(table):
+            return
+        for rows in whole_times(self.tables[table.NAME].rows(table)):
+            yield from _alike(rows)
+
+    def targets(self) -> set[int]:
+        """Every identity that is followed."""
+        kinds: tuple[type[Tracks] | type[ViewTracks], ...] = (Tracks, ViewTracks)
+        found = (rows for kind in kinds if self.has(kind) for rows in self.tables[kind.NAME].rows(kind))
+        return {target for rows in found for target in np.unique(rows.target_id).tolist()}
+
+
+def _alike(rows: T) -> Iterator[T]:
+    """The rows cut where the time changes, or the sensor."""
+    change = np.diff(rows.t_ns) != 0  # type: ignore[attr-defined]
+    sensor = getattr(rows, "sensor", None)
+    if sensor is not None:
+        change |= sensor[1:] != sensor[:-1]
+    bounds = [0, *(np.flatnonzero(change) + 1).tolist(), len(rows)]
+    for start, stop in itertools.pairwise(bounds):
+        if stop > start:
+            yield rows.take(slice(start, stop))
+
+
+def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Inputs:
+    """What a folder or a file holds.
+
+    Args:
+        path: run folder, recording or table.
+        recording: whose images, scene and true positions are shown; None: that of the folder.
+        scene: scene file; None: that of the recording.
+
+    Raises:
+        InputError: there is nothing that could be shown, or lengths are in several units.
+    """
+    files = _files(path) if path.is_dir() else [path]
+    # The recording that was named comes first: its rows count, not those of one in the folder
+    opened = [open_input(each) for each in [*([recording] if recording is not None else []), *files]]
+    recordings = [each.recording for each in opened if each.recording is not None]
+    found: dict[str, Opened] = {}
+    for each in opened:
+        for table in SHOWN:
+            if each.has(table) and (each.recording is None or table.NAME not in found):
+                found[table.NAME] = each
+    source = recordings[0] if recordings else None
+    if not found and (source is None or not source.cameras):
+        raise InputError(f"{path}: holds nothing that viewers show: no images, tracks or other tables that they draw")
+    if source is None and recording is not None:
+        raise UsageError(f"{recording}: is no recording")
+    told = scene_in(scene) if scene is not None else (source.scene if source is not None else None)
+    return Inputs(found, source, told, _unit(list(found.values()), told))
+
+
+def _unit(opened: list[Opened], scene: Scene | None) -> str:
+    """The unit of lengths; InputError where a table has another."""
+    from occlog.io.open import check_unit
+
+    unit, source = (None, "") if scene is None else (scene.length_unit, "the scene")
+    for each in opened:
+        if each.recording is not None:
+            continue
+        if unit is not None:
+            check_unit(each, unit, source, InputError)
+        elif each.made_in_a_scene:
+            unit, source = each.length_unit, str(each.path)
+    return unit or "m"
+
+
+def _files(folder: Path) -> list[Path]:
+    """The tables and the recording of a run folder; InputError where there are none."""
+    names = [RECORDING, *(f"{table.NAME}.parquet" for table in SHOWN)]
+    files = [folder / name for name in names if (folder / name).is_file()]
+    if not files:
+        raise InputError(f"{folder}: holds no {RECORDING} and no tables of a run, so it is not the folder of a run")
+    return files
+
+
+def note_strangers(inputs: Inputs, quiet: bool) -> None:
+    """Say what is not as one may expect: no images, a unit without a length, tracks of another recording."""
+    if inputs.recording is None:
+        options.note("no recording is given: no images and no truth are shown; name it with --recording", quiet)
+    if inputs.scene is None:
+        options.note("no scene is given: no plan, cameras and sight lines are shown; name one with --scene", quiet)
+    if inputs.unit not in METRES:
+        options.note(f"lengths are in {inputs.unit}, of which the length is not known: viewers show one as 1 m", quiet)

@@ -1,0 +1,227 @@
+"""What happens, in the order of time: rows of tables and frames, as messages of a viewer.
+
+At one time truth comes first, then what the filter said of itself, then estimates, and images last: an image is drawn
+over with what is known by then.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS
+from occlog.records.frames import Frame
+from occlog.records.scene import Camera
+from occlog.records.tables import (
+    Bearings,
+    Bound,
+    Boxes,
+    Diagnostics,
+    Doa,
+    Errors,
+    Events,
+    Hulls,
+    Occluders,
+    PeopleTracks,
+    Truth,
+    TruthBoxes,
+    Views,
+    ViewTracks,
+)
+
+from .inputs import Inputs
+from .people import Crowd, Palette, boxes_in_image, people_of, tracked_in_image, true_in_space
+from .series import Series
+from .shapes import GREY, Line, Thing, at_height
+from .sight import Sight, moving_occluders
+
+SHADOWS_NS = NS // 5
+"""Shadows of people are drawn at most this often: they take the most work."""
+
+
+class Drawn(NamedTuple):
+    """Things in space on a topic."""
+
+    topic: str
+    t_ns: int
+    things: list[Thing]
+
+
+class Over(NamedTuple):
+    """A frame, and what is drawn over it."""
+
+    frame: Frame
+    things: list[Thing]
+
+
+class Numbers(NamedTuple):
+    """Values of a series on a topic."""
+
+    topic: str
+    t_ns: int
+    series: Series
+    values: list[float]
+
+
+class Said(NamedTuple):
+    """A line of the log."""
+
+    t_ns: int
+    warns: bool
+    source: str
+    words: str
+
+
+Moment = Drawn | Over | Numbers | Said
+
+
+class Story:
+    """Goes through everything once; memory does not grow with the length."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        """Take what there is; identities are gone through before, for their colours."""
+        self._inputs, self._metres = inputs, inputs.metres
+        self.palette = Palette(inputs.targets())
+        self.crowd = Crowd(self.palette)
+        scene = inputs.scene
+        self._sight = None if scene is None else Sight(scene, self._metres, self.palette, self.crowd)
+        self._cameras: dict[str, Camera] = {} if scene is None else {c.name: c for c in scene.cameras}
+        self._doubts: dict[int, str] = {}
+        self._over: dict[str, dict[str, tuple[int, list[Thing]]]] = {}
+        self._selects = False  # whether cameras were ever selected
+        self._next_shadows = -(1 << 62)
+
+    def moments(self) -> Iterator[Moment]:
+        """Everything in the order of time."""
+        sources: list[Iterator[tuple[int, int, Callable[[], Iterator[Moment]]]]] = []
+
+        def add(order: int, rows: Iterator[object], show: Callable[..., Iterator[Moment]]) -> None:
+            sources.append(_timed(order, rows, show))
+
+        pieces = self._inputs.pieces
+        add(0, pieces(Truth), self._truth)
+        add(1, pieces(Diagnostics), self._diagnostics)
+        add(2, pieces(PeopleTracks), self._tracks)
+        add(3, pieces(Occluders), self._occluders)
+        add(3, pieces(Hulls), self._hulls)
+        add(4, pieces(Bearings), self._bearings)
+        add(4, pieces(Doa), self._doa)
+        add(5, pieces(Errors), self._errors)
+        add(5, pieces(Bound), self._bound)
+        add(6, pieces(Events), self._events)
+        for kind in (ViewTracks, Views, Boxes, TruthBoxes):
+            add(7, pieces(kind), self._in_image)
+        if self._inputs.recording is not None:
+            add(8, self._inputs.recording.frames(), self._frame)
+        for _, _, show in heapq.merge(*sources, key=lambda entry: entry[:2]):
+            yield from show()
+
+    def _truth(self, rows: Truth) -> Iterator[Moment]:
+        yield Drawn("/truth", int(rows.t_ns[0]), true_in_space(rows, self._metres))
+
+    def _diagnostics(self, rows: Diagnostics) -> Iterator[Moment]:
+        t_ns = int(rows.t_ns[0])
+        yield from _numbers("/diagnostics", Series.of_table(Diagnostics), rows, rows.target_id.tolist())
+        for target, fallback, doubt in zip(
+            rows.target_id.tolist(), rows.fallback.tolist(), rows.doubt.tolist(), strict=True
+        ):
+            words = doubt or fallback
+            if words and words != self._doubts.get(target):
+                yield Said(t_ns, True, f"target {target}", words)
+            self._doubts[target] = words
+        chosen = sorted({name for text in rows.selected.tolist() for name in text.split(",") if name})
+        if self._sight is not None and (chosen or self._selects):
+            self._selects = True
+            yield Drawn("/selected", t_ns, self._sight.chosen(chosen))
+
+    def _tracks(self, rows: PeopleTracks) -> Iterator[Moment]:
+        t_ns = int(rows.t_ns[0])
+        people = people_of(rows, self._metres, self._doubts)
+        for person in people:
+            before = self.crowd.find(person.target)
+            if person.doubt and not self._inputs.has(Diagnostics) and (before is None or before.doubt != person.doubt):
+                yield Said(t_ns, True, f"target {person.target}", person.doubt)
+        self.crowd.add(people)
+        yield Drawn("/targets", t_ns, self.crowd.in_space(t_ns))
+        yield from _numbers("/tracks", Series.of_table(PeopleTracks), rows, rows.target_id.tolist())
+        if self._sight is not None and self._cameras and t_ns >= self._next_shadows:
+            self._next_shadows = t_ns + SHADOWS_NS
+            yield Drawn("/shadows", t_ns, self._sight.shadows(t_ns))
+
+    def _occluders(self, rows: Occluders) -> Iterator[Moment]:
+        rows = rows.take(rows.occluder_id >= 0)
+        covariances = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2)
+        middles = np.column_stack([rows.x, rows.y])
+        if len(rows):
+            yield Drawn("/occluders", int(rows.t_ns[0]), moving_occluders(middles, covariances, self._metres))
+
+    def _hulls(self, rows: Hulls) -> Iterator[Moment]:
+        things = []
+        for number in np.unique(rows.occluder_id[rows.occluder_id >= 0]).tolist():
+            own = rows.take(rows.occluder_id == number)
+            ring = self._metres * np.column_stack([own.x, own.y])
+            line = Line(at_height(np.vstack([ring, ring[:1]]), 0.02), GREY, 1.5, dashed=True)
+            things.append(Thing(f"occluder {number}", lines=[line]))
+        yield Drawn("/occluders", int(rows.t_ns[0]), things)
+
+    def _bearings(self, rows: Bearings) -> Iterator[Moment]:
+        seen = np.where(rows.seen, rows.bearing, np.nan)
+        yield from self._lines(str(rows.sensor[0]), int(rows.t_ns[0]), rows.target_id.tolist(), seen.tolist())
+
+    def _doa(self, rows: Doa) -> Iterator[Moment]:
+        nobody = [-1] * len(rows)
+        yield from self._lines(str(rows.sensor[0]), int(rows.t_ns[0]), nobody, rows.azimuth.tolist())
+
+    def _lines(self, sensor: str, t_ns: int, targets: list[int], azimuths: list[float]) -> Iterator[Moment]:
+        things = None if self._sight is None else self._sight.lines(sensor, targets, azimuths)
+        if things is not None:
+            yield Drawn(f"/sight_lines/{sensor}", t_ns, things)
+
+    def _errors(self, rows: Errors) -> Iterator[Moment]:
+        yield from _numbers("/errors", Series.of_table(Errors), rows, rows.target_id.tolist())
+
+    def _bound(self, rows: Bound) -> Iterator[Moment]:
+        yield from _numbers("/bound", Series.of_table(Bound), rows, rows.target_id.tolist())
+
+    def _events(self, rows: Events) -> Iterator[Moment]:
+        for kind, target, other, probability in zip(
+            rows.kind.tolist(), rows.target_id.tolist(), rows.other_id.tolist(), rows.probability.tolist(), strict=True
+        ):
+            words = f"{kind} {'with ' + str(other) + ' ' if other >= 0 else ''}".strip()
+            sure = "" if math.isnan(probability) else f", probability {probability:.3g}"
+            yield Said(int(rows.t_ns[0]), kind == "doubt", f"target {target}", f"{words}{sure}")
+
+    def _in_image(self, rows: ViewTracks | Views | Boxes | TruthBoxes) -> Iterator[Moment]:
+        things = tracked_in_image(rows, self.palette) if isinstance(rows, ViewTracks) else boxes_in_image(rows)
+        self._over.setdefault(str(rows.sensor[0]), {})[rows.NAME] = (int(rows.t_ns[0]), things)
+        yield from ()
+
+    def _frame(self, frame: Frame) -> Iterator[Moment]:
+        tables = self._over.get(frame.sensor, {})
+        things = [thing for t_ns, drawn in tables.values() if t_ns == frame.t_ns for thing in drawn]
+        camera = self._cameras.get(frame.sensor)
+        if not self._inputs.has(ViewTracks) and camera is not None and camera.has_height:
+            things += self.crowd.in_image(camera, self._metres, frame.t_ns)
+        yield Over(frame, things)
+
+
+def _timed(
+    order: int, rows: Iterator[object], show: Callable[..., Iterator[Moment]]
+) -> Iterator[tuple[int, int, Callable[[], Iterator[Moment]]]]:
+    """The pieces of a source with their times and its place among others of the same time."""
+    for piece in rows:
+        times = piece.t_ns  # type: ignore[attr-defined]
+        yield int(times if isinstance(times, int) else times[0]), order, partial(show, piece)
+
+
+def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> Iterator[Moment]:
+    """The numbers of rows of one time, on a topic for each target."""
+    columns = [np.asarray(getattr(rows, name), dtype=np.float64).tolist() for name in series.fields]
+    t_ns = int(rows.t_ns[0])  # type: ignore[attr-defined]
+    for target, values in zip(targets, zip(*columns, strict=True), strict=True):
+        yield Numbers(f"{topic}/{target}", t_ns, series, list(values))

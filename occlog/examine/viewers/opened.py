@@ -1,0 +1,108 @@
+"""Opens a viewer that is installed with the file made for it."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import tempfile
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from occlog.errors import OutputError, UsageError
+from occlog.examine.export.formats import FOXGLOVE, RERUN
+from occlog.records.losses import Loss
+
+from .command import OTHERS, PROGRAMS
+from .run import Request, run_viewers
+
+RERUN_OPTIONS = ("--bind", "127.0.0.1", "--new")
+"""Rerun's viewer listens for programs that send it data: only for those of this machine, and in a window of its own."""
+
+
+@dataclass(frozen=True)
+class ViewRequest:
+    """What to show, and in what.
+
+    Attributes:
+        input: run folder, recording or table.
+        output: the file that is made; None: a temporary one.
+        recording, scene: as for `occlog.examine.viewers.run.Request`.
+        viewer: name or path of the program; None: the first that is found.
+        only_print: whether the program is not started.
+    """
+
+    input: Path
+    output: Path | None = None
+    recording: Path | None = None
+    scene: Path | None = None
+    viewer: str | None = None
+    only_print: bool = False
+    overwrite: bool = False
+
+
+def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Make the file, and show it until the viewer is closed; the summary, and what was lost.
+
+    Raises:
+        UsageError: no viewer is installed, or there is nowhere for the file to stay.
+        OutputError: the viewer could not be started.
+    """
+    if request.only_print and request.output is None:
+        raise UsageError("--print: the file must stay for the command; name it with -o")
+    program, viewer = find_viewer(request.viewer, started=not request.only_print)
+    with ExitStack() as stack:
+        output = request.output
+        if output is None:
+            output = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="occlog-view-"))) / "occlog.mcap"
+        layout = output.with_suffix(".layout.json") if viewer == FOXGLOVE and request.output is not None else None
+        wanted = Request(
+            request.input,
+            output,
+            viewer,
+            request.recording,
+            request.scene,
+            layout,
+            overwrite=request.overwrite,
+        )
+        summary, losses = run_viewers(wanted, quiet=quiet)
+        line = [program, *(RERUN_OPTIONS if viewer == RERUN else ()), str(output.resolve())]
+        summary["command"] = shlex.join(line)
+        if not request.only_print:
+            try:
+                code = subprocess.run(line, check=False, stdin=subprocess.DEVNULL).returncode
+            except OSError as error:
+                raise OutputError(f"{program}: cannot be started: {error.strerror or error}") from error
+            if code:
+                raise OutputError(f"{program}: ended with code {code}; its own words are above")
+    return summary, losses
+
+
+def find_viewer(named: str | None, *, started: bool) -> tuple[str, str]:
+    """The program and the format that it takes.
+
+    Args:
+        named: name or path; None: the first of `PROGRAMS` that is installed.
+        started: whether it must be there.
+
+    Raises:
+        UsageError: it is not installed; how to get one.
+    """
+    if named is not None:
+        found = shutil.which(named)
+        if found is None and started:
+            raise UsageError(f"--viewer {named}: no such program; {_others()}")
+        kind = PROGRAMS.get(Path(named).stem.lower())
+        return found or named, kind or (RERUN if "rerun" in named.lower() else FOXGLOVE)
+    for name, kind in PROGRAMS.items():
+        found = shutil.which(name)
+        if found is not None:
+            return found, kind
+    if started:
+        raise UsageError(f"no viewer is installed ({', '.join(PROGRAMS)}); {_others()}")
+    return next(iter(PROGRAMS.items()))
+
+
+def _others() -> str:
+    return " ".join(OTHERS.split())

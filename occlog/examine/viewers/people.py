@@ -1,0 +1,255 @@
+"""Targets at one time: in space as columns with ellipses, trails and names, and as a camera sees them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Floats
+from occlog.colours import target_rgb
+from occlog.core.sight.camera import wrap_angle
+from occlog.records.people import FLOOR, PeopleTracks
+from occlog.records.scene import Camera
+from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes, Views, ViewTracks
+
+from .shapes import GREY, WHITE, Column, Line, Rgba, Text, Thing, around, at_height, faded, rim
+
+HEIGHT, WIDTH = 1.7, 0.5
+"""Of a person whose size the tracks do not tell [m]."""
+TRAIL_NS, TRAIL_POINTS = 5 * NS, 60
+"""How long a trail is; points of it that are drawn."""
+STALE_NS = NS
+"""An estimate that is older than this is no longer drawn: the target is gone."""
+SLACK = 0.1
+"""A person whose middle is this far outside the field of view may still be in the image in part [rad]."""
+HIDDEN = 0.3
+"""A target of which less than this share is visible counts as hidden."""
+NAME_SIZE, NAME_PX = 0.3, 14.0
+"""Height of a name in space [m] and in an image [px]."""
+
+
+class Person(NamedTuple):
+    """The estimate of a target [m]."""
+
+    t_ns: int
+    target: int
+    xy: Floats  # (2,)
+    covariance: Floats  # (2, 2) NaN: not known
+    floor: float  # z of its feet
+    height: float
+    width: float
+    seen_by: frozenset[str] | None  # None: not known
+    doubt: str  # why it is not to be believed
+
+    @property
+    def unsure(self) -> bool:
+        """Whether it is drawn dashed: no camera sees it, or something speaks against it."""
+        return bool(self.doubt) or (self.seen_by is not None and not self.seen_by)
+
+
+class Palette:
+    """Colours of targets, in the order of their identities."""
+
+    def __init__(self, targets: Iterable[int]) -> None:
+        """Take all the identities that there are."""
+        self._index = {target: n for n, target in enumerate(sorted(set(targets)))}
+
+    def __len__(self) -> int:
+        """How many targets there are."""
+        return len(self._index)
+
+    def __call__(self, target: int) -> Rgba:
+        """Colour of one; grey for a stranger."""
+        if target not in self._index:
+            return GREY
+        r, g, b = target_rgb(self._index[target])
+        return r / 255, g / 255, b / 255, 1.0
+
+
+def people_of(rows: Tracks, metres: float, doubts: Mapping[int, str] | None = None) -> list[Person]:
+    """The targets of rows of one time.
+
+    Args:
+        rows: of tracks, one a target.
+        metres: length of the unit of the rows.
+        doubts: by target why it is not to be believed, where the rows do not say.
+    """
+    wide = rows if isinstance(rows, PeopleTracks) else None
+    covariance = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2) * metres**2
+    out = []
+    for k, target in enumerate(rows.target_id.tolist()):
+        doubt, seen = "" if doubts is None else doubts.get(target, ""), None
+        height, width = np.nan, np.nan
+        if wide is not None:
+            height, width = metres * float(wide.height[k]), metres * float(wide.width[k])
+            doubt = str(wide.doubt[k]) or doubt
+            # A method that follows everybody says of each row who saw it
+            told = not np.isnan(wide.existence[k])
+            seen = frozenset(filter(None, str(wide.seen_by[k]).split(","))) if told else None
+        out.append(
+            Person(
+                t_ns=int(rows.t_ns[k]),
+                target=target,
+                xy=metres * np.array([rows.x[k], rows.y[k]]),
+                covariance=covariance[k],
+                floor=0.0,
+                height=HEIGHT if np.isnan(height) else height,
+                width=WIDTH if np.isnan(width) else width,
+                seen_by=seen,
+                doubt=doubt,
+            )
+        )
+    return out
+
+
+class Crowd:
+    """The latest estimate of each target, and where it was in the last seconds."""
+
+    def __init__(self, palette: Palette) -> None:
+        """Nobody yet."""
+        self._palette = palette
+        self._people: dict[int, Person] = {}
+        self._trails: dict[int, deque[tuple[int, Floats]]] = {}
+
+    def add(self, people: Iterable[Person]) -> None:
+        """Take the estimates of one time."""
+        for person in people:
+            self._people[person.target] = person
+            trail = self._trails.setdefault(person.target, deque())
+            trail.append((person.t_ns, person.xy))
+            while trail[0][0] < person.t_ns - TRAIL_NS:
+                trail.popleft()
+
+    def at(self, t_ns: int) -> list[Person]:
+        """The targets that are there, by identity; those not heard of for long are forgotten."""
+        for target in [name for name, person in self._people.items() if person.t_ns < t_ns - STALE_NS]:
+            del self._people[target], self._trails[target]
+        return [self._people[target] for target in sorted(self._people)]
+
+    def find(self, target: int) -> Person | None:
+        """The latest estimate of one."""
+        return self._people.get(target)
+
+    def trail(self, target: int) -> Floats:
+        """(k, 2) where a target was, the earliest first; at most `TRAIL_POINTS`, evenly taken."""
+        points = np.array([xy for _, xy in self._trails[target]])
+        keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), TRAIL_POINTS)).round().astype(np.int64))
+        return np.asarray(points[keep])
+
+    def in_space(self, t_ns: int) -> list[Thing]:
+        """What is drawn in space at a time."""
+        return [self._in_space(person) for person in self.at(t_ns)]
+
+    def _in_space(self, person: Person) -> Thing:
+        colour = self._palette(person.target)
+        lines = []
+        if np.isfinite(person.covariance).all():
+            lines.append(Line(at_height(rim(person.xy, person.covariance), 0.02), colour, 2.0, person.unsure))
+        trail = self.trail(person.target)
+        if len(trail) > 1:
+            lines.append(Line(at_height(trail, 0.02), faded(colour, 0.7), 2.0))
+        foot = np.array([*person.xy, person.floor])
+        body = Column(foot, person.width, person.height, faded(colour, 0.25 if person.unsure else 0.6))
+        name = Text(foot + np.array([0, 0, person.height + NAME_SIZE]), name_of(person), NAME_SIZE, colour)
+        return Thing(f"target {person.target}", lines, [body], texts=[name])
+
+    def in_image(self, camera: Camera, metres: float, t_ns: int) -> list[Thing]:
+        """The targets as a camera sees them: outline and ellipse on the floor, dashed for those it does not see."""
+        things = []
+        for person in self.at(t_ns):
+            box = body_in_image(person, camera, metres)
+            if box is None:
+                continue
+            unseen = person.unsure or (person.seen_by is not None and camera.name not in person.seen_by)
+            colour = self._palette(person.target)
+            lines = [Line(corners(box), colour, 2.0, unseen)]
+            feet = feet_in_image(person, camera, metres)
+            if feet is not None:
+                lines.append(Line(feet, colour, 1.5, unseen))
+            words = Text(box[:2], name_of(person), NAME_PX, colour)
+            things.append(Thing(f"target {person.target}", lines, texts=[words]))
+        return things
+
+
+def name_of(person: Person) -> str:
+    """Its number, with a question mark where it is in doubt."""
+    return f"{person.target}?" if person.doubt else str(person.target)
+
+
+def true_in_space(rows: Truth, metres: float) -> list[Thing]:
+    """True positions: white columns without filling, and grey ones for occluders."""
+    things = []
+    for role, target, x, y in zip(
+        rows.role.tolist(), rows.target_id.tolist(), rows.x.tolist(), rows.y.tolist(), strict=True
+    ):
+        colour = WHITE if role == "target" else GREY
+        foot = metres * np.array([x, y, 0.0])
+        ring = at_height(around(foot[:2], np.full(2, 0.1)), 0.03)
+        post = np.array([foot, foot + np.array([0, 0, HEIGHT])])
+        things.append(Thing(f"true {target}", lines=[Line(ring, colour, 2.0), Line(post, colour, 1.0)]))
+    return things
+
+
+def _body(person: Person) -> Floats:
+    """(2 n, 3) points around the feet and the head of a person [m]."""
+    ring = around(person.xy, np.full(2, 0.5 * person.width))
+    return np.vstack([at_height(ring, person.floor), at_height(ring, person.floor + person.height)])
+
+
+def body_in_image(person: Person, camera: Camera, metres: float) -> Floats | None:
+    """(4,) left, top, right, bottom [px] around a person; None where it is not wholly before the camera, or beside."""
+    away = person.xy / metres - camera.ground
+    aside = float(wrap_angle(np.arctan2(away[1], away[0]) - camera.yaw))
+    pixels = camera.project(_body(person) / metres)
+    # Far aside, distortion folds the plane back into the image
+    if abs(aside) > 0.5 * camera.fov + SLACK or not np.isfinite(pixels).all():
+        return None
+    box = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+    width, height = camera.image_size or (np.inf, np.inf)
+    inside = box[0] < width and box[1] < height and box[2] > 0 and box[3] > 0
+    return box if inside else None
+
+
+def feet_in_image(person: Person, camera: Camera, metres: float) -> Floats | None:
+    """(k, 2) the 95 % ellipse of the place on the floor as the camera sees it [px]; None where it does not."""
+    if not np.isfinite(person.covariance).all() or not camera.above_floor:
+        return None
+    pixels = camera.project(at_height(rim(person.xy, person.covariance), person.floor) / metres)
+    return pixels if np.isfinite(pixels).all() else None
+
+
+def corners(box: Floats) -> Floats:
+    """(5, 2) the way around left, top, right, bottom."""
+    left, top, right, bottom = box.tolist()
+    return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
+
+
+def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[Thing]:
+    """Ellipses of trackers in an image; dashed where neighbours push them and no view helps, or they are hidden."""
+    helped = rows.helpers != ""
+    dashed = ((rows.neighbours != "") & ~helped) | (rows.mode == FLOOR)
+    things = []
+    for k, target in enumerate(rows.target_id.tolist()):
+        rho = float(rows.rho[k])
+        axes = np.array([[np.cos(rho), -np.sin(rho)], [np.sin(rho), np.cos(rho)]])
+        outline = around(np.array([rows.x_px[k], rows.y_px[k]]), np.array([rows.a_px[k], rows.b_px[k]]), axes)
+        top = outline[outline[:, 1].argmin()]
+        colour = palette(target)
+        line = Line(outline, colour, 3.0 if helped[k] else 2.0, bool(dashed[k]))
+        things.append(Thing(f"target {target}", [line], texts=[Text(top, str(target), NAME_PX, colour)]))
+    return things
+
+
+def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[Thing]:
+    """Boxes: of a detector in grey; true ones in white, dashed where the target is hidden."""
+    true = isinstance(rows, TruthBoxes)
+    if isinstance(rows, Boxes):  # a frame without boxes has a row without one
+        rows = rows.take(rows.box >= 0)
+    box = np.column_stack([rows.left_px, rows.top_px, rows.left_px + rows.width_px, rows.top_px + rows.height_px])
+    hidden = rows.visible < HIDDEN if isinstance(rows, TruthBoxes) else np.zeros(len(rows), dtype=np.bool_)
+    # The edges are those of pixels, whose centres are at whole numbers
+    lines = [Line(corners(b), WHITE if true else GREY, 1.0, bool(h)) for b, h in zip(box, hidden.tolist(), strict=True)]
+    return [Thing("true boxes" if true else "boxes", lines)]

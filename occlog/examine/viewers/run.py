@@ -1,0 +1,203 @@
+"""Writes the MCAP file that viewers show, and the layout that goes with it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from occlog.cli import options
+from occlog.errors import InputError
+from occlog.examine.export.formats import FOXGLOVE, RERUN
+from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.frames.codec import check_image, encode_image, image_kind, image_size
+from occlog.io.open import losses_of
+from occlog.io.recording.reader import linked_videos
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.frames import Frame
+from occlog.records.losses import Loss
+
+from .foxglove import image_annotations, scene_update
+from .inputs import Inputs, find_inputs, note_strangers
+from .layout import foxglove_layout
+from .moments import Drawn, Moment, Numbers, Over, Said, Story
+from .plan import plan, static_shadows
+from .points import image_cloud, point_cloud
+from .sensors import camera_calibration, frame_transforms, world_of
+from .shapes import Thing
+
+_LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}
+QUALITY = 90
+"""Of JPEG images that are made of a video."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to write.
+
+    Attributes:
+        input: run folder, recording or table.
+        output: the MCAP file.
+        viewer: `foxglove`: scenes and annotations; `rerun`: clouds of points, which is what Rerun draws of these.
+        recording: None: that of the folder.
+        scene: scene file; None: that of the recording.
+        layout: where to write the layout for Foxglove; None: nowhere.
+        quality: of JPEG images that are made of a video, 1 to 100.
+    """
+
+    input: Path
+    output: Path
+    viewer: str = FOXGLOVE
+    recording: Path | None = None
+    scene: Path | None = None
+    layout: Path | None = None
+    quality: int = QUALITY
+    overwrite: bool = False
+
+
+def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Write the file; the summary, and what was lost."""
+    files = (request.input, request.recording, request.scene)
+    options.check_outputs(files, (request.output, request.layout), request.overwrite)
+    inputs = find_inputs(request.input, request.recording, request.scene)
+    note_strangers(inputs, quiet)
+    story = Story(inputs)
+    with Together() as together:
+        writer = RecordingWriter(
+            request.output, inputs.scene, Provenance("export"), overwrite=request.overwrite, together=together
+        )
+        with writer as out:
+            sink = _Sink(out, inputs, request)
+            for moment in options.progress(_begun(story.moments(), sink, inputs), "write", quiet=quiet):
+                sink.write(moment)
+            if not out.messages:
+                raise InputError(f"{request.input}: there is nothing to show: all of its tables are empty")
+            losses = (*_lost_before(inputs), *sink.losses)
+            out.annotate(_provenance(inputs, request, losses))
+        if request.layout is not None:
+            text = json.dumps(foxglove_layout(sink.topics, inputs.scene), indent=1) + "\n"
+            with open_output(request.layout, request.overwrite, together) as file:
+                file.write(text.encode())
+    summary: dict[str, object] = {"output": str(request.output), "format": request.viewer}
+    summary |= {} if request.layout is None else {"layout": str(request.layout)}
+    summary |= {"topics": len(sink.topics), "messages": out.messages, "frames": sink.frames}
+    return summary | {"targets": len(story.palette)}, losses
+
+
+def _lost_before(inputs: Inputs) -> tuple[Loss, ...]:
+    before = losses_of(inputs.opened)
+    return (*before, *(() if inputs.recording is None else (x for x in inputs.recording.losses if x not in before)))
+
+
+def _provenance(inputs: Inputs, request: Request, losses: tuple[Loss, ...]) -> Provenance:
+    paths = [opened.path for opened in inputs.opened]
+    if inputs.recording is not None:
+        paths += [inputs.recording.path, *linked_videos(inputs.recording.path)]
+    paths += [] if request.scene is None else [request.scene]
+    made = {"to": request.viewer, "quality": request.quality}
+    return Provenance("export", made, None, hash_inputs(dict.fromkeys(paths)), losses)
+
+
+def _begun(moments: Iterator[Moment], sink: _Sink, inputs: Inputs) -> Iterator[Moment]:
+    """The moments; before the first one everything that does not move is written, at its time."""
+    for n, moment in enumerate(moments):
+        if not n:
+            sink.begin(moment.frame.t_ns if isinstance(moment, Over) else moment.t_ns, inputs)
+        yield moment
+
+
+class _Sink:
+    """Codes what is drawn for one viewer and writes it."""
+
+    def __init__(self, out: RecordingWriter, inputs: Inputs, request: Request) -> None:
+        self._out, self._inputs, self._request = out, inputs, request
+        self._world = world_of(inputs.scene)
+        self._cameras = {} if inputs.scene is None else {c.name: c for c in inputs.scene.cameras}
+        self._calibrated: set[str] = set()
+        self.topics: dict[str, str] = {}
+        self.losses: list[Loss] = []
+        self.frames = 0
+
+    def begin(self, t_ns: int, inputs: Inputs) -> None:
+        """Write what does not move, and what was lost before."""
+        for loss in _lost_before(inputs):
+            self.write(Said(t_ns, True, "lost earlier", str(loss)))
+        if inputs.scene is None:
+            return
+        self._message("/tf", FrameTransforms, t_ns, frame_transforms(inputs.scene, t_ns, inputs.metres))
+        self.write(Drawn("/plan", t_ns, plan(inputs.scene, inputs.metres)))
+        if shadows := static_shadows(inputs.scene, inputs.metres):
+            self.write(Drawn("/static_shadows", t_ns, shadows))
+
+    def write(self, moment: Moment) -> None:
+        """Write one moment."""
+        if isinstance(moment, Drawn):
+            if self._request.viewer == RERUN:
+                data = point_cloud(moment.things, moment.t_ns, self._world)
+                self._message(moment.topic, PointCloud, moment.t_ns, data)
+            else:
+                data = scene_update(moment.things, moment.t_ns, self._world)
+                self._message(moment.topic, SceneUpdate, moment.t_ns, data)
+        elif isinstance(moment, Over):
+            self._over(moment.frame, moment.things)
+        elif isinstance(moment, Numbers):
+            series, data = moment.series, moment.series.message(moment.values)
+            self._add(moment.topic, series.schema, lambda: series.descriptors, moment.t_ns, data)
+        else:
+            message = Log(level=_LEVELS[moment.warns], message=moment.words, name=moment.source)
+            message.timestamp.FromNanoseconds(moment.t_ns)
+            self._message("/log", Log, moment.t_ns, message.SerializeToString(deterministic=True))
+
+    def _over(self, frame: Frame, things: list[Thing]) -> None:
+        try:
+            data, kind, size = self._image(frame)
+        except InputError as error:
+            self.losses.append(Loss(frame.sensor, f"frame {frame.index}", str(error), 1))
+            return
+        self.topics[f"/camera/{frame.sensor}/image"] = "foxglove.CompressedImage"
+        self._out.image(frame.sensor, frame.t_ns, frame.index, data, kind)
+        self.frames += 1
+        camera = self._cameras.get(frame.sensor)
+        if camera is not None and camera.placed and frame.sensor not in self._calibrated:
+            self._calibrated.add(frame.sensor)
+            calibration = camera_calibration(camera, size, frame.t_ns)
+            self._message(f"/camera/{frame.sensor}/calibration", CameraCalibration, frame.t_ns, calibration)
+        topic = f"/camera/{frame.sensor}/image/annotations"
+        if not things and topic not in self.topics:
+            return
+        if self._request.viewer != RERUN:
+            self._message(topic, ImageAnnotations, frame.t_ns, image_annotations(things, frame.t_ns))
+        elif camera is not None and camera.placed:
+            self._message(topic, PointCloud, frame.t_ns, image_cloud(things, frame.t_ns, frame.sensor, camera))
+
+    def _image(self, frame: Frame) -> tuple[bytes, str, tuple[int, int]]:
+        """Compressed bytes, their kind, and width and height: as recorded, or JPEG of a frame of a video."""
+        if frame.encoded is not None:
+            kind, size = image_kind(frame.encoded), image_size(frame.encoded)
+            if kind is not None and size is not None:
+                check_image(frame.encoded, f"camera {frame.sensor}")
+                return frame.encoded, kind, size
+        image = frame.decode()
+        return encode_image(image, "jpeg", self._request.quality), "jpeg", (image.shape[1], image.shape[0])
+
+    def _message(self, topic: str, schema: Any, t_ns: int, data: bytes) -> None:
+        def descriptors() -> bytes:
+            described: bytes = build_file_descriptor_set(schema).SerializeToString(deterministic=True)
+            return described
+
+        self._add(topic, schema.DESCRIPTOR.full_name, descriptors, t_ns, data)
+
+    def _add(self, topic: str, schema: str, descriptors: Callable[[], bytes], t_ns: int, data: bytes) -> None:
+        self.topics[topic] = schema
+        self._out.message(topic, schema, descriptors, t_ns, data)
