@@ -105,7 +105,7 @@ def dashes(points: Floats, length: float) -> Floats:
     """(2 n, d) ends of the dashes of a way, of about `length`, with gaps as long between them."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])
-    count = int(np.clip(round(float(way[-1]) / (2.0 * length)), 3, 200))
+    count = int(np.clip(round(float(way[-1]) / (2.0 * length)), 6, 200))
     ends = (np.arange(count)[:, None] + np.array([0.0, 0.5])) / count * way[-1]
     return np.column_stack([np.interp(ends.reshape(-1), way, points[:, k]) for k in range(points.shape[1])])
 

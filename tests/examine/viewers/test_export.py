@@ -1,0 +1,374 @@
+"""`occlog export --to foxglove | rerun`: what messages say, by the published schemas, against the rows they show."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import write_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.reader import open_recording
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.people import Events, PeopleTracks, PeopleViews
+from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
+from occlog.records.tables import Bearings, Diagnostics, Doa, Truth
+from occlog.report.drawing.style import target_colour
+
+MADE = Provenance("test")
+NS = 10**9
+SCHEMAS: dict[str, Any] = {
+    kind.DESCRIPTOR.full_name: kind
+    for kind in (
+        CameraCalibration, CompressedImage, FrameTransforms, ImageAnnotations, Log, PointCloud, SceneUpdate,
+    )
+}  # fmt: skip
+DRAWN_BY_RERUN = {
+    "foxglove.CameraCalibration", "foxglove.CompressedImage", "foxglove.FrameTransforms", "foxglove.Log",
+    "foxglove.PointCloud",
+}  # fmt: skip
+CAMERA = Camera(
+    "east", np.array([6.0, 1.0, 2.5]), camera_rotation(np.pi, -0.2, 0.0), np.array([60.0, 62.0]),
+    np.array([31.5, 23.5]),
+    image_size=(64, 48), fov=1.2,
+)  # fmt: skip
+
+
+def scene(unit: str = "m") -> Scene:
+    room = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0], [0.0, 5.0]])
+    pillar = Occluder("pillar", np.array([[1.0, 3.0], [1.5, 3.0], [1.5, 3.5], [1.0, 3.5]]), 2.0)
+    array = MicrophoneArray("world", np.array([3.0, 0.1, 1.0]))
+    return Scene((CAMERA,), (array,), (pillar,), room=room, length_unit=unit)
+
+
+def tracks() -> PeopleTracks:
+    """Targets 3 and 7 at two times; nobody sees 7 at the second, and its identity is in doubt."""
+    zero = {name: [0.0] * 4 for name in ("vx", "vy")}
+    return PeopleTracks.of(
+        t_ns=[NS, NS, 2 * NS, 2 * NS], target_id=[3, 7, 3, 7], x=[2.0, 1.0, 2.5, 1.0], y=[1.0, 2.0, 1.0, 2.5],
+        cov_xx=[0.04] * 4, cov_xy=[0.0] * 4, cov_yy=[0.01] * 4, **zero,
+        existence=[1.0] * 4, height=[1.8, np.nan, 1.8, np.nan], width=[0.4] * 4,
+        seen_by=["east", "east", "east", ""], doubt=["", "", "", "unseen"],
+    )  # fmt: skip
+
+
+def view_tracks() -> PeopleViews:
+    nothing = {"likeness": [np.nan] * 2, "ess": [np.nan] * 2, "counterpart": [""] * 2, "neighbours": [""] * 2}
+    return PeopleViews.of(
+        t_ns=[NS] * 2, sensor=["east"] * 2, frame=[0] * 2, target_id=[3, 7], x_px=[20.0, 40.0], y_px=[25.0, 20.0],
+        a_px=[4.0, 3.0], b_px=[10.0, 8.0], rho=[0.0] * 2, cov_xx_px=[1.0] * 2, cov_xy_px=[0.0] * 2, cov_yy_px=[1.0] * 2,
+        mode=["box", "floor"], helpers=[""] * 2, event=[""] * 2, **nothing,
+    )  # fmt: skip
+
+
+def diagnostics() -> Diagnostics:
+    return Diagnostics.of(
+        t_ns=[NS, 2 * NS], target_id=[3, 3], ess=[80.5, np.nan], log_likelihood=[-1.0, -2.0], n_looked=[1, 1],
+        n_seen=[1, 0], fallback=["", "restart"], cameras=["east", "east"], n_offered=[1, 1], selected=["east", ""],
+        predicted_mse=[np.nan, np.nan], seen_by=["east", ""], doubt=["", ""],
+    )  # fmt: skip
+
+
+def bearings() -> Bearings:
+    nothing = {name: [np.nan] * 3 for name in ("u_px", "sigma_px", "score")}
+    return Bearings.of(
+        t_ns=[NS, NS, 2 * NS], sensor=["east"] * 3, target_id=[3, 7, 7], seen=[True, True, False],
+        bearing=[np.pi - 1e-9, 2.9, np.nan], sigma=[0.01, 0.01, np.nan], **nothing,
+    )  # fmt: skip
+
+
+def fill(folder: Path, unit: str = "m", broken: bool = False) -> Path:
+    """A run folder with a recording of two frames and all tables."""
+    made, image = scene(unit), np.full((48, 64, 3), 90, dtype=np.uint8)
+    png = cv2.imencode(".png", image)[1].tobytes()
+    with RecordingWriter(folder / "recording.mcap", made, MADE) as out:
+        out.image("east", NS, 0, png, "png")
+        out.image("east", 2 * NS, 1, png[:-30] if broken else png, "png")
+        role = ["target", "occluder"]
+        out.table(Truth.of(t_ns=[NS] * 2, target_id=[3, 9], role=role, x=[2.1, 5.0], y=[1.0, 4.0], z=[np.nan] * 2))
+        none = {n: [np.nan] for n in ("elevation", "sigma_azimuth", "sigma_elevation", "confidence")}
+        out.table(Doa.of(t_ns=[NS], sensor=["world"], source_id=[-1], azimuth=[0.5 * np.pi], **none))
+    events = Events.of(t_ns=[NS], target_id=[7], kind=["doubt"], other_id=[3], probability=[0.25])
+    for table in (tracks(), view_tracks(), diagnostics(), bearings(), events):
+        write_table(folder / f"{table.NAME}.parquet", table, MADE, length_unit=unit)
+    return folder
+
+
+def read(path: Path) -> tuple[dict[str, list[tuple[int, Any]]], dict[str, Any]]:
+    """Decoded messages (time, message) and schemas by topic."""
+    messages: dict[str, list[tuple[int, Any]]] = {}
+    schemas: dict[str, Any] = {}
+    with path.open("rb") as file:
+        for schema, channel, message, decoded in make_reader(
+            file, decoder_factories=[DecoderFactory()], validate_crcs=True
+        ).iter_decoded_messages():
+            messages.setdefault(channel.topic, []).append((message.log_time, decoded))
+            schemas[channel.topic] = schema
+            if schema.name in SCHEMAS:  # the published message reads the bytes, and knows every field
+                known = SCHEMAS[schema.name].FromString(message.data)
+                assert known.SerializeToString(deterministic=True) == message.data
+    return messages, schemas
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Messages of both formats of one folder, and the layout."""
+    folder = fill(tmp_path_factory.mktemp("viewers"))
+    layout = ["--layout", str(folder / "layout.json")]
+    assert run(["export", str(folder), "-o", str(folder / "f.mcap"), "-q", *layout]) == ExitCode.DONE
+    assert run(["export", str(folder), "-o", str(folder / "r.mcap"), "--to", "rerun", "-q"]) == ExitCode.DONE
+    foxglove, schemas = read(folder / "f.mcap")
+    rerun, points = read(folder / "r.mcap")
+    text = json.loads((folder / "layout.json").read_text())
+    return {"foxglove": foxglove, "schemas": schemas, "rerun": rerun, "points": points, "layout": text, "in": folder}
+
+
+def entities(update: Any) -> dict[str, Any]:
+    return {entity.id: entity for entity in update.entities}
+
+
+def places(points: Any) -> np.ndarray:
+    return np.array([[p.x, p.y, p.z] for p in points])
+
+
+def cloud(message: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Points and colours of a cloud."""
+    rows = np.frombuffer(message.data, dtype=[("xyz", "<f4", 3), ("rgba", "u1", 4)])
+    assert message.point_stride == rows.dtype.itemsize
+    return rows["xyz"].astype(float), rows["rgba"]
+
+
+def test_every_message_has_the_published_schema(shown: dict[str, Any]) -> None:
+    for schemas in (shown["schemas"], shown["points"]):
+        for topic, schema in schemas.items():
+            assert schema.encoding == "protobuf", topic
+            if schema.name.startswith("foxglove."):
+                published = build_file_descriptor_set(SCHEMAS[schema.name])
+                assert {f.name: f for f in FileDescriptorSet.FromString(schema.data).file} == {
+                    f.name: f for f in published.file
+                }
+            else:
+                assert schema.name.startswith("occlog."), topic
+
+
+def test_frames_of_reference_are_those_of_the_transforms(shown: dict[str, Any]) -> None:
+    # A sensor is called as the world usually is, so that the world has another name
+    ((_, tree),) = shown["foxglove"]["/tf"]
+    frames = {entry.child_frame_id for entry in tree.transforms} | {entry.parent_frame_id for entry in tree.transforms}
+    assert frames == {"world_", "world", "east"}
+    for messages in (shown["foxglove"], shown["rerun"]):
+        for rows in messages.values():
+            for _, message in rows:
+                named = [message.frame_id] if hasattr(message, "frame_id") else []
+                named += [entity.frame_id for entity in getattr(message, "entities", ())]
+                assert frames.issuperset(named)
+
+
+def test_transform_and_calibration_project_as_the_camera_does(shown: dict[str, Any]) -> None:
+    ((_, tree),) = shown["foxglove"]["/tf"]
+    (pose,) = [entry for entry in tree.transforms if entry.child_frame_id == "east"]
+    x, y, z, w = (getattr(pose.rotation, n) for n in "xyzw")
+    turn = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    place = np.array([getattr(pose.translation, n) for n in "xyz"])
+    ((_, seen),) = shown["foxglove"]["/camera/east/calibration"]
+    point = np.array([2.0, 1.3, 0.4])
+    ahead = np.array(seen.P).reshape(3, 4) @ np.append(turn.T @ (point - place), 1.0)
+    np.testing.assert_allclose(ahead[:2] / ahead[2], CAMERA.project(point[None])[0], atol=1e-9)
+    assert (seen.width, seen.height, list(seen.K)[:3]) == (64, 48, [60.0, 0.0, 31.5])
+
+
+def test_images_are_the_bytes_of_the_recording(shown: dict[str, Any]) -> None:
+    frames = shown["foxglove"]["/camera/east/image"]
+    kept = [frame.encoded for frame in open_recording(shown["in"] / "recording.mcap").frames()]
+    assert [message.data for _, message in frames] == kept
+    assert [(t_ns, message.format) for t_ns, message in frames] == [(NS, "png"), (2 * NS, "png")]
+    again = list(open_recording(shown["in"] / "f.mcap").frames())  # what is shown is a recording too
+    assert [(frame.t_ns, frame.index) for frame in again] == [(NS, 0), (2 * NS, 1)]
+
+
+def test_people_stand_where_tracks_say_in_the_colours_of_the_report(shown: dict[str, Any]) -> None:
+    first, second = (entities(message) for _, message in shown["foxglove"]["/targets"])
+    assert set(first) == {"target 3", "target 7"}
+    for n, (name, xy) in enumerate({"target 3": (2.5, 1.0), "target 7": (1.0, 2.5)}.items()):
+        (body,) = second[name].cylinders
+        assert (body.pose.position.x, body.pose.position.y, body.pose.orientation.w) == (*xy, 1.0)
+        rgb = f"#{''.join(f'{round(255 * c):02x}' for c in (body.color.r, body.color.g, body.color.b))}"
+        assert rgb == target_colour(n)
+    assert (second["target 3"].cylinders[0].size.z, second["target 7"].cylinders[0].size.z) == (1.8, 1.7)
+    assert [each[name].texts[0].text for each in (first, second) for name in each] == ["3", "7", "3?", "7?"]
+    sure, unsure = first["target 3"].lines[0], second["target 7"].lines[0]
+    assert (sure.type, unsure.type) == (LinePrimitive.Type.LINE_STRIP, LinePrimitive.Type.LINE_LIST)
+    # 95 % of a Gaussian in the plane is within 2.4477 standard deviations
+    np.testing.assert_allclose(np.ptp(places(sure.points)[:, :2], axis=0), 2 * 2.4477 * np.array([0.2, 0.1]), rtol=1e-4)
+    np.testing.assert_allclose(places(second["target 7"].lines[1].points)[:, :2], [[1, 2], [1, 2.5]])  # its trail
+
+
+def test_a_message_says_all_of_its_topic(shown: dict[str, Any]) -> None:
+    for topic, rows in shown["foxglove"].items():
+        for t_ns, message in rows:
+            if shown["schemas"][topic].name == "foxglove.SceneUpdate":
+                (gone,) = message.deletions
+                assert gone.type == SceneEntityDeletion.Type.ALL
+                assert gone.timestamp.ToNanoseconds() == t_ns
+                assert all(entity.timestamp.ToNanoseconds() == t_ns for entity in message.entities)
+
+
+def test_sight_lines_end_at_targets(shown: dict[str, Any]) -> None:
+    (_, first), (_, second) = shown["foxglove"]["/sight_lines/east"]
+    lines = [places(entity.lines[0].points) for entity in first.entities]
+    np.testing.assert_allclose([line[0] for line in lines], [[6.0, 1.0, 2.5]] * 2)
+    np.testing.assert_allclose(lines[0][1], [2.0, 1.0, 0.9], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(lines[1][1][:2] - [6, 1]), np.hypot(5.0, 1.0))
+    (missed,) = second.entities  # looked for and not seen: dashed, to where the target was thought to be
+    assert missed.lines[0].type == LinePrimitive.Type.LINE_LIST
+    ((_, heard),) = shown["foxglove"]["/sight_lines/world"]
+    np.testing.assert_allclose(places(heard.entities[0].lines[0].points)[:, 0], 3.0)
+
+
+def test_plan_truth_selection_and_shadows_are_drawn(shown: dict[str, Any]) -> None:
+    ((_, drawn),) = shown["foxglove"]["/plan"]
+    assert set(entities(drawn)) == {"room", "occluder pillar", "sensor east", "sensor world"}
+    corners = places(entities(drawn)["occluder pillar"].triangles[0].points)
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[1, 3, 0], [1.5, 3.5, 2]])
+    ((_, true),) = shown["foxglove"]["/truth"]
+    assert set(entities(true)) == {"true 3", "true 9"}
+    (_, chosen), (_, none) = shown["foxglove"]["/selected"]
+    assert (set(entities(chosen)), len(none.entities)) == ({"selected east"}, 0)
+    (_, dark), _ = shown["foxglove"]["/shadows"]
+    x = np.concatenate([places(fill.points) for entity in dark.entities for fill in entity.triangles])[:, 0]
+    assert x.min() == 0.0  # up to the wall behind them
+    assert x.max() < 2.3
+
+
+def test_ellipses_over_an_image_are_those_of_the_rows(shown: dict[str, Any]) -> None:
+    (_, first), (_, second) = shown["foxglove"]["/camera/east/image/annotations"]
+    outline, hidden = first.points
+    assert (outline.type, hidden.type) == (PointsAnnotation.Type.LINE_STRIP, PointsAnnotation.Type.LINE_LIST)
+    xy = np.array([[p.x, p.y] for p in outline.points]) - 0.5  # there pixels begin at whole numbers
+    np.testing.assert_allclose([xy.min(axis=0), xy.max(axis=0)], [[16, 15], [24, 35]], atol=1e-9)
+    assert [text.text for text in first.texts] == ["3", "7"]
+    assert not second.points  # nothing is known of the second frame
+
+
+def test_world_tracks_are_projected_where_nothing_was_tracked_in_images(tmp_path: Path) -> None:
+    folder = fill(tmp_path)
+    (folder / "view_tracks.parquet").unlink()
+    assert run(["export", str(folder), "-o", str(folder / "f.mcap"), "-q"]) == ExitCode.DONE
+    messages, _ = read(folder / "f.mcap")
+    (_, first), (_, second) = messages["/camera/east/image/annotations"]
+    box = np.array([[p.x, p.y] for p in first.points[0].points]) - 0.5
+    middle = CAMERA.project(np.array([[2.0, 1.0, 0.0], [2.0, 1.0, 1.8]]))
+    assert box[:, 0].min() < middle[0, 0] < box[:, 0].max()
+    # The rims of feet and head are a little in front of and behind the middle
+    assert abs(box[:, 1].max() - middle[0, 1]) < 3
+    assert abs(box[:, 1].min() - middle[1, 1]) < 3
+    # The filter of one began anew, nobody sees the other
+    assert {line.type for line in first.points} == {PointsAnnotation.Type.LINE_STRIP}
+    assert {line.type for line in second.points} == {PointsAnnotation.Type.LINE_LIST}
+
+
+def test_rerun_gets_what_it_draws_alone(shown: dict[str, Any]) -> None:
+    names = {schema.name for schema in shown["points"].values()}
+    assert names == DRAWN_BY_RERUN | {"occlog.Tracks", "occlog.Diagnostics"}
+    assert set(shown["rerun"]) == set(shown["foxglove"])
+    points, colours = cloud(shown["rerun"]["/targets"][0][1])
+    assert {f"#{bytes(c[:3]).hex()}" for c in colours} == {target_colour(0), target_colour(1)}
+    near = np.linalg.norm(points[:, None, :2] - [[2.0, 1.0], [1.0, 2.0]], axis=2).min(axis=1)
+    assert near.max() < 0.5
+
+
+def test_clouds_over_images_fall_on_the_ellipses(shown: dict[str, Any]) -> None:
+    points, _ = cloud(shown["rerun"]["/camera/east/image/annotations"][0][1])
+    u, v = (points[:, :2] / points[:, 2:] * CAMERA.focal_px + CAMERA.principal_px).T
+    on = np.minimum(np.hypot((u - 20) / 4, (v - 25) / 10), np.hypot((u - 40) / 3, (v - 20) / 8))
+    np.testing.assert_allclose(on, 1.0, atol=0.08)  # dashes are straight
+
+
+def test_numbers_and_log_say_what_the_rows_say(shown: dict[str, Any]) -> None:
+    rows = shown["foxglove"]["/diagnostics/3"]
+    assert [(t_ns, message.n_seen) for t_ns, message in rows] == [(NS, 1.0), (2 * NS, 0.0)]
+    assert rows[0][1].ess == 80.5
+    assert np.isnan(rows[1][1].ess)
+    assert [m.x for _, m in shown["foxglove"]["/tracks/7"]] == [1.0, 1.0]
+    said = [(t_ns, m.level, m.name, m.message) for t_ns, m in shown["foxglove"]["/log"]]
+    warn = Log.Level.WARNING
+    assert said == [
+        (NS, warn, "target 7", "doubt with 3, probability 0.25"),
+        (2 * NS, warn, "target 3", "restart"),
+    ]
+
+
+def test_the_layout_names_panels_and_topics_that_there_are(shown: dict[str, Any]) -> None:
+    layout = shown["layout"]
+
+    def panels(node: Any) -> list[str]:
+        return [node] if isinstance(node, str) else panels(node["first"]) + panels(node["second"])
+
+    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+    image = layout["configById"]["Image!east"]["imageMode"]
+    named = [image["imageTopic"], image["calibrationTopic"], *image["annotations"]]
+    named += layout["configById"]["3D!space"]["topics"]
+    named += [path["value"].rpartition(".")[0] for path in layout["configById"]["Plot!0"]["paths"]]
+    assert set(named) <= set(shown["foxglove"])
+
+
+def test_other_units_become_metres(tmp_path: Path) -> None:
+    folder = fill(tmp_path, "ft")
+    assert run(["export", str(folder), "-o", str(folder / "f.mcap"), "-q"]) == ExitCode.DONE
+    messages, _ = read(folder / "f.mcap")
+    body = entities(messages["/targets"][0][1])["target 3"].cylinders[0]
+    assert body.pose.position.x == pytest.approx(2 * 0.3048)
+    assert body.size.z == pytest.approx(1.8 * 0.3048)
+
+
+def test_a_damaged_image_is_a_loss(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = fill(tmp_path, broken=True)
+    assert run(["export", str(folder), "-o", str(folder / "f.mcap"), "-q", "--json"]) == ExitCode.LOSSY
+    result = json.loads(capsys.readouterr().out)
+    assert (result["frames"], result["losses"][0]["place"]) == (1, "frame 1")
+    assert open_recording(folder / "f.mcap").losses[0].what.startswith("camera east: cut short")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--target", "3"], "--target: format foxglove shows everything"),
+        (["--to", "rerun", "--layout", "x.json"], "--layout: format rerun takes none"),
+        (["--to", "csv", "--quality", "50"], "--quality: is for viewers' formats only"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    shown: dict[str, Any], arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["export", str(shown["in"]), "-o", str(shown["in"] / "new.mcap"), *arguments]) == ExitCode.USAGE
+    assert said in capsys.readouterr().err
+    assert not (shown["in"] / "new.mcap").exists()
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["export", str(tmp_path), "-o", str(tmp_path / "new.mcap")]) == ExitCode.BAD_INPUT
+    assert "not the folder of a run" in capsys.readouterr().err
