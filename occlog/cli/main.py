@@ -66,7 +66,7 @@ COMMANDS = {
     "doctor": Command(
         "occlog.examine.doctor.command", "List everything that is wrong in recordings, tables and other files."
     ),
-    "recover": Command("occlog.examine.recover", "Salvage what is whole in a recording that was cut off or damaged."),
+    "recover": Command("occlog.examine.recover", "Salvage what is whole in a file that was cut off or damaged."),
     "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
     "view": Command("occlog.examine.viewers.command", "Show a run or a recording in Rerun, Foxglove or Lichtblick."),
     "plugin": Command("occlog.conformance.command", "List plug-ins of others, and check them."),

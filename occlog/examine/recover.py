@@ -1,4 +1,4 @@
-"""The `occlog recover` command: makes a recording that was cut off or damaged readable again."""
+"""The `occlog recover` command: makes a recording or a table that was cut off or damaged readable again."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from occlog.cli import options
 from occlog.errors import UsageError
 
 
-@click.command(name="recover", short_help="Salvage what is whole in a recording that was cut off or damaged.")
-@click.argument("recording", type=options.INPUT)
-@options.output_opt("The recording that is whole again (MCAP).")
+@click.command(name="recover", short_help="Salvage what is whole in a file that was cut off or damaged.")
+@click.argument("file", type=options.INPUT)
+@options.output_opt("The recording (MCAP) or table (Parquet) that is whole again.")
 @click.option(
     "--video",
     "videos",
@@ -22,29 +22,42 @@ from occlog.errors import UsageError
 )
 @options.overwrite_opt
 @options.json_opt
-def command(recording: Path, output: Path, videos: tuple[str, ...], overwrite: bool, as_json: bool) -> int:
-    """Write what is whole in RECORDING, which was cut off or damaged, as a recording that every command reads.
+def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, as_json: bool) -> int:
+    """Write what is whole in FILE, a recording or table that was cut off or damaged, so that every command reads it.
 
-    All messages whose check sums are right are kept, and all before a cut.  What is lost is listed, with times and
-    numbers of frames where they are known; the list goes into the new recording, and from there into everything
-    that is made of it.  The exit code is 3 if anything is lost.
+    Of a recording all messages whose check sums are right are kept, and all before a cut; of a table all groups of
+    rows.  What is lost is listed, with times and numbers of frames or rows where they are known; the list goes into
+    the new file, and from there into everything that is made of it.  The exit code is 3 if anything is lost.
 
     \b
       occlog recover hall.mcap -o whole.mcap
+      occlog recover tracks.parquet -o whole.parquet
       occlog recover hall.mcap -o whole.mcap --video cam1=hall.cam1.avi
     """
-    from occlog.io.files.utc import utc
-    from occlog.io.recording.recover import recover_recording
+    from occlog.io.files.content import Content, content_of
 
     given = dict(map(_named, videos))
-    options.check_outputs([recording, *given.values()], [output], overwrite)
-    found = recover_recording(recording, output, given, overwrite=overwrite)
-    span = found.span
-    summary: dict[str, object] = {"recording": str(output), "messages": sum(found.messages.values())}
-    if span is not None:
-        summary |= {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}
+    options.check_outputs([file, *given.values()], [output], overwrite)
+    if content_of(file) is Content.TABLE:
+        if given:
+            raise UsageError("--video: belongs to recordings; a table links to no video")
+        from occlog.io.files.salvage.table import recover_table
+
+        table = recover_table(file, output, overwrite=overwrite)
+        return options.finish({"table": str(output), "rows": table.rows, **_times(table.span)}, table.losses, as_json)
+    from occlog.io.recording.recover import recover_recording
+
+    found = recover_recording(file, output, given, overwrite=overwrite)
+    summary = {"recording": str(output), "messages": sum(found.messages.values()), **_times(found.span)}
     summary |= {f"messages of {topic}": count for topic, count in found.messages.items()}
     return options.finish(summary, found.losses, as_json)
+
+
+def _times(span: tuple[int, int] | None) -> dict[str, object]:
+    """What the summary says of the first and the last time."""
+    from occlog.io.files.utc import utc
+
+    return {} if span is None else {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}
 
 
 def _named(text: str) -> tuple[str, Path]:

@@ -24,6 +24,8 @@ import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from occlog.io.files.salvage.marks import GROUP, group_of, mark_of_group, marks
+
 LONGEST = 1 << 18
 """Bytes of an input: what is larger takes time, and shows nothing else."""
 BOUNDARIES = tuple(
@@ -431,6 +433,23 @@ def _pack_parquet(data: bytes, number: int, part: bytes) -> bytes:
 
 
 PARQUET = Layer(_parquet_parts, _pack_parquet)
+
+
+def _marked_parts(data: bytes) -> list[bytes]:
+    """Groups of rows of a table that has marks."""
+    found = [mark for mark in marks(data) if mark.kind == GROUP]
+    return [data[group_of(mark).at : mark.at] for mark in found]
+
+
+def _pack_marked(data: bytes, number: int, part: bytes) -> bytes:
+    """Another group of rows, with its mark as it should be."""
+    mark = [mark for mark in marks(data) if mark.kind == GROUP][number]
+    group = group_of(mark)
+    new = mark_of_group(group.at, group.rows, group.values, zlib.crc32(part))
+    return data[: group.at] + part + new + data[mark.behind :]
+
+
+MARKED = Layer(_marked_parts, _pack_marked)
 MCAP = Layer(_mcap_parts, _pack_mcap)
 PNG = Layer(_png_parts, _pack_png)
 ZIP = Layer(_zip_parts, _pack_zip)

@@ -321,7 +321,7 @@ BORDER = {
     "cv2.imdecode": {"frames/codec.py"},
     "cv2.imread": set(),
     "cv2.FileStorage": set(),
-    "pq.ParquetFile": {"files/parquet.py"},
+    "pq.ParquetFile": {"files/parquet.py", "files/salvage/groups.py"},
     "open_parquet": {"files/parquet.py", "foreign/source.py"},
     "sqlite3.connect": {"messages/sqlite_file.py"},
 }
@@ -333,7 +333,7 @@ LIBRARIES = {
     "import gzip": {"io/files/csv_rows.py", "examine/export/run.py"},  # which writes
     "import lz4": {"io/recording/chunks.py", "io/recording/salvage.py"},
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mp4", "reader")}
-    | {"io/models/onnx_file.py"},
+    | {"io/models/onnx_file.py", "io/files/salvage/marks.py", "io/files/salvage/table.py"},
     "import pickle": {"track/people/named/by_gallery.py", "conformance/faults.py"},  # of the process itself
     "import sqlite3": {"io/messages/sqlite_file.py"},
     "import tomllib": {"io/files/toml_file.py"},

@@ -42,7 +42,17 @@ class Summed:
         self._sum = 0
         self._size = 0
         self._end: bytearray | None = None
+        self._span = 0
         self.closed = False
+
+    def begin_span(self) -> int:
+        """Begin a check sum of what follows; its place in the file."""
+        self._span = 0
+        return self._size
+
+    def end_span(self) -> int:
+        """The CRC-32 of what was written since `begin_span`."""
+        return self._span
 
     def write(self, data: bytes) -> int:
         """Write, or keep what may be the footer."""
@@ -55,6 +65,7 @@ class Summed:
 
     def _put(self, view: memoryview) -> None:
         self._file.write(view)
+        self._span = zlib.crc32(view, self._span)
         for start in _parts(self._size, len(view)):
             part = view[start : start + BLOCK - (self._size % BLOCK)]
             self._sum = zlib.crc32(part, self._sum)
@@ -145,7 +156,7 @@ class Checked:
     def _wrong(self, what: str, at: int) -> InputError:
         return InputError(
             f"{self._path}: damaged: {what} at byte {at} of {self.size} changed since it was written (wrong check "
-            "sum); copy it again, or make it again"
+            "sum); copy it again, make it again, or salvage the rest by `occlog recover`"
         )
 
     def read(self, size: int = -1) -> bytes | memoryview:

@@ -28,6 +28,7 @@ from .atomic import Together, open_output
 from .check_sums import Checked, Summed
 from .inputs import check_input
 from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
+from .salvage.marks import mark_of_group, mark_of_schema
 
 SCHEMA_KEY = "occlog.schema"
 ROWS_PER_GROUP = 65_536
@@ -37,6 +38,13 @@ FREE_ROWS, MAX_ROWS_PER_BYTE = 1_000_000, 20
 more, however well it is packed."""
 FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
 """Unpacked bytes of a group of rows that any file may promise, and above that for each of its bytes."""
+WRITTEN: dict[str, Any] = {
+    "version": "2.6",
+    "compression": "zstd",
+    "compression_level": 3,
+    "write_page_checksum": True,
+}
+"""How pages are written."""
 NAMED_OTHERWISE = (
     *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
     *(".yaml", ".yml", ".html", ".png", ".svg", ".mcap", ".mp4", ".gz"),
@@ -174,16 +182,11 @@ class TableWriter:
     def __enter__(self) -> Self:
         """Open the output."""
         self._summed = Summed(self._output.__enter__())
+        self._sink = pa.PythonFile(self._summed, "w")
         self._writer = pq.ParquetWriter(
-            self._summed,
-            self._schema,
-            version="2.6",
-            compression="zstd",
-            compression_level=3,
-            write_page_checksum=True,
-            write_page_index=True,
-            sorting_columns=[pq.SortingColumn(0)],
+            self._sink, self._schema, write_page_index=True, sorting_columns=[pq.SortingColumn(0)], **WRITTEN
         )
+        self._sink.write(mark_of_schema(self._schema.serialize().to_pybytes()))
         return self
 
     def write(self, table: Table) -> None:
@@ -197,9 +200,17 @@ class TableWriter:
 
     def _flush(self) -> None:
         if self._pending_rows and self._writer is not None:
-            whole = self._table.concat(self._pending)
-            self._writer.write_table(to_arrow(whole, self._schema), row_group_size=ROWS_PER_GROUP)
+            whole = to_arrow(self._table.concat(self._pending), self._schema)
+            for start in range(0, len(whole), ROWS_PER_GROUP):
+                self._write_group(self._writer, whole.slice(start, ROWS_PER_GROUP))
         self._pending, self._pending_rows, self._pending_bytes = [], 0, 0
+
+    def _write_group(self, writer: pq.ParquetWriter, rows: pa.Table) -> None:
+        """Write a group of rows, and behind it the mark by which it is found if the end of the file is lost."""
+        at = self._summed.begin_span()
+        writer.write_table(rows, row_group_size=ROWS_PER_GROUP)
+        values = [_numbers(column) for column in rows.columns]
+        self._sink.write(mark_of_group(at, len(rows), values, self._summed.end_span()))
 
     def annotate(self, provenance: Provenance) -> None:
         """Replace the provenance by one that is known only after the last row (for example what was lost)."""
@@ -233,6 +244,13 @@ class TableWriter:
             self._writer.is_open = False
             if not abandon:
                 raise
+
+
+def _numbers(column: pa.ChunkedArray) -> int:
+    """How many numbers the pages of a column have: an empty list counts as one."""
+    if not pa.types.is_nested(column.type):
+        return len(column)
+    return max(sum(len(part.flatten()) for part in column.chunks), len(column))
 
 
 def write_table(
@@ -278,12 +296,17 @@ def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
 
 
 def _check_size(path: Path, size: int, told: pq.FileMetaData) -> None:
+    fault = too_much(size, told)
+    if fault:
+        raise InputError(f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into")
+
+
+def too_much(size: int, told: pq.FileMetaData) -> str:
+    """What a footer promises that no file of so many bytes can hold; empty: nothing."""
     groups = [told.row_group(number) for number in range(told.num_row_groups)]
     rows, large = max(FREE_ROWS, MAX_ROWS_PER_BYTE * size), max(FREE_BYTES, MAX_GROWTH * size)
     unpacked = max((group.total_byte_size for group in groups), default=0)
-    fault = f"{told.num_rows} rows" if told.num_rows > rows else f"{unpacked} bytes at once" if unpacked > large else ""
-    if fault:
-        raise InputError(f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into")
+    return f"{told.num_rows} rows" if told.num_rows > rows else f"{unpacked} bytes at once" if unpacked > large else ""
 
 
 def is_ours(path: Path) -> bool:
@@ -427,9 +450,14 @@ class Header(NamedTuple):
 def read_header(path: Path) -> Header:
     """The header of a table; InputError for files that occlog did not write."""
     with _open(path) as file:
-        metadata = _metadata(file)
-        unit, made = metadata.get(b"occlog.length_unit", b"m"), metadata.get(PROVENANCE_KEY.encode(), b"")
-        return Header(_schema_name(path, file.schema_arrow), unit.decode(), provenance_from_json(made, path))
+        return header_of(path, file.schema_arrow.with_metadata(_metadata(file)))
+
+
+def header_of(path: Path, schema: pa.Schema) -> Header:
+    """The header in the metadata of a schema; InputError where occlog did not write it."""
+    name, metadata = _schema_name(path, schema), schema.metadata
+    unit, made = metadata.get(b"occlog.length_unit", b"m"), metadata.get(PROVENANCE_KEY.encode(), b"")
+    return Header(name, unit.decode(), provenance_from_json(made, path))
 
 
 def read_provenance(path: Path) -> Provenance:

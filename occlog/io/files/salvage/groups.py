@@ -1,0 +1,115 @@
+"""Groups of rows of a file without a footer: each with a footer that is made for it, from its heads of pages.
+
+Which columns there are, and how they are written, is known from the schema alone: a table of one row is written with
+it, and its footer is the pattern.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Iterator
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from occlog.io.files.parquet import too_much
+
+from .marks import Group
+from .thrift import I32, I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
+
+MAGIC = b"PAR1"
+# Fields of Parquet's structures, by the numbers of its definition
+NUM_ROWS, ROW_GROUPS = 3, 4  # of the footer
+COLUMNS, GROUP_BYTES, GROUP_ROWS = 1, 2, 3  # of a group of rows
+PLACE, CHUNK = 2, 3  # of a column of a group
+VALUES, UNPACKED, PACKED, DATA_PAGE, DICTIONARY_PAGE = 5, 6, 7, 9, 11  # of its description
+NEEDED = (1, 2, 3, 4)  # type, encodings, path and codec, which are those of the pattern
+PAGE_KIND, PAGE_UNPACKED, PAGE_PACKED, DATA_HEAD, DATA_HEAD_2 = 1, 2, 3, 5, 8  # of the head of a page
+DICTIONARY = 2
+HEAD_VALUES = 1
+
+
+def pattern_of(file: bytes) -> Struct:
+    """The footer of a Parquet file that is whole."""
+    (length,) = struct.unpack_from("<I", file, len(file) - 8)
+    return Reader(file, len(file) - 8 - length).struct()
+
+
+def rows_of(data: memoryview, group: Group, pattern: Struct) -> pa.Table:
+    """Rows of a group.
+
+    Args:
+        data: bytes of the group, whose check sum is right.
+        group: what its mark says.
+        pattern: footer of a file with the same columns and at least one row.
+
+    Raises:
+        MalformedError, pyarrow.ArrowException: its pages are not those of these columns.
+    """
+    _, patterns = pattern[ROW_GROUPS].value
+    columns = patterns[0][COLUMNS].value[1]
+    if len(columns) != len(group.values):
+        raise MalformedError(f"{len(group.values)} columns where there should be {len(columns)}")
+    chunks, at = [], 0
+    for column, values in zip(columns, group.values, strict=True):
+        chunk, at = _chunk(data, at, values, column[CHUNK].value)
+        chunks.append(chunk)
+    if at != len(data):
+        raise MalformedError("more pages than its columns have")
+    own: Struct = {
+        COLUMNS: Field(LIST, (STRUCT, chunks)),
+        GROUP_BYTES: Field(I64, sum(c[CHUNK].value[UNPACKED].value for c in chunks)),
+        GROUP_ROWS: Field(I64, group.rows),
+    }
+    footer = written({**pattern, NUM_ROWS: Field(I64, group.rows), ROW_GROUPS: Field(LIST, (STRUCT, [own]))})
+    whole = b"".join([MAGIC, data, footer, struct.pack("<I", len(footer)), MAGIC])
+    file = pq.ParquetFile(io.BytesIO(whole), page_checksum_verification=True)
+    if fault := too_much(len(whole), file.metadata):
+        raise MalformedError(fault)
+    return file.read()
+
+
+def _chunk(data: memoryview, begin: int, values: int, pattern: Struct) -> tuple[Struct, int]:
+    """The description of a column of a group that begins at a byte, and where it ends."""
+    dictionary, first, unpacked, found, at = None, begin, 0, 0, begin
+    for stop, head, count in _pages(data, begin):
+        if head[PAGE_KIND].value == DICTIONARY:
+            dictionary, first = at, stop
+        unpacked += head[PAGE_UNPACKED].value + (stop - at - head[PAGE_PACKED].value)
+        found, at = found + count, stop
+        if found >= values and count:
+            break
+    if found != values:
+        raise MalformedError(f"{found} numbers in a column that should have {values}")
+    told: Struct = {number: pattern[number] for number in NEEDED}
+    told |= {
+        VALUES: Field(I64, values),
+        UNPACKED: Field(I64, unpacked),
+        PACKED: Field(I64, at - begin),
+        DATA_PAGE: Field(I64, len(MAGIC) + first),
+    }
+    if dictionary is not None:
+        told[DICTIONARY_PAGE] = Field(I64, len(MAGIC) + dictionary)
+    return {PLACE: Field(I64, 0), CHUNK: Field(STRUCT, told)}, at
+
+
+def _pages(data: memoryview, at: int) -> Iterator[tuple[int, Struct, int]]:
+    """Where each page from a byte on ends, its head, and how many numbers it has."""
+    while at < len(data):
+        reader = Reader(data, at)
+        head = reader.struct()
+        sizes = [_number(head, field) for field in (PAGE_KIND, PAGE_UNPACKED, PAGE_PACKED)]
+        told = head.get(DATA_HEAD) or head.get(DATA_HEAD_2)
+        count = _number(told.value, HEAD_VALUES) if told and told.kind == STRUCT else 0
+        at = reader.at + sizes[-1]
+        if not (at <= len(data) and min(*sizes, count) >= 0):
+            raise MalformedError("a page that is longer than its group")
+        yield at, head, count
+
+
+def _number(fields: Struct, number: int) -> int:
+    found = fields.get(number)
+    if found is None or found.kind != I32:
+        raise MalformedError("the head of a page without its sizes")
+    return int(found.value)

@@ -1,0 +1,203 @@
+"""Makes a whole table of what is whole in one that was cut off or damaged, with a list of what is lost."""
+
+from __future__ import annotations
+
+import io
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from occlog.errors import InputError
+from occlog.io.files.inputs import check_input
+from occlog.io.files.parquet import (
+    WRITTEN,
+    Header,
+    TableWriter,
+    from_arrow,
+    groups_of,
+    header_of,
+    read_header,
+)
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.utc import utc
+from occlog.records.columns import Table
+from occlog.records.losses import Loss
+from occlog.records.tables import TABLES
+
+from .groups import pattern_of, rows_of
+from .marks import GROUP, SCHEMA, Mark, group_of, marks
+from .thrift import MalformedError
+
+MAGIC = b"PAR1"
+
+
+class RecoveredTable(NamedTuple):
+    """What a recovered table holds.
+
+    Attributes:
+        rows: how many there are.
+        span: times of the first and the last row [ns]; None: there is none.
+        losses: what is lost of the table, and what had been lost before it was made.
+    """
+
+    rows: int
+    span: tuple[int, int] | None
+    losses: tuple[Loss, ...]
+
+
+class Lost(NamedTuple):
+    """Rows that are lost, between those before and behind them."""
+
+    what: str
+    rows: int  # 0: nobody knows
+
+
+def recover_table(source: Path, path: Path, *, overwrite: bool = False) -> RecoveredTable:
+    """Write `path`, whole or not at all, with every group of rows of a damaged table whose check sum is right.
+
+    With its footer, rows of all tables come back; without, those of tables that have marks (see `salvage.marks`).
+
+    Args:
+        source: a table of occlog.
+        path: the table to write.
+        overwrite: replace a file that exists.
+
+    Raises:
+        InputError: `source` is no table of occlog, what it holds cannot be known, or no row is whole.
+    """
+    check_input(source, "a table")
+    try:
+        header = read_header(source)
+    except InputError:
+        return _without_footer(source, path, overwrite)
+    table = _table_named(source, header.table)
+    return _write(source, path, header, table, _by_footer(source), header.provenance.losses, overwrite)
+
+
+def _table_named(source: Path, name: str) -> type[Table]:
+    if name not in TABLES:
+        raise InputError(f"{source}: holds {name!r}, which is no table of this version; update occlog")
+    return TABLES[name]
+
+
+def _by_footer(source: Path) -> Iterator[Table | Lost]:
+    """Groups of rows of a file whose footer is right, or their loss."""
+    for group in groups_of(source, TABLES):
+        try:
+            rows = [from_arrow(batch, group.table) for batch in group.batches()]
+        except InputError:
+            yield Lost("rows with a wrong check sum", group.rows)
+        else:
+            yield from rows
+
+
+def _without_footer(source: Path, path: Path, overwrite: bool) -> RecoveredTable:
+    """The same for a file whose footer is lost or damaged."""
+    with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        found = marks(data)
+        first = next(found, None)
+        if first is None or first.kind != SCHEMA or data[: len(MAGIC)] != MAGIC:
+            raise InputError(
+                f"{source}: neither its end nor its beginning says what it holds (damaged there, not a table, or "
+                "written by another program or before occlog marked groups of rows); make it again"
+            )
+        schema = pa.ipc.read_schema(pa.py_buffer(first.says))
+        header = header_of(source, schema)
+        table = _table_named(source, header.table)
+        unknown = Loss(source.name, "its end", "what was lost while it was made is not known any more")
+        before = (*header.provenance.losses, unknown)
+        return _write(source, path, header, table, _by_marks(data, schema, table, first, found), before, overwrite)
+
+
+def _by_marks(
+    data: mmap.mmap, schema: pa.Schema, table: type[Table], first: Mark, found: Iterator[Mark]
+) -> Iterator[Table | Lost]:
+    pattern = pattern_of(_row_of(schema))
+    behind = first.behind
+    for mark in found:
+        if mark.kind != GROUP:
+            continue
+        try:
+            group = group_of(mark)
+        except struct.error:  # a mark that somebody made
+            continue
+        if group.at > behind:
+            yield Lost(f"rows of bytes {behind} to {group.at}, whose mark is damaged", 0)
+        behind = mark.behind
+        own = data[group.at : max(mark.at, group.at)]
+        if zlib.crc32(own) != group.crc:
+            yield Lost("rows with a wrong check sum", group.rows)
+            continue
+        try:
+            rows = from_arrow(rows_of(memoryview(own), group, pattern), table)
+        except (MalformedError, InputError, pa.ArrowException, OSError, ValueError):
+            yield Lost("rows that are not those of such a table", group.rows)
+            continue
+        yield rows
+    if behind < len(data):
+        yield Lost("rows up to its end, if there were more", 0)
+
+
+def _row_of(schema: pa.Schema) -> bytes:
+    """A file with one row of a schema, written as all tables are."""
+    columns = []
+    for field in schema:
+        kind = field.type
+        if pa.types.is_dictionary(kind):
+            columns.append(pa.DictionaryArray.from_arrays(pa.array([0], kind.index_type), pa.array(["a"])))
+        elif pa.types.is_fixed_size_list(kind) or pa.types.is_list(kind):
+            length = kind.list_size if pa.types.is_fixed_size_list(kind) else 1
+            columns.append(pa.array([[0] * length], kind))
+        else:
+            columns.append(pa.array([0], pa.int8()).cast(kind))
+    out = io.BytesIO()
+    with pq.ParquetWriter(out, schema, **WRITTEN) as writer:
+        writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+    return out.getvalue()
+
+
+def _write(
+    source: Path,
+    path: Path,
+    header: Header,
+    table: type[Table],
+    found: Iterator[Table | Lost],
+    before: tuple[Loss, ...],
+    overwrite: bool,
+) -> RecoveredTable:
+    """Write what is whole, and gather what is not with the times of the rows around it."""
+    losses, open_losses = list(before), list[Lost]()
+    last: int | None = None
+    span: tuple[int, int] | None = None
+
+    def place(until: int | None) -> str:
+        if last is None and until is None:
+            return "all of it"
+        if last is None:
+            return f"before {utc(until or 0)}"
+        return f"after {utc(last)}" if until is None else f"{utc(last)} to {utc(until)}"
+
+    made = Provenance("recover", {}, None, hash_inputs([source]))
+    with TableWriter(path, table, made, overwrite=overwrite, length_unit=header.length_unit) as writer:
+        for part in found:
+            if isinstance(part, Lost):
+                open_losses.append(part)
+            elif len(part):
+                times = part.t_ns  # type: ignore[attr-defined]
+                losses += [Loss(source.name, place(int(times[0])), each.what, each.rows) for each in open_losses]
+                open_losses.clear()
+                span = (int(times[0]) if span is None else span[0], int(times[-1]))
+                last = int(times[-1])
+                writer.write(part)
+        losses += [Loss(source.name, place(None), each.what, each.rows) for each in open_losses]
+        if open_losses and not writer.rows:
+            raise InputError(f"{source}: no group of rows is whole; copy it again, or make it again")
+        told = tuple(dict.fromkeys(losses))
+        writer.annotate(Provenance("recover", {}, None, made.inputs, told))
+        return RecoveredTable(writer.rows, span, told)

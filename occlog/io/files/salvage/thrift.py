@@ -1,0 +1,153 @@
+"""Structures of Thrift in its compact protocol, in which Parquet writes the heads of pages and its footer.
+
+A structure is read as a dictionary of its fields, number to (kind, value), and written from one: fields that nobody
+knows go through unchanged.  Source: the compact protocol of Apache Thrift.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
+MAX_DEPTH = 16
+MAX_ITEMS = 1_000_000
+
+
+class Field(NamedTuple):
+    """A value with its kind; lists are a pair of the kind of the items and the items."""
+
+    kind: int
+    value: Any
+
+
+Struct = dict[int, Field]
+
+
+class MalformedError(ValueError):
+    """Bytes that are no structure."""
+
+
+class Reader:
+    """Reads structures from bytes."""
+
+    def __init__(self, data: bytes | memoryview, at: int = 0) -> None:
+        """Begin to read at a byte."""
+        self._data, self.at = memoryview(data), at
+
+    def struct(self, depth: int = 0) -> Struct:
+        """The structure that begins here; MalformedError if there is none."""
+        fields: Struct = {}
+        number = 0
+        while (head := self._byte()) != 0:
+            step, kind = head >> 4, head & 15
+            number = number + step if step else self._zigzag()
+            fields[number] = Field(kind, self._value(kind, depth, in_list=False))
+        return fields
+
+    def _byte(self) -> int:
+        if self.at >= len(self._data):
+            raise MalformedError("the bytes end too early")
+        self.at += 1
+        return self._data[self.at - 1]
+
+    def _varint(self) -> int:
+        value = shift = 0
+        while True:
+            byte = self._byte()
+            value |= (byte & 127) << shift
+            if byte < 128:
+                return value
+            shift += 7
+            if shift > 63:
+                raise MalformedError("a number of more than 64 bits")
+
+    def _zigzag(self) -> int:
+        value = self._varint()
+        return (value >> 1) ^ -(value & 1)
+
+    def _bytes(self, count: int) -> bytes:
+        if count > len(self._data) - self.at:
+            raise MalformedError("the bytes end too early")
+        self.at += count
+        return bytes(self._data[self.at - count : self.at])
+
+    def _value(self, kind: int, depth: int, *, in_list: bool) -> Any:
+        if depth > MAX_DEPTH:
+            raise MalformedError("values within values without end")
+        if kind in (TRUE, FALSE):
+            return self._byte() == TRUE if in_list else kind == TRUE
+        if kind == BYTE:
+            return self._byte()
+        if kind in (I16, I32, I64):
+            return self._zigzag()
+        if kind == DOUBLE:
+            return self._bytes(8)
+        if kind == BINARY:
+            return self._bytes(self._varint())
+        if kind in (LIST, SET):
+            head = self._byte()
+            count = head >> 4 if head >> 4 != 15 else self._varint()
+            if count > min(MAX_ITEMS, len(self._data) - self.at):
+                raise MalformedError("a list of more items than there are bytes")
+            return head & 15, [self._value(head & 15, depth + 1, in_list=True) for _ in range(count)]
+        if kind == STRUCT:
+            return self.struct(depth + 1)
+        raise MalformedError(f"a value of the unknown kind {kind}")
+
+
+def written(fields: Struct) -> bytes:
+    """A structure as bytes."""
+    out = bytearray()
+    _put_struct(out, fields)
+    return bytes(out)
+
+
+def _put_struct(out: bytearray, fields: Struct) -> None:
+    before = 0
+    for number in sorted(fields):
+        kind, value = fields[number]
+        if kind in (TRUE, FALSE):
+            kind = TRUE if value else FALSE
+        if number - before <= 15:
+            out.append((number - before) << 4 | kind)
+        else:
+            out.append(kind)
+            _put_varint(out, _zigzagged(number))
+        before = number
+        if kind not in (TRUE, FALSE):
+            _put(out, kind, value)
+    out.append(0)
+
+
+def _put(out: bytearray, kind: int, value: Any) -> None:
+    if kind in (TRUE, FALSE):
+        out.append(TRUE if value else FALSE)
+    elif kind == BYTE:
+        out.append(value)
+    elif kind in (I16, I32, I64):
+        _put_varint(out, _zigzagged(value))
+    elif kind == DOUBLE:
+        out += value
+    elif kind == BINARY:
+        _put_varint(out, len(value))
+        out += value
+    elif kind in (LIST, SET):
+        of, items = value
+        out.append(min(len(items), 15) << 4 | of)
+        if len(items) >= 15:
+            _put_varint(out, len(items))
+        for item in items:
+            _put(out, of, item)
+    else:
+        _put_struct(out, value)
+
+
+def _zigzagged(value: int) -> int:
+    return (value << 1) ^ (value >> 63)
+
+
+def _put_varint(out: bytearray, value: int) -> None:
+    while value > 127:
+        out.append(value & 127 | 128)
+        value >>= 7
+    out.append(value)
