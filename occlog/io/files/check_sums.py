@@ -153,6 +153,14 @@ class Checked:
             raise self._wrong("its footer, with units and provenance,", at)
         return Trailer(end, struct.unpack(f"<{count}I", packed))
 
+    def footer(self) -> bytes | None:
+        """The footer with its length and mark, whose check sum is right; None: the file has no check sums."""
+        if self.trailer is None:
+            return None
+        tail = os.pread(self._file, _FOOTER_END.size, self.size - _FOOTER_END.size)
+        length = _FOOTER_END.size + _FOOTER_END.unpack(tail)[0]
+        return os.pread(self._file, length, self.size - length)
+
     def _wrong(self, what: str, at: int) -> InputError:
         return InputError(
             f"{self._path}: damaged: {what} at byte {at} of {self.size} changed since it was written (wrong check "

@@ -31,6 +31,7 @@ from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 from .salvage.marks import mark_of_group, mark_of_schema
 
 SCHEMA_KEY = "occlog.schema"
+MAGIC = b"PAR1"
 ROWS_PER_GROUP = 65_536
 BYTES_PER_GROUP = 4 * 1024 * 1024
 FREE_ROWS, MAX_ROWS_PER_BYTE = 1_000_000, 20
@@ -451,6 +452,19 @@ def read_header(path: Path) -> Header:
     """The header of a table; InputError for files that occlog did not write."""
     with _open(path) as file:
         return header_of(path, file.schema_arrow.with_metadata(_metadata(file)))
+
+
+def header_by_footer(path: Path) -> tuple[Header, int] | None:
+    """The header of a table and how many rows it should have, by its footer alone; None where that has no check sum.
+
+    InputError for a damaged footer, and for files that occlog did not write.
+    """
+    with _translate(path), Checked(path) as source:
+        footer = source.footer()
+        if footer is None:
+            return None
+        file = pq.ParquetFile(pa.BufferReader(MAGIC + footer))
+        return header_of(path, file.schema_arrow.with_metadata(_metadata(file))), file.metadata.num_rows
 
 
 def header_of(path: Path, schema: pa.Schema) -> Header:

@@ -111,7 +111,8 @@ def test_no_flipped_bit_is_read_as_data(whole: Path, tmp_path: Path) -> None:
             continue
         kept = [k for k in range(GROUPS) if T0 + k * ROWS * STEP in table.t_ns]
         assert alike(table, Bearings.concat([rows(k) for k in kept]))
-        assert sum(loss.count for loss in losses[1:]) in (0, ROWS * (GROUPS - len(kept)))
+        counted = sum(loss.count for loss in losses[1:])
+        assert counted == ROWS * (GROUPS - len(kept)) or losses[1].place == "its end"
         lost += len(kept) < GROUPS
     assert lost > 50
 

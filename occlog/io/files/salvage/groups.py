@@ -13,12 +13,11 @@ from collections.abc import Iterator
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from occlog.io.files.parquet import too_much
+from occlog.io.files.parquet import MAGIC, too_much
 
 from .marks import Group
 from .thrift import I32, I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
 
-MAGIC = b"PAR1"
 # Fields of Parquet's structures, by the numbers of its definition
 NUM_ROWS, ROW_GROUPS = 3, 4  # of the footer
 COLUMNS, GROUP_BYTES, GROUP_ROWS = 1, 2, 3  # of a group of rows

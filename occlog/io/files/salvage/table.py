@@ -7,6 +7,7 @@ import mmap
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,11 +17,13 @@ import pyarrow.parquet as pq
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.parquet import (
+    MAGIC,
     WRITTEN,
     Header,
     TableWriter,
     from_arrow,
     groups_of,
+    header_by_footer,
     header_of,
     read_header,
 )
@@ -33,8 +36,6 @@ from occlog.records.tables import TABLES
 from .groups import pattern_of, rows_of
 from .marks import GROUP, SCHEMA, Mark, group_of, marks
 from .thrift import MalformedError
-
-MAGIC = b"PAR1"
 
 
 class RecoveredTable(NamedTuple):
@@ -98,7 +99,7 @@ def _by_footer(source: Path) -> Iterator[Table | Lost]:
 
 
 def _without_footer(source: Path, path: Path, overwrite: bool) -> RecoveredTable:
-    """The same for a file whose footer is lost or damaged."""
+    """The same for a file that the library cannot open, by its marks."""
     with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = marks(data)
         first = next(found, None)
@@ -108,16 +109,23 @@ def _without_footer(source: Path, path: Path, overwrite: bool) -> RecoveredTable
                 "written by another program or before occlog marked groups of rows); make it again"
             )
         schema = pa.ipc.read_schema(pa.py_buffer(first.says))
-        header = header_of(source, schema)
+        by_footer = None
+        with suppress(InputError):
+            by_footer = header_by_footer(source)
+        header, rows = by_footer or (header_of(source, schema), None)
+        before = header.provenance.losses
+        if rows is None:
+            before = (*before, Loss(source.name, "its end", "what was lost while it was made is not known any more"))
         table = _table_named(source, header.table)
-        unknown = Loss(source.name, "its end", "what was lost while it was made is not known any more")
-        before = (*header.provenance.losses, unknown)
-        return _write(source, path, header, table, _by_marks(data, schema, table, first, found), before, overwrite)
+        whole = _by_marks(data, schema, table, first, found, rows)
+        return _write(source, path, header, table, whole, before, overwrite)
 
 
 def _by_marks(
-    data: mmap.mmap, schema: pa.Schema, table: type[Table], first: Mark, found: Iterator[Mark]
+    data: mmap.mmap, schema: pa.Schema, table: type[Table], first: Mark, found: Iterator[Mark], due: int | None
 ) -> Iterator[Table | Lost]:
+    """Groups of rows behind their marks, of a table of so many rows if that is known."""
+    told = 0
     pattern = pattern_of(_row_of(schema))
     behind = first.behind
     for mark in found:
@@ -127,9 +135,10 @@ def _by_marks(
             group = group_of(mark)
         except struct.error:  # a mark that somebody made
             continue
-        if group.at > behind:
+        if group.at > behind and due is None:
             yield Lost(f"rows of bytes {behind} to {group.at}, whose mark is damaged", 0)
         behind = mark.behind
+        told += group.rows
         own = data[group.at : max(mark.at, group.at)]
         if zlib.crc32(own) != group.crc:
             yield Lost("rows with a wrong check sum", group.rows)
@@ -140,8 +149,10 @@ def _by_marks(
             yield Lost("rows that are not those of such a table", group.rows)
             continue
         yield rows
-    if behind < len(data):
+    if due is None and behind < len(data):
         yield Lost("rows up to its end, if there were more", 0)
+    elif due is not None and due > told:
+        yield Lost("rows whose mark is damaged", due - told)
 
 
 def _row_of(schema: pa.Schema) -> bytes:
