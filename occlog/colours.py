@@ -4,9 +4,11 @@ from __future__ import annotations
 
 TARGETS = ("#0173b2", "#b0488f", "#028e74", "#a85d00", "#5a60c8", "#ca3542")
 """In the order of identities; they repeat after six."""
+TARGETS_DARK = ("#4aa8e8", "#e08cc4", "#3cc4a6", "#e0a050", "#a0a6ff", "#ff7f88")
+"""The same, lighter, on dark ground and over video."""
 
 
-def target_rgb(index: int) -> tuple[int, int, int]:
-    """Red, green and blue, 0 to 255, of the target that is the index-th by identity."""
-    text = TARGETS[index % len(TARGETS)]
+def target_rgb(index: int, dark: bool = False) -> tuple[int, int, int]:
+    """Red, green and blue, 0 to 255, of the target that is the index-th by identity; on a `dark` ground or not."""
+    text = (TARGETS_DARK if dark else TARGETS)[index % len(TARGETS)]
     return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)

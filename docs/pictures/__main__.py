@@ -13,6 +13,8 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
+MOST_BYTES = 1_000_000
+"""Of the moving picture on the first page."""
 
 
 def occlog(work: Path, *words: str) -> None:
@@ -26,11 +28,27 @@ def occlog(work: Path, *words: str) -> None:
 def people(work: Path, to: Path) -> None:
     """A frame of the overlay of everybody."""
     occlog(work, "run", "examples/people.yaml", "-o", "people")
-    tracks, recording = "people/view_tracks.parquet", "people/recording.mcap"
     occlog(
-        work, "report", tracks, "--recording", recording, "--frame", "43", "--png", str(to), "--scale", "1.2",
-        "--overwrite",
+        work, "report", "people", "--recording", "people/recording.mcap", "--frame", "43", "--png", str(to),
+        "--scale", "1.2", "--overwrite",
     )  # fmt: skip
+
+
+def moving(work: Path, to: Path) -> None:
+    """Ten seconds of everybody in all images and on the plan, for the first page: every second frame."""
+    import cv2
+
+    occlog(work, "run", "examples/people.yaml", "-o", "people")
+    occlog(
+        work, "report", "people", "--recording", "people/recording.mcap", "--scale", "0.9", "--video", "people.avi",
+    )  # fmt: skip
+    video, frames = cv2.VideoCapture(str(work / "people.avi")), []
+    while (read := video.read())[0]:
+        frames.append(read[1])
+    shown = cv2.Animation()
+    shown.frames, shown.durations = frames[::2], [200] * len(frames[::2])
+    if not cv2.imwriteanimation(str(to), shown, [cv2.IMWRITE_WEBP_QUALITY, 40]) or to.stat().st_size > MOST_BYTES:
+        raise SystemExit(f"{to}: could not be made of at most {MOST_BYTES} bytes")
 
 
 def report(work: Path, to: Path) -> None:
@@ -63,6 +81,7 @@ def navigation(work: Path, to: Path) -> None:
 
 PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "people.png": people,
+    "people.webp": moving,
     "report.png": report,
     "overlay.png": overlay,
     "navigation.png": navigation,

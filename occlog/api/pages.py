@@ -108,24 +108,31 @@ def overlay(
     cameras: str | Sequence[str] = (),
     scale: float | None = None,
     fps: float | None = None,
+    world: Source | None = None,
+    plan: bool = True,
+    trail: float = 2.0,
     overwrite: bool = False,
     progress: bool = False,
 ) -> OverlayResult:
-    """Draw tracks in images and true boxes over the frames of a recording, as `occlog report --recording` does.
+    """Draw tracks and true boxes over the frames of a recording, as `occlog report --recording` does.
 
     Args:
-        tracks: tracks in images; None: the truth alone is drawn.
+        tracks: in images, or of the world; None: the truth alone is drawn.
         recording: with video.
         truth: true boxes.
         failures: of `evaluate`, drawn in red.
         fundamental: geometry of the views as the tracker had it; None: that of the recording.
         scene: where the cameras are; None: the recording holds it.
-        video: file of the video to make (.mp4, .avi).
+        video: file of the video to make (.webm, .mp4, .avi).
         frame: number, in the first camera, of the frame whose picture is made.
         frames: video of frames first <= number < stop of the first camera only.
         cameras: only these, the first of which counts the frames; empty: all.
-        scale: images are enlarged by this, 0.05 to 16; None: to a height of about 480 px.
+        scale: images are enlarged by this, 0.05 to 16; None: to a height of about 360 px, and at
+            most 3840 x 2160 px in all.
         fps: frames a second of the video, 0.1 to 1000; None: those of the recording.
+        world: tracks of the world, for the plan; None: `tracks`, if they are of the world.
+        plan: whether tracks of the world get the plan beside the images.
+        trail: seconds of the way behind each target, 0 to 3600.
         overwrite: a video that is there may be replaced.
         progress: show a bar on standard error, if it is a terminal.
 
@@ -140,9 +147,15 @@ def overlay(
     Warns:
         OcclogWarning: the tracks are of another recording's video.
     """
-    from occlog.report.overlay.command import Asked, run_overlay
+    from occlog.report.overlay.command import run_overlay
+    from occlog.report.overlay.pictures import Asked
 
-    for name, value, low, high in (("scale", scale, 0.05, 16), ("fps", fps, 0.1, 1000), ("frame", frame, 0, 2**31)):
+    for name, value, low, high in (
+        ("scale", scale, 0.05, 16),
+        ("fps", fps, 0.1, 1000),
+        ("frame", frame, 0, 2**31),
+        ("trail", trail, 0, 3600),
+    ):
         if value is not None and not low <= value <= high:
             raise UsageError(f"{name}: {value}: must be from {low} to {high}")
     if frames is not None and not 0 <= frames[0] < frames[1]:
@@ -166,6 +179,9 @@ def overlay(
             cameras=names_of(cameras),
             scale=scale,
             fps=fps,
+            world=inputs.optional(world, "world"),
+            plan=plan,
+            trail=trail,
             overwrite=overwrite,
         )
         summary = run_overlay(asked, quiet=not progress)

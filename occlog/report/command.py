@@ -61,15 +61,16 @@ def command(**given: Any) -> int:
       occlog report run/ -o report.html --png report.png
       occlog report tracks.parquet --scene scene.yaml --bearings bearings.parquet -o report.html
       occlog report --scene scene.yaml -o scene.html
-      occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.mp4
+      occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.webm
 
-    With --recording no page is made: TRACKS (in images) and true boxes are drawn over the frames.
+    With --recording no page is made: TRACKS, in images or of the world, and true boxes are drawn over the frames.
     """
     from occlog.track.plausibility.verdict import figures, plausible
 
     as_json, quiet = given.pop("as_json"), given.pop("quiet")
     if "recording" in given:
-        from occlog.report.overlay.command import Asked, run_overlay
+        from occlog.report.overlay.command import run_overlay
+        from occlog.report.overlay.pictures import Asked
 
         return options.finish(run_overlay(Asked(**given), quiet=quiet), (), as_json)
     title, strict = given.pop("title"), given.pop("strict")

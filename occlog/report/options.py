@@ -52,7 +52,8 @@ def overlay_options() -> list[click.Option]:
             ["--video"],
             type=options.PATH,
             default=None,
-            help="The video to make: .mp4, or .avi (Motion JPEG, larger, no smears).",
+            help="The video to make: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi "
+            "(Motion JPEG, larger, no smears).",
         ),
         click.Option(
             ["--frame"],
@@ -77,6 +78,23 @@ def overlay_options() -> list[click.Option]:
             ["--failures"], type=options.INPUT, default=None, help="Failures written by evaluate, drawn in red."
         ),
         click.Option(
+            ["--world"],
+            type=options.INPUT,
+            default=None,
+            help="Tracks of the world, for the plan beside the images.  [default: TRACKS, if of the world or a folder]",
+        ),
+        click.Option(
+            ["--plan/--no-plan"], default=True, help="Tracks of the world get the plan, or not.  [default: plan]"
+        ),
+        click.Option(
+            ["--trail"],
+            type=Finite(0, 3600),
+            default=2.0,
+            show_default=True,
+            metavar="SECONDS",
+            help="How long a way is drawn behind each target.",
+        ),
+        click.Option(
             ["--fundamental"],
             type=options.INPUT,
             default=None,
@@ -86,7 +104,7 @@ def overlay_options() -> list[click.Option]:
             ["--scale"],
             type=Finite(0.05, 16),
             default=None,
-            help="Enlarge images. [default: by a whole number, to a height of about 480 px]",
+            help="Enlarge images. [default: by a whole number to about 360 px; no video is larger than 3840 x 2160 px]",
         ),
         click.Option(
             ["--fps"],
@@ -101,7 +119,7 @@ def overlay_options() -> list[click.Option]:
 VARIANTS = {
     PAGE: Variant("One offline page, and a picture of the main figures.", page_options, called="a page"),
     OVERLAY: Variant(
-        "Tracks in images and true boxes drawn over the video of a recording.",
+        "Tracks and true boxes drawn over the video of a recording.",
         overlay_options,
         called="--recording (tracks drawn over its video)",
     ),

@@ -92,7 +92,7 @@ class Inputs:
         if not self.has(table):
             return
         for rows in whole_times(self.tables[table.NAME].rows(table)):
-            yield from _alike(rows)
+            yield from alike(rows)
 
     def targets(self) -> set[int]:
         """Every identity that is followed."""
@@ -101,7 +101,7 @@ class Inputs:
         return {target for rows in found for target in np.unique(rows.target_id).tolist()}
 
 
-def _alike(rows: T) -> Iterator[T]:
+def alike(rows: T) -> Iterator[T]:
     """The rows cut where the time changes, or the sensor."""
     change = np.diff(rows.t_ns) != 0  # type: ignore[attr-defined]
     sensor = getattr(rows, "sensor", None)

@@ -35,7 +35,7 @@ from occlog.records.tables import (
 )
 
 from .inputs import Inputs
-from .people import Crowd, Palette, boxes_in_image, people_of, tracked_in_image, true_in_space
+from .people import Crowd, Palette, Told, boxes_in_image, people_of, tracked_in_image, true_in_space
 from .series import Series
 from .shapes import GREY, Line, Thing, at_height
 from .sight import Sight, moving_occluders
@@ -91,7 +91,7 @@ class Story:
         scene = inputs.scene
         self._sight = None if scene is None else Sight(scene, self._metres, self.palette, self.crowd)
         self._cameras: dict[str, Camera] = {} if scene is None else {c.name: c for c in scene.cameras}
-        self._doubts: dict[int, str] = {}
+        self._told = Told()
         self._over: dict[str, dict[str, tuple[int, list[Thing]]]] = {}
         self._selects = False  # whether cameras were ever selected
         self._next_shadows = -(1 << 62)
@@ -127,13 +127,11 @@ class Story:
     def _diagnostics(self, rows: Diagnostics) -> Iterator[Moment]:
         t_ns = int(rows.t_ns[0])
         yield from _numbers("/diagnostics", Series.of_table(Diagnostics), rows, rows.target_id.tolist())
-        for target, fallback, doubt in zip(
-            rows.target_id.tolist(), rows.fallback.tolist(), rows.doubt.tolist(), strict=True
-        ):
-            words = doubt or fallback
-            if words and words != self._doubts.get(target):
+        before = dict(self._told.doubt)
+        self._told.add(rows)
+        for target, words in self._told.doubt.items():
+            if words and words != before.get(target):
                 yield Said(t_ns, True, f"target {target}", words)
-            self._doubts[target] = words
         chosen = sorted({name for text in rows.selected.tolist() for name in text.split(",") if name})
         if self._sight is not None and (chosen or self._selects):
             self._selects = True
@@ -141,7 +139,7 @@ class Story:
 
     def _tracks(self, rows: PeopleTracks) -> Iterator[Moment]:
         t_ns = int(rows.t_ns[0])
-        people = people_of(rows, self._metres, self._doubts)
+        people = people_of(rows, self._metres, self._told)
         for person in people:
             before = self.crowd.find(person.target)
             if person.doubt and not self._inputs.has(Diagnostics) and (before is None or before.doubt != person.doubt):

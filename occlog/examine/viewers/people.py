@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from occlog.colours import target_rgb
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.people import FLOOR, PeopleTracks
 from occlog.records.scene import Camera
-from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes, Views, ViewTracks
+from occlog.records.tables import Boxes, Diagnostics, Tracks, Truth, TruthBoxes, Views, ViewTracks
 
 from .shapes import GREY, WHITE, Column, Line, Rgba, Text, Thing, around, at_height, faded, rim
 
@@ -69,26 +69,44 @@ class Palette:
         return r / 255, g / 255, b / 255, 1.0
 
 
-def people_of(rows: Tracks, metres: float, doubts: Mapping[int, str] | None = None) -> list[Person]:
+class Told:
+    """What a filter last said of each target, of which its tracks say nothing: who sees it, and what is doubtful."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.doubt: dict[int, str] = {}
+        self.seen_by: dict[int, frozenset[str] | None] = {}
+
+    def add(self, rows: Diagnostics) -> None:
+        """Take the rows of one time."""
+        for k, target in enumerate(rows.target_id.tolist()):
+            self.doubt[target] = str(rows.doubt[k]) or str(rows.fallback[k])
+            names = frozenset(filter(None, str(rows.seen_by[k]).split(",")))
+            # Some methods do not say which sensors saw the target
+            self.seen_by[target] = names if names or not rows.n_seen[k] else None
+
+
+def people_of(rows: Tracks, metres: float, said: Told | None = None) -> list[Person]:
     """The targets of rows of one time.
 
     Args:
         rows: of tracks, one a target.
         metres: length of the unit of the rows.
-        doubts: by target why it is not to be believed, where the rows do not say.
+        said: by the filter of its targets, where the rows do not say; None: nothing.
     """
+    said = Told() if said is None else said
     wide = rows if isinstance(rows, PeopleTracks) else None
     covariance = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2) * metres**2
     out = []
     for k, target in enumerate(rows.target_id.tolist()):
-        doubt, seen = "" if doubts is None else doubts.get(target, ""), None
+        doubt, seen = said.doubt.get(target, ""), said.seen_by.get(target)
         height, width = np.nan, np.nan
         if wide is not None:
             height, width = metres * float(wide.height[k]), metres * float(wide.width[k])
             doubt = str(wide.doubt[k]) or doubt
             # A method that follows everybody says of each row who saw it
-            told = not np.isnan(wide.existence[k])
-            seen = frozenset(filter(None, str(wide.seen_by[k]).split(","))) if told else None
+            if not np.isnan(wide.existence[k]):
+                seen = frozenset(filter(None, str(wide.seen_by[k]).split(",")))
         out.append(
             Person(
                 t_ns=int(rows.t_ns[k]),
@@ -108,9 +126,9 @@ def people_of(rows: Tracks, metres: float, doubts: Mapping[int, str] | None = No
 class Crowd:
     """The latest estimate of each target, and where it was in the last seconds."""
 
-    def __init__(self, palette: Palette) -> None:
+    def __init__(self, palette: Palette, trail_ns: int = TRAIL_NS) -> None:
         """Nobody yet."""
-        self._palette = palette
+        self._palette, self._trail_ns = palette, trail_ns
         self._people: dict[int, Person] = {}
         self._trails: dict[int, deque[tuple[int, Floats]]] = {}
 
@@ -120,7 +138,7 @@ class Crowd:
             self._people[person.target] = person
             trail = self._trails.setdefault(person.target, deque())
             trail.append((person.t_ns, person.xy))
-            while trail[0][0] < person.t_ns - TRAIL_NS:
+            while trail[0][0] < person.t_ns - self._trail_ns:
                 trail.popleft()
 
     def at(self, t_ns: int) -> list[Person]:

@@ -222,8 +222,8 @@ def _everybody(
     if config.values.get(OVERLAY) is False:
         return
     if _has_video(config, recording):
-        drawn: dict[str, Path] = {"video": folder / "overlay.mp4"}
-        source: dict[str, object] = {"recording": str(recording)}
+        drawn: dict[str, Path] = {"video": folder / "overlay.webm"}
+        source: dict[str, object] = {"recording": str(recording), "world": str(out["tracks"]), **scene}
         yield _stage(config, OVERLAY, drawn, (str(found["view_tracks"]),), source, load_command("report"))
     elif OVERLAY in config.values:
         raise InputError(f"{config.path}: overlay: the recording holds no video; remove this key")

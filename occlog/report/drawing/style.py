@@ -12,7 +12,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-from occlog.colours import TARGETS
+from occlog.colours import TARGETS, TARGETS_DARK
 
 COLOURS = {
     "ink": "#1f2933",
@@ -46,12 +46,7 @@ DARK = {
     "moving": "#c9c43a",
     "view": "#7fa6d0",
     "halo": "#161b21",
-    "t0": "#4aa8e8",
-    "t1": "#e08cc4",
-    "t2": "#3cc4a6",
-    "t3": "#e0a050",
-    "t4": "#a0a6ff",
-    "t5": "#ff7f88",
+    **{f"t{n}": colour for n, colour in enumerate(TARGETS_DARK)},
 }
 """The same on a dark screen."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -11,21 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bytes, Floats
+from occlog.colours import target_rgb
 
 Colour = tuple[int, int, int]
 Box = tuple[int, int, int, int]
 """Left, top, right, bottom of a label, half-open."""
 
-COLOURS: tuple[Colour, ...] = (
-    (233, 180, 86),
-    (66, 228, 240),
-    (115, 158, 0),
-    (167, 121, 204),
-    (0, 159, 230),
-    (178, 114, 0),
-    (0, 94, 213),
-)
-"""BGR, those of Okabe and Ito; targets take them in turn by their numbers."""
 WHITE, BLACK, ALARM = (255, 255, 255), (16, 16, 16), (60, 20, 255)
 HIDDEN = 0.3
 """A target of which less than this share is visible counts as hidden."""
@@ -55,6 +46,16 @@ class Place(NamedTuple):
     coloured: bool = True  # in the colour of its number; else white
 
 
+class Way(NamedTuple):
+    """A line of a target: where it was, or where a camera should see it."""
+
+    points: Floats  # (k, 2)
+    target_id: int
+    width: int = 2
+    dashed: bool = False
+    words: str = ""  # above its highest point
+
+
 class Shot(NamedTuple):
     """What is drawn over one frame of one view; all in pixels of the frame, their centres at whole numbers."""
 
@@ -65,11 +66,18 @@ class Shot(NamedTuple):
     places: Sequence[Place] = ()
     boxed: bool = False  # true boxes instead of crosses
     notes: Sequence[str] = ()  # said at the bottom
+    ways: Sequence[Way] = ()
+    ranks: Mapping[int, int] = {}  # place of a target among all by identity, which says its colour; else its number
+
+    def colour(self, target_id: int) -> Colour:
+        """BGR colour of a target."""
+        return colour_of(self.ranks.get(target_id, target_id))
 
 
-def colour_of(target_id: int) -> Colour:
-    """BGR colour of a target."""
-    return COLOURS[target_id % len(COLOURS)]
+def colour_of(index: int) -> Colour:
+    """BGR colour of the target that is the index-th by identity, that of the report on a dark ground."""
+    r, g, b = target_rgb(index, dark=True)
+    return b, g, r
 
 
 def draw_shot(image: Bytes, shot: Shot, scale: float) -> Bytes:
@@ -87,22 +95,28 @@ def draw_shot(image: Bytes, shot: Shot, scale: float) -> Bytes:
     size = (max(1, round(scale * image.shape[1])), max(1, round(scale * image.shape[0])))
     picture = np.ascontiguousarray(cv2.resize(colour, size, interpolation=_interpolation(scale)), dtype=np.uint8)
     for target, points in shot.lines:
-        _path(picture, points, scale, colour_of(target), 1)
+        _path(picture, points, scale, shot.colour(target), 1)
+    for way in shot.ways:
+        draw_way(picture, way, scale, shot.colour(way.target_id))
     for link in shot.links:
         _path(picture, link, scale, WHITE, 2)
     for outline in shot.outlines:
-        _estimate(picture, outline, scale)
+        _estimate(picture, outline, scale, shot.colour(outline.target_id))
     for place in shot.places:
-        (_true_box if shot.boxed else _true_cross)(picture, place, scale)
+        (_true_box if shot.boxed else _true_cross)(picture, place, scale, shot.colour(place.target_id))
     taken: list[Box] = []  # numbers lie over everything else
     for outline in shot.outlines:
-        _tag(picture, outline, scale, taken)
+        _tag(picture, outline, scale, taken, shot.colour(outline.target_id))
+    for way in shot.ways:
+        if way.words:
+            top = scale * (way.points[way.points[:, 1].argmin()] + 0.5) - 0.5
+            label(picture, way.words, (float(top[0]), float(top[1]) - 2), shot.colour(way.target_id), taken)
     for place in shot.places if shot.boxed else ():
         x, y = (scale * (place.box[:2] + [0.5 * place.box[2], 0.0] + 0.5) - 0.5).tolist()
-        _label(picture, str(place.target_id), (x, y - 2), colour_of(place.target_id), taken)
+        label(picture, str(place.target_id), (x, y - 2), shot.colour(place.target_id), taken)
     for n, note in enumerate(reversed(shot.notes)):
         _note(picture, note, n)
-    return np.vstack([_bar(shot.title, size[0]), picture])
+    return np.vstack([bar(shot.title, size[0]), picture])
 
 
 def tile(pictures: Sequence[Bytes], columns: int) -> Bytes:
@@ -150,24 +164,29 @@ def _dashes(points: Floats, scale: float) -> list[Floats]:
     return [np.column_stack([np.interp(part, way, points[:, k]) for k in (0, 1)]) for part in parts]
 
 
-def _estimate(picture: Bytes, outline: Outline, scale: float) -> None:
+def draw_way(picture: Bytes, way: Way, scale: float, colour: Colour) -> None:
+    """Draw a line, dashed or not."""
+    for part in _dashes(way.points, scale) if way.dashed else [way.points]:
+        _path(picture, part, scale, colour, way.width, halo=way.width > 1)
+
+
+def _estimate(picture: Bytes, outline: Outline, scale: float, colour: Colour) -> None:
     rim, width = _rim(outline.ellipse), 3 if outline.strong else 2
-    colour = colour_of(outline.target_id)
     for part in _dashes(rim, scale) if outline.dashed else [rim]:
         _path(picture, part, scale, colour, width, halo=True)
     if outline.wrong:
         _path(picture, _rim(outline.ellipse * [1, 1, 1.18, 1.18, 1]), scale, ALARM, 2, halo=True)
 
 
-def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box]) -> None:
+def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colour: Colour) -> None:
     """The target's number above its ellipse, and what is wrong with it."""
     rim = _rim(outline.ellipse)
     x, y = (scale * (rim[rim[:, 1].argmin()] + 0.5) - 0.5).tolist()
     words = str(outline.target_id) + (f" {outline.wrong}" if outline.wrong else "")
-    _label(picture, words, (x, y - 2), ALARM if outline.wrong else colour_of(outline.target_id), taken)
+    label(picture, words, (x, y - 2), ALARM if outline.wrong else colour, taken)
 
 
-def _label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour, taken: list[Box]) -> None:
+def label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour, taken: list[Box]) -> None:
     """Words on a ground of some colour, with the middle of its lower edge at `bottom`.
 
     It stays in the picture and is moved aside where it would hide one of those in `taken`, to which it is added.
@@ -196,16 +215,16 @@ def _corners(box: Floats) -> Floats:
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
 
 
-def _true_box(picture: Bytes, place: Place, scale: float) -> None:
+def _true_box(picture: Bytes, place: Place, scale: float, colour: Colour) -> None:
     """The box, dashed where the target is hidden."""
     corners, hidden = _corners(place.box), place.visible < HIDDEN
     for part in _dashes(corners, scale) if hidden else [corners]:
-        _path(picture, part, scale, colour_of(place.target_id), 2, halo=True)
+        _path(picture, part, scale, colour, 2, halo=True)
 
 
-def _true_cross(picture: Bytes, place: Place, scale: float) -> None:
+def _true_cross(picture: Bytes, place: Place, scale: float, own: Colour) -> None:
     """A cross in the middle of the target, a ring too where it is hidden; in red around one without a tracker."""
-    middle, colour = place.box[:2] + 0.5 * place.box[2:], colour_of(place.target_id) if place.coloured else WHITE
+    middle, colour = place.box[:2] + 0.5 * place.box[2:], own if place.coloured else WHITE
     arms = [np.array([middle - arm, middle + arm]) for arm in 5.0 / scale * np.eye(2)]
     for paint, width in ((BLACK, 4), (colour, 2)):
         for arm in arms:
@@ -229,7 +248,8 @@ def _note(picture: Bytes, words: str, line: int) -> None:
     cv2.putText(picture, words, (6, bottom - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, ALARM, 1, cv2.LINE_AA)
 
 
-def _bar(title: str, width: int) -> Bytes:
-    bar = np.full((BAR, width, 3), 24, dtype=np.uint8)
-    cv2.putText(bar, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (230, 230, 230), 1, cv2.LINE_AA)
-    return bar
+def bar(title: str, width: int) -> Bytes:
+    """(BAR, width, 3) a title on a dark ground."""
+    strip = np.full((BAR, width, 3), 24, dtype=np.uint8)
+    cv2.putText(strip, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (230, 230, 230), 1, cv2.LINE_AA)
+    return strip

@@ -108,7 +108,7 @@ def holds(picture: np.ndarray, colour: tuple[int, int, int], within: int = 40) -
     return int((np.abs(picture.astype(int) - colour).max(axis=2) < within).sum())
 
 
-@pytest.mark.parametrize("suffix", ["avi", "mp4"])
+@pytest.mark.parametrize("suffix", ["avi", "mp4", "webm"])
 def test_the_video_has_a_picture_for_each_frame(folder: Path, capsys: pytest.CaptureFixture[str], suffix: str) -> None:
     out = folder / f"o.{suffix}"
     truth = str(folder / "r.mcap")

@@ -72,8 +72,8 @@ def test_links_lines_and_notes():
 
 def test_numbers_do_not_hide_one_another(monkeypatch):
     spots = []
-    label = draw._label
-    monkeypatch.setattr(draw, "_label", lambda *args: (label(*args), spots.append(list(args[-1])))[0])
+    label = draw.label
+    monkeypatch.setattr(draw, "label", lambda *args: (label(*args), spots.append(list(args[-1])))[0])
     e = np.array([80.0, 60.0, 20.0, 20.0, 0.0])
     draw_shot(GREY, Shot("a", [Outline(e + np.eye(5)[0] * k, k) for k in range(4)]), 1.0)
     taken = spots[-1]

@@ -1,0 +1,259 @@
+"""The pictures of a video, one after another: the frames of all cameras with what was tracked, and the plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Ints
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import read_provenance
+from occlog.io.frames.writer import SHOWN
+from occlog.io.open import check_unit, open_input
+from occlog.io.recording.reader import Recording
+from occlog.measure.epipolar.matrices import known_geometry
+from occlog.measure.epipolar.views import View
+from occlog.records.columns import Table
+from occlog.records.frames import Frame, Image
+from occlog.records.scene import Scene
+from occlog.records.tables import Tracks, TruthBoxes
+from occlog.records.views import Failures, ViewTracks
+from occlog.settings import METRES
+
+from .draw import BAR, Shot, Way, draw_shot, tile
+from .plan import Plan
+from .stage import FrameRows, Rig, frame_shot
+from .world import Sources, Trails, World, targets_of
+
+T = TypeVar("T", bound=Table)
+GOOD_HEIGHT = 360
+"""Images lower than this are enlarged, by a whole number."""
+LARGEST = (3840, 2160)
+"""Width and height that no video exceeds unless a scale is given: images are made smaller [px]."""
+TRAIL_S = 2.0
+"""Length of trails [s]."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Options of the command; None where not given."""
+
+    recording: Path
+    tracks: Path | None = None
+    truth: Path | None = None
+    failures: Path | None = None
+    fundamental: Path | None = None
+    scene: Path | None = None
+    video: Path | None = None
+    png: Path | None = None
+    frame: int | None = None
+    frames: tuple[int, int] | None = None
+    cameras: tuple[str, ...] = ()
+    scale: float | None = None
+    fps: float | None = None
+    world: Path | None = None
+    diagnostics: Path | None = None
+    plan: bool = True
+    trail: float = TRAIL_S
+    overwrite: bool = False
+
+    def check(self) -> None:
+        """UsageError for options that do not go together, and for outputs that exist."""
+        if self.tracks is None and self.truth is None and self.world is None:
+            raise UsageError(
+                "nothing to draw: give TRACKS (a table or a run folder), or true boxes with --truth, or both"
+            )
+        if (self.png is None) != (self.frame is None):
+            raise UsageError("--png and --frame belong together: the picture of one frame")
+        if self.video is None and self.png is None:
+            raise UsageError("no output: give --video, or --png with --frame")
+        if self.video is not None and self.video.suffix.lower() not in SHOWN:
+            raise UsageError(f"{self.video}: video can be {' or '.join(SHOWN)}; name it so")
+        inputs = (self.recording, self.tracks, self.world, self.truth, self.failures, self.fundamental, self.scene)
+        options.check_outputs(inputs, (self.video, self.png), self.overwrite)
+
+
+class Rows(Generic[T]):
+    """Rows of a table sorted by time, chunk by chunk, taken by time and camera; earlier ones are let go."""
+
+    def __init__(self, chunks: Iterable[T]) -> None:
+        """`chunks` follow each other in time."""
+        self._chunks = iter(chunks)
+        self._held: T | None = None
+        self.used = 0
+
+    def at(self, t_ns: int, sensor: str) -> T | None:
+        """Rows of one frame; times must not go back.  None at the end of a table without any rows."""
+        while self._held is None or not len(self._held) or int(self._times(self._held)[-1]) <= t_ns:
+            more = next(self._chunks, None)
+            if more is None:
+                break
+            kept = self._held.take(self._times(self._held) >= t_ns) if self._held is not None else None
+            self._held = more if kept is None else type(more).concat([kept, more])
+        if self._held is None:
+            return None
+        own: Bools = (self._times(self._held) == t_ns) & (self._held.sensor == sensor)  # type: ignore[attr-defined]
+        self.used += int(own.sum())
+        return self._held.take(own)
+
+    @staticmethod
+    def _times(table: T) -> Ints:
+        times: Ints = table.t_ns  # type: ignore[attr-defined]
+        return times
+
+
+class Pictures:
+    """Iterable of (number of the first camera's frame, picture of all views), one each time round.
+
+    A picture shows the latest frame of every camera; the next one starts with the second
+    frame of any of them.
+    """
+
+    def __init__(self, asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> None:
+        self._recording, self.names, self.first = recording, names, names[0]
+        self._tracks = _rows(asked.tracks, ViewTracks)
+        boxed = asked.truth is not None and (asked.world is None or open_input(asked.truth).has(TruthBoxes))
+        self._truth = _rows(asked.truth, TruthBoxes) if boxed else None
+        self._failures = _rows(asked.failures, Failures)
+        self._rig = _rig(asked, recording, names, scene, quiet)
+        self._followed = {path: kind for path, kind in ((asked.tracks, ViewTracks), (asked.world, Tracks)) if path}
+        self._ranks = targets_of(self._followed) if self._followed else {}
+        self._trails = [Trails(asked.trail) for _ in names]
+        self._world = _world(asked, recording, scene, self._ranks, quiet)
+        shows_plan = asked.plan and self._world is not None and scene is not None
+        self._columns = _columns(len(names) + shows_plan)
+        self.scale = asked.scale or self._good_scale(len(names) + shows_plan)
+        self._plan = self._make_plan(scene) if shows_plan and scene is not None else None
+        self._start = (recording.time_ns or (0, 0))[0]
+
+    def _good_scale(self, cells: int) -> float:
+        """Low images are enlarged, and large ones made smaller until all fit."""
+        height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
+        rows = math.ceil(cells / self._columns)
+        most = min(LARGEST[0] / (self._columns * width), (LARGEST[1] / rows - BAR) / height)
+        return float(min(max(1, round(GOOD_HEIGHT / height)), most))
+
+    def _make_plan(self, scene: Scene) -> Plan:
+        height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
+        size = (max(1, round(self.scale * width)), max(1, round(self.scale * height)))
+        return Plan(scene, METRES.get(scene.length_unit, 1.0), size, self._ranks)
+
+    def used(self) -> dict[str, int]:
+        """Rows of each table that belong to the frames so far."""
+        tables = {"tracks": self._tracks, "world": self._world, "truth": self._truth, "failures": self._failures}
+        return {name: rows.used for name, rows in tables.items() if rows is not None}
+
+    def __iter__(self) -> Iterator[tuple[int, Image]]:
+        images: list[Image] = [np.zeros((v.height, v.width, 3), dtype=np.uint8) for v in self._rig.views]
+        numbers = [-1] * len(self.names)
+        rows = [FrameRows(None, None, None)] * len(self.names)
+        ways: list[list[Way]] = [[] for _ in self.names]
+        fresh: set[int] = set()
+        t_ns = 0
+        for frame in self._recording.frames(self.names):
+            view = self.names.index(frame.sensor)
+            if view in fresh:
+                yield numbers[0], self._drawn(images, numbers, rows, ways, t_ns)
+                fresh.clear()
+            images[view], numbers[view], rows[view] = frame.decode(), frame.index, self._rows_of(frame)
+            ways[view] = self._ways_of(view, frame, rows[view])
+            t_ns = frame.t_ns
+            fresh.add(view)
+        if fresh:
+            yield numbers[0], self._drawn(images, numbers, rows, ways, t_ns)
+
+    def _rows_of(self, frame: Frame) -> FrameRows:
+        """Rows of one frame of every table."""
+        return FrameRows(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
+
+    def _ways_of(self, view: int, frame: Frame, rows: FrameRows) -> list[Way]:
+        """Trails in the image; of targets that are followed in the world alone where they should be seen."""
+        if self._world is not None:
+            self._world.move(frame.t_ns)
+        if rows.tracks is not None:
+            return self._trails[view].ways(rows.tracks, frame.t_ns)
+        camera = self._rig.cameras[view]
+        if self._world is None or self._tracks is not None or camera is None or not camera.has_height:
+            return []
+        return self._world.ways(camera, frame.t_ns)
+
+    def _shot(self, view: int, number: int, rows: list[FrameRows]) -> Shot:
+        """What is drawn over one frame; true boxes only where no estimates are drawn as boxes."""
+        shot = frame_shot(view, number, rows, self._rig)
+        return shot._replace(boxed=shot.boxed and self._world is None)
+
+    def _drawn(
+        self, images: list[Image], numbers: list[int], rows: list[FrameRows], ways: list[list[Way]], t_ns: int
+    ) -> Image:
+        shots = [
+            self._shot(view, number, rows)._replace(ways=ways[view], ranks=self._ranks)
+            for view, number in enumerate(numbers)
+        ]
+        pictures = [draw_shot(image, shot, self.scale) for image, shot in zip(images, shots, strict=True)]
+        if self._plan is not None and self._world is not None:
+            seconds = (t_ns - self._start) / NS
+            pictures.append(self._plan.draw(self._world.crowd, self._world.true, t_ns, seconds))
+        return tile(pictures, self._columns)
+
+
+def _columns(cells: int) -> int:
+    return cells if cells <= 3 else math.ceil(math.sqrt(cells))
+
+
+def _world(
+    asked: Asked, recording: Recording, scene: Scene | None, ranks: Mapping[int, int], quiet: bool
+) -> World | None:
+    """Tracks of the world; None: there are none, or nothing says where the cameras are."""
+    if asked.world is None:
+        return None
+    if scene is None:
+        why = f"{asked.world}: tracks of the world are drawn where cameras are known: name a scene with --scene"
+        if asked.tracks is None:
+            raise UsageError(why)
+        options.note(why, quiet)
+        return None
+    opened = open_input(asked.world)
+    check_unit(opened, scene.length_unit, "the scene", InputError)
+    without = [c.name for c in scene.cameras if c.name in recording.cameras and not c.has_height]
+    if asked.tracks is None and without:
+        options.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}", quiet)
+    metres = METRES.get(scene.length_unit, 1.0)
+    return World(Sources(asked.world, asked.diagnostics, asked.truth), metres, ranks, asked.trail)
+
+
+def _rig(asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> Rig:
+    """The views, as large as their first images, and the geometry that the tracker had, as far as it is known."""
+    cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
+    sizes = [next(recording.frames([name])).decode().shape for name in names]
+    views = [View(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]
+    if asked.tracks is None:
+        return Rig(views, cameras, None)
+    known = known_geometry(views, recording, scene if asked.scene is not None else None, asked.fundamental)
+    for line in known.notes:
+        options.note(line, quiet)
+    bottom = read_provenance(asked.tracks).parameters.get("anchor") == "bottom"
+    return Rig(views, cameras, known.geometry, _numbered(asked), bottom)
+
+
+def _numbered(asked: Asked) -> bool:
+    """Whether trackers have the numbers of their targets: not those that began with detections."""
+    births = read_provenance(asked.tracks).parameters.get("births") if asked.tracks is not None else None
+    failures = asked.failures
+    own = read_provenance(failures).parameters.get("own") if failures is not None else None
+    return births in (None, "initial") and own in (None, "label")
+
+
+def _rows(path: Path | None, table: type[T]) -> Rows[T] | None:
+    if path is None:
+        return None
+    return Rows(open_input(path).rows(table))
+
+
+def _at(rows: Rows[T] | None, frame: Frame) -> T | None:
+    return rows.at(frame.t_ns, frame.sensor) if rows is not None else None
