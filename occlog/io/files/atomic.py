@@ -203,7 +203,12 @@ def _name(fd: int, name: Path | None, path: Path) -> None:
             os.link(f"/proc/self/fd/{fd}", name.name, dst_dir_fd=folder, follow_symlinks=True)
         finally:
             os.close(folder)
-    name.replace(path)
+    try:
+        name.replace(path)
+    except OSError:
+        with suppress(OSError):
+            name.unlink()
+        raise
 
 
 def _remove_stale(path: Path) -> None:

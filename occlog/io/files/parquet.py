@@ -179,15 +179,19 @@ class TableWriter:
         self._pending_rows = self._pending_bytes = 0
         self._output = open_output(Path(path), overwrite, together)
         self._writer: pq.ParquetWriter | None = None
+        self._begun = False
 
     def __enter__(self) -> Self:
         """Open the output."""
         self._summed = Summed(self._output.__enter__())
         self._sink = pa.PythonFile(self._summed, "w")
-        self._writer = pq.ParquetWriter(
-            self._sink, self._schema, write_page_index=True, sorting_columns=[pq.SortingColumn(0)], **WRITTEN
-        )
-        self._sink.write(mark_of_schema(self._schema.serialize().to_pybytes()))
+        try:
+            self._writer = pq.ParquetWriter(
+                self._sink, self._schema, write_page_index=True, sorting_columns=[pq.SortingColumn(0)], **WRITTEN
+            )
+        except BaseException as failure:
+            self._output.__exit__(type(failure), failure, failure.__traceback__)
+            raise
         return self
 
     def write(self, table: Table) -> None:
@@ -200,6 +204,9 @@ class TableWriter:
             self._flush()
 
     def _flush(self) -> None:
+        if self._writer is not None and not self._begun:
+            self._sink.write(mark_of_schema(self._schema.serialize().to_pybytes()))
+            self._begun = True
         if self._pending_rows and self._writer is not None:
             whole = to_arrow(self._table.concat(self._pending), self._schema)
             for start in range(0, len(whole), ROWS_PER_GROUP):

@@ -222,3 +222,16 @@ def test_a_pipe_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="is no file but a pipe or a device"):
         atomic.write_bytes(pipe, b"x", overwrite=True)
     assert pipe.is_fifo()
+
+
+def test_nothing_is_left_where_the_last_step_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "x.bin").write_bytes(b"before")
+
+    def fails(_self: Path, _to: Path) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(Path, "replace", fails)
+    with pytest.raises(OutputError, match=r"x\.bin: cannot be written: Input/output error; nothing was written"):
+        atomic.write_bytes(tmp_path / "x.bin", b"new", overwrite=True)
+    assert [p.name for p in tmp_path.iterdir()] == ["x.bin"]
+    assert (tmp_path / "x.bin").read_bytes() == b"before"

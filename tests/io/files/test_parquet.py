@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import gc
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 from random_tables import random_table
 
-from occlog.errors import InputError, OutputExistsError, UsageError
+from occlog.errors import InputError, OutputError, OutputExistsError, UsageError
 from occlog.io.files import parquet
+from occlog.io.files.check_sums import Summed
 from occlog.io.files.provenance import Provenance
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Views
@@ -272,3 +275,21 @@ def test_a_name_that_is_not_utf_8_is_a_name(tmp_path: Path) -> None:
     path = tmp_path / os.fsdecode(b"b\xff.parquet")
     parquet.write_table(path, random_table(Bearings, 3).sorted(), PROVENANCE)
     assert parquet.schema_name(path) == "bearings"
+
+
+@pytest.mark.parametrize("after", range(5))
+def test_a_device_that_fails_at_any_write_leaves_no_table_and_is_one_error(
+    after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put, left = Summed._put, iter(range(after))
+
+    def fails(self: Summed, view: memoryview) -> None:
+        if next(left, None) is None:
+            raise OSError(errno.EIO, "Input/output error")
+        put(self, view)
+
+    monkeypatch.setattr(Summed, "_put", fails)
+    with pytest.raises(OutputError, match=r"t\.parquet: cannot be written: Input/output error"):
+        parquet.write_table(tmp_path / "t.parquet", random_table(Bearings, 50).sorted(), PROVENANCE)
+    gc.collect()  # a writer that is not closed would complain
+    assert not list(tmp_path.iterdir())
