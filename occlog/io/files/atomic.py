@@ -12,7 +12,7 @@ import errno
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple, Self
@@ -50,7 +50,7 @@ class Together:
     """Context manager: outputs opened with it take their names when its block ends without an error.
 
     They do so in the order in which they were completed, one right after the other; after an error
-    none of them does.
+    none of them does, and what was there before is there again.
     """
 
     def __init__(self) -> None:
@@ -83,9 +83,14 @@ class Together:
     def _name_all(self) -> None:
         for file in self._waiting:
             _check_absent(file.path, file.overwrite)
+        with ExitStack() as undo:
+            for file in self._waiting:
+                with translate_write_errors(file.path):
+                    undo.callback(_put_back, file.path, existed=_kept_aside(file.path))
+                    _name(file.fd, file.name, file.path)
+            undo.pop_all()
         for file in self._waiting:
-            with translate_write_errors(file.path):
-                _name(file.fd, file.name, file.path)
+            _aside(file.path).unlink(missing_ok=True)
 
 
 @contextmanager
@@ -142,6 +147,28 @@ def folder_beside(path: Path) -> Iterator[Path]:
         yield name
     finally:
         shutil.rmtree(name, ignore_errors=True)
+
+
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.before{PARTIAL}")
+
+
+def _kept_aside(path: Path) -> bool:
+    """Give what an output replaces a second name, until all that belong together are there; whether there is such."""
+    with suppress(OSError):  # of file systems that know no second names
+        _aside(path).unlink(missing_ok=True)
+        os.link(path, _aside(path))
+    return path.exists()
+
+
+def _put_back(path: Path, *, existed: bool) -> None:
+    """What was there before, after an error."""
+    with suppress(OSError):
+        if existed:
+            _aside(path).replace(path)
+            _aside(path).unlink(missing_ok=True)  # two names of one file both stay
+        else:
+            path.unlink(missing_ok=True)
 
 
 def write_bytes(path: Path, data: bytes, overwrite: bool = False) -> None:
@@ -214,7 +241,7 @@ def _name(fd: int, name: Path | None, path: Path) -> None:
 def _remove_stale(path: Path) -> None:
     """Remove what killed writers of the same target left behind."""
     for old in path.parent.glob(f".{path.name}.*{PARTIAL}"):
-        pid = old.name[len(path.name) + 2 : -len(PARTIAL)].removesuffix(".folder")
+        pid = old.name[len(path.name) + 2 : -len(PARTIAL)].removesuffix(".folder").removesuffix(".before")
         if pid.isdigit() and not Path(f"/proc/{pid}").exists() and Path("/proc/self").exists():
             with suppress(OSError):
                 if old.is_dir() and not old.is_symlink():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,7 @@ from types import TracebackType
 from typing import Self
 
 import cv2
+import numpy as np
 
 from occlog.errors import OutputError
 from occlog.io.files.atomic import Together, check_writable, folder_beside, open_output
@@ -30,7 +32,8 @@ class VideoWriter:
 
     Its size in `bytes` and its `sha256` are known then.
 
-    OpenCV does not say when it cannot write, so the frames in the file are counted at the end.
+    OpenCV does not say when it cannot write, so the frames in the file are counted at the end, and those of a video
+    without loss are compared.
     """
 
     code = ""
@@ -71,6 +74,14 @@ class VideoWriter:
             raise ValueError(f"a frame of shape {image.shape} does not fit a video of {self.size}")
         self._video.write(image)
         self.frames += 1
+        self._wrote(image)
+
+    def _wrote(self, image: Image) -> None:
+        """Remember what `_damaged` needs of a frame."""
+
+    def _damaged(self) -> int | None:
+        """Number of the first frame of the draft that is not what was written; None: none, as far as that is known."""
+        return None
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -90,6 +101,8 @@ class VideoWriter:
             raise OutputError(
                 f"{self.path}: only {written} of {self.frames} frames could be written; is the disk full?"
             )
+        if (bad := self._damaged()) is not None:
+            raise OutputError(f"{self.path}: frame {bad} was written and cannot be read back; is the disk damaged?")
         with self._draft.open("rb") as draft, open_output(self.path, self.overwrite, self.together) as file:
             shutil.copyfileobj(draft, file, 1 << 20)
         self.bytes, self.sha256 = self._draft.stat().st_size, hash_file(self._draft)
@@ -113,6 +126,25 @@ class LosslessVideo(VideoWriter):
 
     code = "FFV1"
     otherwise = "; keep PNG images instead"
+
+    def __enter__(self) -> Self:
+        """Open a temporary file."""
+        self._sums: list[int] = []
+        return super().__enter__()
+
+    def _wrote(self, image: Image) -> None:
+        self._sums.append(zlib.crc32(np.ascontiguousarray(image).data))
+
+    def _damaged(self) -> int | None:
+        video = cv2.VideoCapture(str(self._draft), cv2.CAP_FFMPEG)
+        try:
+            for number, want in enumerate(self._sums):
+                good, image = video.read()
+                if not good or zlib.crc32(np.ascontiguousarray(image).data) != want:
+                    return number
+            return None
+        finally:
+            video.release()
 
 
 class ShownVideo(VideoWriter):

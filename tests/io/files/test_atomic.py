@@ -235,3 +235,27 @@ def test_nothing_is_left_where_the_last_step_fails(tmp_path: Path, monkeypatch: 
         atomic.write_bytes(tmp_path / "x.bin", b"new", overwrite=True)
     assert [p.name for p in tmp_path.iterdir()] == ["x.bin"]
     assert (tmp_path / "x.bin").read_bytes() == b"before"
+
+
+@pytest.mark.usefixtures("way")
+@pytest.mark.parametrize("old", [True, False])
+def test_where_one_of_several_cannot_take_its_name_all_is_as_before(
+    old: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [tmp_path / name for name in ("a.bin", "b.bin", "c.bin")]
+    for path in paths if old else ():
+        path.write_bytes(b"old")
+    replace = Path.replace
+
+    def fails(self: Path, to: Path) -> Path:
+        if to.name == "b.bin" and "before" not in self.name:
+            raise OSError(errno.EIO, "Input/output error")
+        return replace(self, to)
+
+    monkeypatch.setattr(Path, "replace", fails)
+    with pytest.raises(OutputError, match=r"b\.bin: cannot be written"), atomic.Together() as together:
+        for path in paths:
+            with atomic.open_output(path, True, together) as file:
+                file.write(b"new")
+    assert sorted(os.listdir(tmp_path)) == (["a.bin", "b.bin", "c.bin"] if old else [])
+    assert all(path.read_bytes() == b"old" for path in paths if old)

@@ -39,3 +39,17 @@ def test_frames_that_did_not_reach_the_disk_are_noticed(tmp_path, monkeypatch):
             video.write(image)
         video.frames += 1  # as when OpenCV drops one without a word
     assert not path.exists()
+
+
+def test_bytes_that_did_not_reach_the_disk_are_noticed(tmp_path):
+    path = tmp_path / "v.avi"
+    cannot = pytest.raises(OutputError, match=r"v\.avi: frame [0-3] was written and cannot be read back")
+    with cannot, LosslessVideo(path, (64, 48), 5.0) as video:
+        for image in images(4):
+            video.write(image)
+        video._video.release()
+        data = bytearray(video._draft.read_bytes())
+        hole = data.find(b"movi") + 3000
+        data[hole : hole + 4096] = bytes(4096)  # as of a write that failed, behind which there were others
+        video._draft.write_bytes(data)
+    assert not path.exists()
