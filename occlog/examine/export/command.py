@@ -65,7 +65,14 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     "--quality",
     type=click.IntRange(1, 100),
     default=None,
-    help="Viewers: of JPEG images that are made of videos.  [default: 90]",
+    help="Viewers: of JPEG images that are made of videos, or made smaller.  [default: 90]",
+)
+@click.option(
+    "--height",
+    type=click.IntRange(16, 8192),
+    default=None,
+    metavar="PX",
+    help="Viewers: images higher than this are made smaller.  [default: 720]",
 )
 @options.quiet_opt
 @options.overwrite_opt
@@ -82,6 +89,7 @@ def command(
     recording: Path | None,
     layout: Path | None,
     quality: int | None,
+    height: int | None,
     quiet: bool,
     overwrite: bool,
     as_json: bool,
@@ -94,11 +102,14 @@ def command(
         _refuse(named, f"format {name} shows everything; leave it out")
         if name != FOXGLOVE:
             _refuse({"--layout": layout}, f"format {name} takes none; {FOXGLOVE} does")
-        from occlog.examine.viewers.run import QUALITY, Request, run_viewers
+        from occlog.examine.viewers.run import HEIGHT, QUALITY, Request, run_viewers
 
-        show = Request(file, output, name, recording, scene, layout, quality or QUALITY, overwrite)
+        show = Request(file, output, name, recording, scene, layout, quality or QUALITY, height or HEIGHT, overwrite)
         return options.finish(*run_viewers(show, quiet=quiet), as_json)
-    _refuse({"--recording": recording, "--layout": layout, "--quality": quality}, "is for viewers' formats only")
+    _refuse(
+        {"--recording": recording, "--layout": layout, "--quality": quality, "--height": height},
+        "is for viewers' formats only",
+    )
     from .run import STANDARD, ExportRequest, parse_origin, run_export
 
     request = ExportRequest(

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
@@ -34,12 +36,14 @@ from .layout import foxglove_layout
 from .moments import Drawn, Moment, Numbers, Over, Said, Story
 from .plan import plan, static_shadows
 from .points import image_cloud, point_cloud
-from .sensors import camera_calibration, frame_transforms, world_of
-from .shapes import Thing
+from .sensors import camera_calibration, frame_transforms, smaller_camera, world_of
+from .shapes import Thing, smaller
 
 _LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}
 QUALITY = 90
-"""Of JPEG images that are made of a video."""
+"""Of JPEG images that are made of videos, or made smaller."""
+HEIGHT = 720
+"""Images higher than this are made smaller: what is looked at need not be what was measured in [px]."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,8 @@ class Request:
         recording: None: that of the folder.
         scene: scene file; None: that of the recording.
         layout: where to write the layout for Foxglove; None: nowhere.
-        quality: of JPEG images that are made of a video, 1 to 100.
+        quality: of JPEG images that are made of videos, or made smaller, 1 to 100.
+        height: images higher than this are made smaller [px].
     """
 
     input: Path
@@ -63,6 +68,7 @@ class Request:
     scene: Path | None = None
     layout: Path | None = None
     quality: int = QUALITY
+    height: int = HEIGHT
     overwrite: bool = False
 
 
@@ -75,7 +81,7 @@ def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, obj
     story = Story(inputs)
     with Together() as together:
         writer = RecordingWriter(
-            request.output, inputs.scene, Provenance("export"), overwrite=request.overwrite, together=together
+            request.output, None, Provenance("export"), overwrite=request.overwrite, together=together
         )
         with writer as out:
             sink = _Sink(out, inputs, request)
@@ -105,7 +111,7 @@ def _provenance(inputs: Inputs, request: Request, losses: tuple[Loss, ...]) -> P
     if inputs.recording is not None:
         paths += [inputs.recording.path, *linked_videos(inputs.recording.path)]
     paths += [] if request.scene is None else [request.scene]
-    made = {"to": request.viewer, "quality": request.quality}
+    made = {"to": request.viewer, "quality": request.quality, "height": request.height}
     return Provenance("export", made, None, hash_inputs(dict.fromkeys(paths)), losses)
 
 
@@ -161,7 +167,7 @@ class _Sink:
 
     def _over(self, frame: Frame, things: list[Thing]) -> None:
         try:
-            data, kind, size = self._image(frame)
+            data, kind, size, shrunk = self._image(frame)
         except InputError as error:
             self.losses.append(Loss(frame.sensor, f"frame {frame.index}", str(error), 1))
             return
@@ -169,6 +175,9 @@ class _Sink:
         self._out.image(frame.sensor, frame.t_ns, frame.index, data, kind)
         self.frames += 1
         camera = self._cameras.get(frame.sensor)
+        if shrunk != 1.0:
+            camera = None if camera is None else smaller_camera(camera, shrunk)
+            things = [smaller(thing, shrunk) for thing in things]
         if camera is not None and camera.placed and frame.sensor not in self._calibrated:
             self._calibrated.add(frame.sensor)
             calibration = camera_calibration(camera, size, frame.t_ns)
@@ -181,15 +190,20 @@ class _Sink:
         elif camera is not None and camera.placed:
             self._message(topic, PointCloud, frame.t_ns, image_cloud(things, frame.t_ns, frame.sensor, camera))
 
-    def _image(self, frame: Frame) -> tuple[bytes, str, tuple[int, int]]:
-        """Compressed bytes, their kind, and width and height: as recorded, or JPEG of a frame of a video."""
+    def _image(self, frame: Frame) -> tuple[bytes, str, tuple[int, int], float]:
+        """Compressed bytes, their kind, width and height, and how much smaller than recorded; JPEG of what is coded."""
+        most = self._request.height
         if frame.encoded is not None:
             kind, size = image_kind(frame.encoded), image_size(frame.encoded)
-            if kind is not None and size is not None:
+            if kind is not None and size is not None and size[1] <= most:
                 check_image(frame.encoded, f"camera {frame.sensor}")
-                return frame.encoded, kind, size
+                return frame.encoded, kind, size, 1.0
         image = frame.decode()
-        return encode_image(image, "jpeg", self._request.quality), "jpeg", (image.shape[1], image.shape[0])
+        shrunk = min(1.0, most / image.shape[0])
+        if shrunk < 1.0:
+            size = (max(1, round(shrunk * image.shape[1])), most)
+            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return encode_image(image, "jpeg", self._request.quality), "jpeg", (image.shape[1], image.shape[0]), shrunk
 
     def _message(self, topic: str, schema: Any, t_ns: int, data: bytes) -> None:
         def descriptors() -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -62,6 +63,16 @@ def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> byte
     message.timestamp.FromNanoseconds(t_ns)
     data: bytes = message.SerializeToString(deterministic=True)
     return data
+
+
+def smaller_camera(camera: Camera, shrunk: float) -> Camera:
+    """The camera of images that are made smaller."""
+    return replace(
+        camera,
+        focal_px=shrunk * camera.focal_px,
+        principal_px=shrunk * (camera.principal_px + 0.5) - 0.5,
+        image_size=None,
+    )
 
 
 def quaternion(rotation: Floats) -> Floats:

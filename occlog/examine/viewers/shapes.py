@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -76,6 +76,13 @@ class Thing:
 def faded(colour: Rgba, opacity: float) -> Rgba:
     """The colour, more or less transparent."""
     return (*colour[:3], opacity)
+
+
+def smaller(thing: Thing, shrunk: float) -> Thing:
+    """A thing over an image that is made smaller; pixels have their centres at whole numbers in both."""
+    lines = [replace(line, points=shrunk * (line.points + 0.5) - 0.5) for line in thing.lines]
+    texts = [replace(text, at=shrunk * (text.at + 0.5) - 0.5) for text in thing.texts]
+    return replace(thing, lines=lines, texts=texts)
 
 
 def rim(middle: Floats, covariance: Floats) -> Floats:

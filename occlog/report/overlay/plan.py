@@ -36,9 +36,9 @@ class Plan:
             ranks: place of each target among all by identity.
         """
         self._ranks, self._metres = ranks, metres
-        corners = metres * scene.surroundings
         places = [metres * sensor.position[:2] for sensor in placed(scene)]
-        everything = np.vstack([corners, *places]) if places else corners
+        corners = [metres * scene.surroundings] if scene.room is not None or len(places) < 2 else []
+        everything = np.vstack([*corners, *places])
         low, high = everything.min(axis=0), everything.max(axis=0)
         free = (1.0 - 2.0 * MARGIN) * np.array(size)
         self._scale = float((free / np.maximum(high - low, 1e-9)).min())

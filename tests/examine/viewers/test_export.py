@@ -206,8 +206,9 @@ def test_images_are_the_bytes_of_the_recording(shown: dict[str, Any]) -> None:
     kept = [frame.encoded for frame in open_recording(shown["in"] / "recording.mcap").frames()]
     assert [message.data for _, message in frames] == kept
     assert [(t_ns, message.format) for t_ns, message in frames] == [(NS, "png"), (2 * NS, "png")]
-    again = list(open_recording(shown["in"] / "f.mcap").frames())  # what is shown is a recording too
-    assert [(frame.t_ns, frame.index) for frame in again] == [(NS, 0), (2 * NS, 1)]
+    again = open_recording(shown["in"] / "f.mcap")
+    assert [(frame.t_ns, frame.index) for frame in again.frames()] == [(NS, 0), (2 * NS, 1)]
+    assert again.scene is None  # it is to look at: nothing that measures may take it for the recording
 
 
 def test_people_stand_where_tracks_say_in_the_colours_of_the_report(shown: dict[str, Any]) -> None:
@@ -343,6 +344,21 @@ def test_other_units_become_metres(tmp_path: Path) -> None:
     body = entities(messages["/targets"][0][1])["target 3"].cylinders[0]
     assert body.pose.position.x == pytest.approx(2 * 0.3048)
     assert body.size.z == pytest.approx(1.8 * 0.3048)
+
+
+def test_images_are_made_smaller_with_all_that_lies_over_them(tmp_path: Path) -> None:
+    folder = fill(tmp_path)
+    assert run(["export", str(folder), "-o", str(folder / "f.mcap"), "-q", "--height", "24"]) == ExitCode.DONE
+    messages, _ = read(folder / "f.mcap")
+    image = cv2.imdecode(np.frombuffer(messages["/camera/east/image"][0][1].data, np.uint8), cv2.IMREAD_COLOR)
+    seen = messages["/camera/east/calibration"][0][1]
+    assert (image.shape, seen.width, seen.height) == ((24, 32, 3), 32, 24)
+    # The middle between four pixels is the middle of one
+    assert list(seen.K) == [30.0, 0.0, 15.5, 0.0, 31.0, 11.5, 0.0, 0.0, 1.0]
+    xy = np.array([[p.x, p.y] for p in messages["/camera/east/image/annotations"][0][1].points[0].points])
+    np.testing.assert_allclose(
+        [xy.min(axis=0), xy.max(axis=0)], 0.5 * (np.array([[16, 15], [24, 35]]) + 0.5), atol=1e-9
+    )
 
 
 def test_a_damaged_image_is_a_loss(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
