@@ -109,6 +109,7 @@ def overlay(
     scale: float | None = None,
     fps: float | None = None,
     world: Source | None = None,
+    diagnostics: Source | None = None,
     plan: bool = True,
     trail: float = 2.0,
     overwrite: bool = False,
@@ -131,6 +132,7 @@ def overlay(
             most 3840 x 2160 px in all.
         fps: frames a second of the video, 0.1 to 1000; None: those of the recording.
         world: tracks of the world, for the plan; None: `tracks`, if they are of the world.
+        diagnostics: of `track`: which cameras see a target of the world, where its tracks do not say.
         plan: whether tracks of the world get the plan beside the images.
         trail: seconds of the way behind each target, 0 to 3600.
         overwrite: a video that is there may be replaced.
@@ -180,6 +182,7 @@ def overlay(
             scale=scale,
             fps=fps,
             world=inputs.optional(world, "world"),
+            diagnostics=inputs.optional(diagnostics, "diagnostics"),
             plan=plan,
             trail=trail,
             overwrite=overwrite,

@@ -84,6 +84,12 @@ def overlay_options() -> list[click.Option]:
             help="Tracks of the world, for the plan beside the images.  [default: TRACKS, if of the world or a folder]",
         ),
         click.Option(
+            ["--diagnostics"],
+            type=options.INPUT,
+            default=None,
+            help="Which cameras see a target, where its tracks do not say: written by track.  [default: of the folder]",
+        ),
+        click.Option(
             ["--plan/--no-plan"], default=True, help="Tracks of the world get the plan, or not.  [default: plan]"
         ),
         click.Option(

@@ -88,7 +88,8 @@ def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, obj
             for moment in options.progress(_begun(story.moments(), sink, inputs), "write", quiet=quiet):
                 sink.write(moment)
             if not out.messages:
-                raise InputError(f"{request.input}: there is nothing to show: all of its tables are empty")
+                why = "tracks and boxes in images need --recording" if inputs.recording is None else "tables are empty"
+                raise InputError(f"{request.input}: there is nothing to show: {why}")
             losses = (*_lost_before(inputs), *sink.losses)
             out.annotate(_provenance(inputs, request, losses))
         if request.layout is not None:

@@ -32,7 +32,7 @@ SOURCES = ("recording", "simulate", "ingest")
 READER = "reader"
 """Key of a stage that names the reader of a plug-in for its inputs."""
 OVERLAY = "overlay"
-"""Stage that draws everybody over the video; `overlay: false` leaves it out."""
+"""Stage that draws tracks over the video: of everybody unless it is false, of a target where it is there."""
 STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
 PRIORS = ("hull", "kalman", "acoustic")
 KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
@@ -164,8 +164,6 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     if _of_everybody(config):
         yield from _everybody(config, folder, recording, out, scene)
         return
-    if OVERLAY in config.values:
-        raise InputError(f"{config.path}: overlay: wants a method that follows everybody; remove this key")
     tracked = {"output": out["tracks"], "diagnostics": out["diagnostics"]}
     inputs = dict(scene)
     if "priors" in config.values:
@@ -185,6 +183,20 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     yield _stage(config, "evaluate", results, (str(out["tracks"]),), compared)
     shown = {k: v for k, v in {**truth, **inputs}.items() if k in ("truth", "occluders", "scene")}
     yield _report(config, folder, out, metrics, shown)
+    if OVERLAY in config.values:
+        yield from _overlay(config, folder, recording, out["tracks"], {**scene, "diagnostics": str(out["diagnostics"])})
+
+
+def _overlay(config: Config, folder: Path, recording: Path, tracks: Path, inputs: dict[str, object]) -> Iterator[Stage]:
+    """The stage that draws tracks over the video of the recording; none where it is false, or there is no video."""
+    if config.values.get(OVERLAY) is False:
+        return
+    if _has_video(config, recording):
+        drawn: dict[str, Path] = {"video": folder / "overlay.webm"}
+        source: dict[str, object] = {"recording": str(recording), **inputs}
+        yield _stage(config, OVERLAY, drawn, (str(tracks),), source, load_command("report"))
+    elif OVERLAY in config.values:
+        raise InputError(f"{config.path}: overlay: the recording holds no video; remove this key")
 
 
 def _of_everybody(config: Config) -> bool:
@@ -219,14 +231,7 @@ def _everybody(
         )
     page = {"output": folder / "report.html", "png": folder / "report.png"}
     yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, "events": str(found["events"])})
-    if config.values.get(OVERLAY) is False:
-        return
-    if _has_video(config, recording):
-        drawn: dict[str, Path] = {"video": folder / "overlay.webm"}
-        source: dict[str, object] = {"recording": str(recording), "world": str(out["tracks"]), **scene}
-        yield _stage(config, OVERLAY, drawn, (str(found["view_tracks"]),), source, load_command("report"))
-    elif OVERLAY in config.values:
-        raise InputError(f"{config.path}: overlay: the recording holds no video; remove this key")
+    yield from _overlay(config, folder, recording, found["view_tracks"], {**scene, "world": str(out["tracks"])})
 
 
 def _has_video(config: Config, recording: Path) -> bool:

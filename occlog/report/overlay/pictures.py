@@ -75,8 +75,8 @@ class Asked:
             raise UsageError("no output: give --video, or --png with --frame")
         if self.video is not None and self.video.suffix.lower() not in SHOWN:
             raise UsageError(f"{self.video}: video can be {' or '.join(SHOWN)}; name it so")
-        inputs = (self.recording, self.tracks, self.world, self.truth, self.failures, self.fundamental, self.scene)
-        options.check_outputs(inputs, (self.video, self.png), self.overwrite)
+        inputs = (self.recording, self.tracks, self.world, self.diagnostics, self.truth, self.failures)
+        options.check_outputs((*inputs, self.fundamental, self.scene), (self.video, self.png), self.overwrite)
 
 
 class Rows(Generic[T]):

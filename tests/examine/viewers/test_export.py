@@ -385,6 +385,13 @@ def test_options_that_do_not_fit_are_refused(
     assert not (shown["in"] / "new.mcap").exists()
 
 
+def test_tracks_in_images_without_images_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_table(tmp_path / "v.parquet", view_tracks(), MADE)
+    assert run(["export", str(tmp_path / "v.parquet"), "-q", "-o", str(tmp_path / "new.mcap")]) == ExitCode.BAD_INPUT
+    assert "tracks and boxes in images need --recording" in capsys.readouterr().err
+    assert not (tmp_path / "new.mcap").exists()
+
+
 def test_a_folder_without_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["export", str(tmp_path), "-o", str(tmp_path / "new.mcap")]) == ExitCode.BAD_INPUT
     assert "not the folder of a run" in capsys.readouterr().err

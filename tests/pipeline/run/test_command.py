@@ -162,6 +162,18 @@ def test_a_run_simulates_people_and_draws_them_over_the_video(
     assert set(wanted) == {"simulate", "detect", "track", "evaluate", "evaluate-in-images", "report", "overlay"}
 
 
+def test_a_target_is_drawn_over_the_video_where_that_is_asked_for(tmp_path: Path) -> None:
+    config = tmp_path / "run.yaml"
+    for overlay, last in (("", "report"), ("overlay: {trail: 1}\n", "overlay"), ("overlay: false\n", "report")):
+        config.write_text(f"occlog_run: 1\nsimulate: {{scene: people, frames: 5}}\n{overlay}")
+        made = list(plan(read_config(config), tmp_path / "out"))
+        assert made[-1].name == last
+        if last == "overlay":
+            words = " ".join(made[-1].args)
+            assert f"--diagnostics {tmp_path}/out/diagnostics.parquet" in words
+            assert f"{tmp_path}/out/tracks.parquet" in words
+
+
 def test_keys_of_the_overlay_are_options_of_its_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     head = "occlog_run: 1\nsimulate: {scene: people, frames: 5}\ntrack: {method: jipda}\n"
     config = tmp_path / "run.yaml"
@@ -186,7 +198,7 @@ def test_keys_of_the_overlay_are_options_of_its_command(tmp_path: Path, capsys: 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("simulate: {scene: people}\ntrack: {method: apf}\noverlay: {}\n", "wants a method that follows everybody"),
+        ("simulate: {scene: room.yaml}\noverlay: {}\n", "the recording holds no video"),
         ("ingest: {boxes: b.csv}\ntrack: {method: jipda}\noverlay: {fps: 5}\n", "the recording holds no video"),
     ],
 )
