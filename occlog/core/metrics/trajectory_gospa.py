@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
 
 from occlog.array_types import Floats, Ints
 
 from .frame_pairs import Frames
+from .trajectory_cuts import OPEN, Pairs, Pieces, pieces_of, sure_stretches
 
 
 class TrajectoryGospa(NamedTuple):
@@ -39,26 +39,15 @@ class TrajectoryGospa(NamedTuple):
     p: float
 
 
-class _Pairs(NamedTuple):
-    """Rows of targets and tracks that meet, sorted by pair, then by time."""
-
-    truth: Ints  # target
-    track: Ints
-    time: Ints  # place of the frame in `Frames`
-    cost: Floats  # distance^p, below c^p
-
-
 class _Program(NamedTuple):
-    """Unknowns of one pair after another, in the order of time.
+    """Unknowns of one piece after another, in the order of time.
 
     Each is the weight of the pair in a frame in which the two meet, or over a stretch of other frames.
     """
 
-    pair: Ints  # (n,) number of the pair
+    piece: Ints  # (n,) place of the piece among those that are solved together
     start: Ints  # (n,) first frame
-    meets: Ints  # (n,) row of `_Pairs`; -1: a stretch
-    truth: Ints  # (P,) target of each pair
-    track: Ints  # (P,) track of each pair
+    meets: Ints  # (n,) row of `Pairs`; -1: a stretch
 
 
 def trajectory_gospa(frames: Frames, cutoff: float, switch: float, p: float = 2.0) -> TrajectoryGospa:
@@ -87,13 +76,14 @@ def trajectory_gospa(frames: Frames, cutoff: float, switch: float, p: float = 2.
     """
     if not (0 < cutoff < np.inf and 0 < switch < np.inf and 1 <= p < np.inf):
         raise ValueError(f"cutoff {cutoff:g} and switch {switch:g} must be above 0, p {p:g} at least 1")
-    pairs = _meetings(frames, cutoff, p)
-    weights, changes = np.ones(len(pairs.time)), 0.0
-    for rows, alone in _components(pairs, len(frames.truth_key)):
-        if not alone:  # one target and one track: they belong together all the time
-            part = _Pairs._make(column[rows] for column in pairs)
-            weights[rows], change = _solve(part, cutoff**p, switch**p, len(frames.frame))
-            changes += change
+    pairs = meetings(frames, cutoff, p)
+    sure = sure_stretches(pairs, cutoff**p, switch**p)
+    pieces, changes = pieces_of(pairs, sure, len(frames.frame))
+    weights = np.ones(len(pairs.time))
+    for block in pieces.blocks():
+        part = Pieces._make(column[block] for column in pieces)
+        if len(block) > 1 or 0 in (part.before[0], part.behind[0]):  # otherwise they belong together all the time
+            changes += _solve(pairs, part, cutoff**p, switch**p, weights)
     half, n, m = 0.5 * cutoff**p, len(frames.truth), len(frames.track)
     parts = (
         float(weights @ pairs.cost),
@@ -104,7 +94,7 @@ def trajectory_gospa(frames: Frames, cutoff: float, switch: float, p: float = 2.
     return TrajectoryGospa(sum(parts), *parts, p)
 
 
-def _meetings(frames: Frames, cutoff: float, p: float) -> _Pairs:
+def meetings(frames: Frames, cutoff: float, p: float) -> Pairs:
     """Rows that are nearer than the cutoff."""
     none = np.zeros(0, dtype=np.int64)
     found = [(none, none, none, np.zeros(0))]
@@ -116,93 +106,82 @@ def _meetings(frames: Frames, cutoff: float, p: float) -> _Pairs:
         found.append((frames.truth[left][i], frames.track[right][j], at, distance[i, j] ** p))
     truth, track, time, cost = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.lexsort((time, track, truth))
-    return _Pairs(truth[order], track[order], time[order], cost[order])
+    return Pairs(truth[order], track[order], time[order], cost[order])
 
 
-def _components(pairs: _Pairs, targets: int) -> list[tuple[Ints, bool]]:
-    """Rows of the pairs that have to be solved together, and whether they are all of one pair."""
-    if not len(pairs.time):
-        return []
-    tracks = int(pairs.track.max()) + 1
-    edges = coo_array((np.ones(len(pairs.time)), (pairs.truth, targets + pairs.track)), shape=(targets + tracks,) * 2)
-    label = connected_components(edges, directed=False)[1][pairs.truth]
-    order = np.argsort(label, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    one = [len(np.unique(pairs.truth[g])) == len(np.unique(pairs.track[g])) == 1 for g in groups]
-    return list(zip(groups, one, strict=True))
-
-
-def _unknowns(pairs: _Pairs, frames: int) -> _Program:
-    """The unknowns of pairs that are solved together."""
-    code = pairs.truth * (int(pairs.track.max()) + 1) + pairs.track
-    first = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1])
+def _unknowns(pairs: Pairs, pieces: Pieces) -> _Program:
+    """The unknowns of pieces that are solved together."""
     found: list[tuple[int, int, int]] = []
-    for number, rows in enumerate(np.split(np.arange(len(code)), first[1:])):
-        free = 0  # first frame that no unknown of this pair covers yet
-        for row in rows.tolist():
-            at = int(pairs.time[row])
+    for number, (begin, end, first, last) in enumerate(
+        zip(*(column.tolist() for column in (pieces.begin, pieces.end, pieces.first, pieces.last)), strict=True)
+    ):
+        free = begin  # first frame that no unknown of this piece covers yet
+        for row, at in enumerate(pairs.time[first:last].tolist(), first):
             if at > free:
                 found.append((number, free, -1))
             found.append((number, at, row))
             free = at + 1
-        if free < frames:
+        if free < end:
             found.append((number, free, -1))
-    pair, start, meets = np.array(found, dtype=np.int64).T
-    return _Program(pair, start, meets, pairs.truth[first], pairs.track[first])
+    return _Program(*np.array(found, dtype=np.int64).T)
 
 
-def _solve(pairs: _Pairs, most: float, switch: float, frames: int) -> tuple[Floats, float]:
-    """Weights of the meetings, and the sum of all changes of weights; `most` is c^p, `switch` gamma^p."""
-    program = _unknowns(pairs, frames)
-    n = len(program.pair)
+def _solve(pairs: Pairs, pieces: Pieces, most: float, switch: float, weights: Floats) -> float:
+    """Put in the weights of the meetings, and give the sum of all changes; `most` is c^p, `switch` gamma^p."""
+    program = _unknowns(pairs, pieces)
+    n = len(program.piece)
     meets = program.meets >= 0
     gain = np.zeros(n)
     gain[meets] = pairs.cost[program.meets[meets]] - most
-    # Changes: weight after minus weight before = rise - fall, both >= 0 and paid alike
-    after = np.flatnonzero(program.pair[1:] == program.pair[:-1]) + 1
-    k, one = np.arange(len(after)), np.ones(len(after))
-    change = coo_array(
-        (
-            np.concatenate([one, -one, -one, one]),
-            (np.tile(k, 4), np.concatenate([after, after - 1, n + k, n + len(after) + k])),
-        ),
-        shape=(len(after), n + 2 * len(after)),
-    )
-    shared = _capacity(program)
-    limit = csr_array((shared.data, shared.indices, shared.indptr), shape=(shared.shape[0], n + 2 * len(after)))
-    price = np.concatenate([gain, np.full(2 * len(after), 0.5 * switch)])
+    # Changes: weight after minus weight before = rise - fall, both >= 0 and paid alike; at the ends of a piece one of
+    # the two weights is known
+    new = np.append(True, program.piece[1:] != program.piece[:-1])
+    after = np.flatnonzero(~new)
+    begins, ends = np.flatnonzero(new), np.flatnonzero(np.append(new[1:], True))
+    begins, before = begins[pieces.before != OPEN], pieces.before[pieces.before != OPEN]
+    ends, behind = ends[pieces.behind != OPEN], pieces.behind[pieces.behind != OPEN]
+    m, last = len(after) + len(begins), len(after) + len(begins) + len(ends)
+    k = np.arange(last)
+    plus, minus = np.concatenate([after, begins]), np.concatenate([after - 1, ends])
+    rows = np.concatenate([k[:m], k[: len(after)], k[m:], k, k])
+    columns = np.concatenate([plus, minus, n + k, n + last + k])
+    signs = np.concatenate([np.ones(m), -np.ones(len(minus)), -np.ones(last), np.ones(last)])
+    change = coo_array((signs, (rows, columns)), shape=(last, n + 2 * last))
+    shared = _capacity(program, pieces)
+    limit = csr_array((shared.data, shared.indices, shared.indptr), shape=(shared.shape[0], n + 2 * last))
+    price = np.concatenate([gain, np.full(2 * last, 0.5 * switch)])
     found = linprog(  # type: ignore[call-overload]  # the stubs know no sparse matrices
         price,
         A_ub=limit,
         b_ub=np.ones(limit.shape[0]),
-        A_eq=change.tocsr(),
-        b_eq=np.zeros(len(after)),
+        A_eq=change.tocsr() if last else None,
+        b_eq=np.concatenate([np.zeros(len(after)), before, -behind]) if last else None,
         bounds=(0.0, None),
         method="highs",
     )
     if found.x is None:
         raise RuntimeError(f"trajectory GOSPA: {found.message}")
-    weights = np.zeros(len(pairs.time))
     weights[program.meets[meets]] = np.clip(found.x[:n][meets], 0.0, 1.0)
-    return weights, float(found.x[n:].sum())
+    return float(found.x[n:].sum())
 
 
-def _capacity(program: _Program) -> csr_array:
+def _capacity(program: _Program, pieces: Pieces) -> csr_array:
     """(R, n) rows of ones: weights of a target, or of a track, in one frame, which add up to at most 1."""
     rows: list[Ints] = []
-    begins = np.searchsorted(program.pair, np.arange(len(program.truth) + 1))
-    for side in (program.truth, program.track):
+    begins = np.searchsorted(program.piece, np.arange(len(pieces.truth) + 1))
+    for side in (pieces.truth, pieces.track):
         for key in np.unique(side).tolist():
             own = np.flatnonzero(side == key)
             spans = [program.start[begins[k] : begins[k + 1]] for k in own.tolist()]
             # The unknowns change at the beginning of one of them only
             times = np.unique(np.concatenate(spans))
-            at = [
+            at = np.column_stack([
                 np.searchsorted(s, times, side="right") - 1 + begins[k]
                 for s, k in zip(spans, own.tolist(), strict=True)
-            ]
-            rows += list(np.unique(np.column_stack(at), axis=0))
+            ])  # fmt: skip
+            there = (times[:, None] >= pieces.begin[own]) & (times[:, None] < pieces.end[own])
+            rows += [row[row >= 0] for row in np.unique(np.where(there, at, -1), axis=0)]
     sizes = np.array([len(row) for row in rows], dtype=np.int64)
     columns = np.concatenate(rows)
     pointers = np.concatenate([[0], np.cumsum(sizes)])
-    return csr_array((np.ones(len(columns)), columns, pointers), shape=(len(rows), len(program.pair)))
+    return csr_array((np.ones(len(columns)), columns, pointers), shape=(len(rows), len(program.piece)))

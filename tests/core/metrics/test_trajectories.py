@@ -11,7 +11,8 @@ from scipy.optimize import linprog
 
 from occlog.core.metrics.frame_pairs import Frames, Objects, of_points
 from occlog.core.metrics.ospa2 import ospa2, ospa2_over_time
-from occlog.core.metrics.trajectory_gospa import trajectory_gospa
+from occlog.core.metrics.trajectory_cuts import pieces_of, sure_stretches
+from occlog.core.metrics.trajectory_gospa import meetings, trajectory_gospa
 
 
 def rows(*values: tuple[float, ...]) -> Objects:
@@ -160,6 +161,48 @@ def test_the_short_program_has_the_value_of_the_whole_one(seed: int) -> None:
         got = trajectory_gospa(frames, 0.8, gamma, p)
         assert got.total == pytest.approx(plain_program(frames, 0.8, gamma, p), rel=1e-7)
         assert got.total == pytest.approx(got.localisation + got.missed + got.false + got.switch)
+
+
+def walkers(seed: int, people: int, times: int) -> Frames:
+    """People who wander in a room, tracks that are exchanged where they meet, begin anew, and miss them at times."""
+    rng = np.random.default_rng(seed)
+    walked = np.cumsum(rng.normal(0, 0.25, (times, people, 2)), axis=0) + rng.uniform(0, 3, (people, 2))
+    x = np.abs((walked + 3) % 6 - 3)
+    frame, label = (a.ravel() for a in np.meshgrid(range(times), range(people), indexing="ij"))
+    names, track = np.arange(people), label.reshape(times, people).copy()
+    for t in range(times):
+        apart = np.hypot(*(x[t][:, None] - x[t][None]).transpose(2, 0, 1)) + 9 * np.eye(people)
+        i, j = np.unravel_index(apart.argmin(), apart.shape)
+        if apart[i, j] < 0.5 and rng.random() < 0.3:
+            names[[i, j]] = names[[j, i]]
+        if rng.random() < 0.01:
+            names[rng.integers(people)] = names.max() + 1
+        track[t] = names
+    seen, found = rng.random((2, times * people)) < 0.94
+    y = (x + rng.normal(0, 0.15, x.shape)).reshape(-1, 2)
+    return of_points(
+        Objects(frame[seen], label[seen], x.reshape(-1, 2)[seen]),
+        Objects(frame[found], track.ravel()[found], y[found]),
+        1.0,
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_cut_into_pieces_of_time_it_is_that_of_the_whole_program(seed: int) -> None:
+    frames = walkers(seed, 3, 60)
+    pairs = meetings(frames, 1.0, 2.0)
+    sure = sure_stretches(pairs, 1.0, 0.25)
+    assert len(sure.first) > 5
+    assert len(list(pieces_of(pairs, sure, 60)[0].blocks())) > 2
+    assert trajectory_gospa(frames, 1.0, 0.5).total == pytest.approx(plain_program(frames, 1.0, 0.5, 2.0), rel=1e-9)
+
+
+@pytest.mark.parametrize(("switch", "sure"), [(0.7499, [2, 3]), (0.7501, []), (0.4999, [1, 2, 3, 4]), (1e-3, range(6))])
+def test_a_pair_is_sure_where_both_sides_gain_three_changes(switch: float, sure: list[int]) -> None:
+    """Six frames that gain 0.75 each: three of them pay three changes of 0.75, two of them three of 0.5."""
+    frames = of_points(rows(*line(1, range(6))), rows(*line(7, range(6), 0.5)), 1.0)
+    found = sure_stretches(meetings(frames, 1.0, 2.0), 1.0, switch)
+    assert np.flatnonzero(found.rows).tolist() == list(sure)
 
 
 @pytest.mark.parametrize("seed", range(6))
