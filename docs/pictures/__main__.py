@@ -5,6 +5,7 @@ A picture is not compared byte by byte: fonts and compiled kernels of another ma
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -51,6 +52,24 @@ def moving(work: Path, to: Path) -> None:
         raise SystemExit(f"{to}: could not be made of at most {MOST_BYTES} bytes")
 
 
+def viewer(work: Path, to: Path) -> None:
+    """A run in Rerun; the picture stays as it was where Rerun or a screen for it (xvfb-run) is missing."""
+    import cv2
+
+    rerun, screen = shutil.which("rerun"), shutil.which("xvfb-run")
+    if rerun is None or screen is None:
+        sys.stderr.write("docs/pictures/rerun.png: stays as it is: no rerun or no xvfb-run\n")
+        return
+    occlog(work, "run", "examples/people.yaml", "-o", "people")
+    occlog(work, "export", "people", "--to", "rerun", "-o", "occlog.mcap")
+    shot = ["--screenshot-to", str(work / "shot.png"), "--window-size", "1300x850"]
+    # A screen so large that its pointer, in its middle, is beside the window
+    large = [screen, "-a", "-s", "-screen 0 3800x2600x24"]
+    subprocess.run([*large, rerun, str(work / "occlog.mcap"), *shot], cwd=work, check=True, capture_output=True)
+    picture = cv2.resize(cv2.imread(str(work / "shot.png")), (1300, 850), interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(to), picture[36:600, 200:1000])  # without Rerun's own lists at the sides
+
+
 def report(work: Path, to: Path) -> None:
     """The figures of a report."""
     occlog(work, "run", "sample_data/room/run.yaml", "-o", "room")
@@ -82,6 +101,7 @@ def navigation(work: Path, to: Path) -> None:
 PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "people.png": people,
     "people.webp": moving,
+    "rerun.png": viewer,
     "report.png": report,
     "overlay.png": overlay,
     "navigation.png": navigation,

@@ -106,8 +106,9 @@ def _image(camera: str, topics: Mapping[str, str]) -> dict[str, object]:
     mode: dict[str, object] = {"imageTopic": f"{base}/image"}
     if f"{base}/calibration" in topics:
         mode["calibrationTopic"] = f"{base}/calibration"
-    if f"{base}/image/annotations" in topics:
-        mode["annotations"] = {f"{base}/image/annotations": {"visible": True}}
+    layers = [topic for topic in topics if topic.startswith(f"{base}/image/")]
+    tracked = f"{base}/image/annotations" in layers
+    mode["annotations"] = {t: {"visible": t.endswith("/annotations") or not tracked} for t in layers}
     return {"imageMode": mode, "topics": {}, "layers": {}, "synchronize": False}
 
 

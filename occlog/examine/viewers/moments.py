@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS
+from occlog.records.columns import Table
 from occlog.records.frames import Frame
 from occlog.records.scene import Camera
 from occlog.records.tables import (
@@ -40,6 +41,8 @@ from .series import Series
 from .shapes import GREY, Line, Thing, at_height
 from .sight import Sight, moving_occluders
 
+LAYERS: dict[type[Table], str] = {ViewTracks: "annotations", Views: "boxes", Boxes: "boxes", TruthBoxes: "true_boxes"}
+"""What lies over an image can be shown or not, each for itself: targets, boxes of a detector, true boxes."""
 SHADOWS_NS = NS // 5
 """Shadows of people are drawn at most this often: they take the most work."""
 
@@ -53,10 +56,10 @@ class Drawn(NamedTuple):
 
 
 class Over(NamedTuple):
-    """A frame, and what is drawn over it."""
+    """A frame, and what is drawn over it, by the layer (see `LAYERS`)."""
 
     frame: Frame
-    things: list[Thing]
+    layers: dict[str, list[Thing]]
 
 
 class Numbers(NamedTuple):
@@ -114,8 +117,8 @@ class Story:
         add(5, pieces(Errors), self._errors)
         add(5, pieces(Bound), self._bound)
         add(6, pieces(Events), self._events)
-        for kind in (ViewTracks, Views, Boxes, TruthBoxes):
-            add(7, pieces(kind), self._in_image)
+        for kind in LAYERS:
+            add(7, pieces(kind), partial(self._in_image, LAYERS[kind]))
         if self._inputs.recording is not None:
             add(8, self._inputs.recording.frames(), self._frame)
         for _, _, show in heapq.merge(*sources, key=lambda entry: entry[:2]):
@@ -194,18 +197,18 @@ class Story:
             sure = "" if math.isnan(probability) else f", probability {probability:.3g}"
             yield Said(int(rows.t_ns[0]), kind == "doubt", f"target {target}", f"{words}{sure}")
 
-    def _in_image(self, rows: ViewTracks | Views | Boxes | TruthBoxes) -> Iterator[Moment]:
+    def _in_image(self, layer: str, rows: ViewTracks | Views | Boxes | TruthBoxes) -> Iterator[Moment]:
         things = tracked_in_image(rows, self.palette) if isinstance(rows, ViewTracks) else boxes_in_image(rows)
-        self._over.setdefault(str(rows.sensor[0]), {})[rows.NAME] = (int(rows.t_ns[0]), things)
+        self._over.setdefault(str(rows.sensor[0]), {})[layer] = (int(rows.t_ns[0]), things)
         yield from ()
 
     def _frame(self, frame: Frame) -> Iterator[Moment]:
-        tables = self._over.get(frame.sensor, {})
-        things = [thing for t_ns, drawn in tables.values() if t_ns == frame.t_ns for thing in drawn]
+        known = self._over.get(frame.sensor, {})
+        layers = {name: things for name, (t_ns, things) in known.items() if t_ns == frame.t_ns}
         camera = self._cameras.get(frame.sensor)
         if not self._inputs.has(ViewTracks) and camera is not None and camera.has_height:
-            things += self.crowd.in_image(camera, self._metres, frame.t_ns)
-        yield Over(frame, things)
+            layers[LAYERS[ViewTracks]] = self.crowd.in_image(camera, self._metres, frame.t_ns)
+        yield Over(frame, layers)
 
 
 def _timed(

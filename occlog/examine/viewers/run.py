@@ -29,11 +29,12 @@ from occlog.io.recording.reader import linked_videos
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.frames import Frame
 from occlog.records.losses import Loss
+from occlog.records.scene import Camera
 
 from .foxglove import image_annotations, scene_update
 from .inputs import Inputs, find_inputs, note_strangers
 from .layout import foxglove_layout
-from .moments import Drawn, Moment, Numbers, Over, Said, Story
+from .moments import LAYERS, Drawn, Moment, Numbers, Over, Said, Story
 from .plan import plan, static_shadows
 from .points import image_cloud, point_cloud
 from .sensors import camera_calibration, frame_transforms, smaller_camera, world_of
@@ -157,7 +158,7 @@ class _Sink:
                 data = scene_update(moment.things, moment.t_ns, self._world)
                 self._message(moment.topic, SceneUpdate, moment.t_ns, data)
         elif isinstance(moment, Over):
-            self._over(moment.frame, moment.things)
+            self._over(moment)
         elif isinstance(moment, Numbers):
             series, data = moment.series, moment.series.message(moment.values)
             self._add(moment.topic, series.schema, lambda: series.descriptors, moment.t_ns, data)
@@ -166,7 +167,8 @@ class _Sink:
             message.timestamp.FromNanoseconds(moment.t_ns)
             self._message("/log", Log, moment.t_ns, message.SerializeToString(deterministic=True))
 
-    def _over(self, frame: Frame, things: list[Thing]) -> None:
+    def _over(self, moment: Over) -> None:
+        frame = moment.frame
         try:
             data, kind, size, shrunk = self._image(frame)
         except InputError as error:
@@ -178,14 +180,17 @@ class _Sink:
         camera = self._cameras.get(frame.sensor)
         if shrunk != 1.0:
             camera = None if camera is None else smaller_camera(camera, shrunk)
-            things = [smaller(thing, shrunk) for thing in things]
         if camera is not None and camera.placed and frame.sensor not in self._calibrated:
             self._calibrated.add(frame.sensor)
             calibration = camera_calibration(camera, size, frame.t_ns)
             self._message(f"/camera/{frame.sensor}/calibration", CameraCalibration, frame.t_ns, calibration)
-        topic = f"/camera/{frame.sensor}/image/annotations"
-        if not things and topic not in self.topics:
-            return
+        begun = [layer for layer in LAYERS.values() if f"/camera/{frame.sensor}/image/{layer}" in self.topics]
+        for layer in dict.fromkeys([*begun, *moment.layers]):
+            things = [smaller(thing, shrunk) for thing in moment.layers.get(layer, [])]
+            self._layer(f"/camera/{frame.sensor}/image/{layer}", frame, things, camera)
+
+    def _layer(self, topic: str, frame: Frame, things: list[Thing], camera: Camera | None) -> None:
+        """Write what one layer has over a frame; nothing, too, once it had something."""
         if self._request.viewer != RERUN:
             self._message(topic, ImageAnnotations, frame.t_ns, image_annotations(things, frame.t_ns))
         elif camera is not None and camera.placed:

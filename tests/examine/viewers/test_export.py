@@ -32,7 +32,7 @@ from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.people import Events, PeopleTracks, PeopleViews
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
-from occlog.records.tables import Bearings, Diagnostics, Doa, Truth
+from occlog.records.tables import Bearings, Boxes, Diagnostics, Doa, Truth
 from occlog.report.drawing.style import target_colour
 
 MADE = Provenance("test")
@@ -273,6 +273,26 @@ def test_ellipses_over_an_image_are_those_of_the_rows(shown: dict[str, Any]) -> 
     np.testing.assert_allclose([xy.min(axis=0), xy.max(axis=0)], [[16, 15], [24, 35]], atol=1e-9)
     assert [text.text for text in first.texts] == ["3", "7"]
     assert not second.points  # nothing is known of the second frame
+
+
+def test_boxes_lie_over_images_on_topics_of_their_own(tmp_path: Path) -> None:
+    folder = fill(tmp_path)
+    some = {"t_ns": [NS, 2 * NS], "sensor": ["east"] * 2, "frame": [0, 1], "box": [0, -1], "target_id": [-1, -1]}
+    place = {"left_px": [9.5, np.nan], "top_px": [4.5, np.nan], "width_px": [10, np.nan], "height_px": [20, np.nan]}
+    boxes = Boxes.of(**some, **place, confidence=[0.5, np.nan])
+    write_table(folder / "boxes.parquet", boxes, MADE)
+    layout = folder / "l.json"
+    assert run(["export", str(folder), "-o", str(folder / "f.mcap"), "-q", "--layout", str(layout)]) == ExitCode.DONE
+    messages, _ = read(folder / "f.mcap")
+    (_, first), (_, second) = messages["/camera/east/image/boxes"]
+    xy = np.array([[p.x, p.y] for p in first.points[0].points])
+    np.testing.assert_allclose([xy.min(axis=0), xy.max(axis=0)], [[10, 5], [20, 25]])
+    assert not second.points  # the detector looked and found nothing: the box goes
+    shown = json.loads(layout.read_text())["configById"]["Image!east"]["imageMode"]["annotations"]
+    assert shown == {
+        "/camera/east/image/annotations": {"visible": True},
+        "/camera/east/image/boxes": {"visible": False},
+    }
 
 
 def test_world_tracks_are_projected_where_nothing_was_tracked_in_images(tmp_path: Path) -> None:
