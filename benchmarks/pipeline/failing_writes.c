@@ -6,7 +6,7 @@
  *   FAULT_COUNTER  a file of eight bytes, the count
  *   FAULT_AT       number of the operation that fails, from 1; 0: none
  *   FAULT_ERRNO    with what
- *   FAULT_LASTS    1: all later ones fail, too, as on a disk that is full
+ *   FAULT_LASTS    1: all later ones that need space fail, too, as on a disk that is full
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -49,9 +49,9 @@ static int below(const char *path) {
     return strncmp(path, folder, strlen(folder)) == 0;
 }
 
-static int fails(void) {
+static int fails(int needs_space) {
     long n = atomic_fetch_add(counter, 1) + 1;
-    if (failing_at && (n == failing_at || (lasts && n > failing_at))) {
+    if (failing_at && (n == failing_at || (lasts && needs_space && n > failing_at))) {
         errno = error_number;
         return 1;
     }
@@ -67,10 +67,10 @@ static int fd_fails(int fd) {
     ssize_t length = readlink(link, path, sizeof path - 1);
     if (length < 0) return 0;
     path[length] = 0;
-    return below(path) && fails();
+    return below(path) && fails(1);
 }
 
-static int path_fails(const char *path) {
+static int path_fails(const char *path, int needs_space) {
     char whole[PATH_MAX], here[PATH_MAX];
     begin();
     if (!counter) return 0;
@@ -78,7 +78,7 @@ static int path_fails(const char *path) {
         if (snprintf(whole, sizeof whole, "%s/%s", here, path) >= (int)sizeof whole) return 0;
         path = whole;
     }
-    return below(path) && fails();
+    return below(path) && fails(needs_space);
 }
 
 #define NEXT(name, type) ((type)dlsym(RTLD_NEXT, name))
@@ -110,15 +110,15 @@ int ftruncate64(int fd, off64_t size) {
 }
 
 int rename(const char *from, const char *to) {
-    return path_fails(to) ? -1 : NEXT("rename", int (*)(const char *, const char *))(from, to);
+    return path_fails(to, 0) ? -1 : NEXT("rename", int (*)(const char *, const char *))(from, to);
 }
 
 int mkdir(const char *path, mode_t mode) {
-    return path_fails(path) ? -1 : NEXT("mkdir", int (*)(const char *, mode_t))(path, mode);
+    return path_fails(path, 1) ? -1 : NEXT("mkdir", int (*)(const char *, mode_t))(path, mode);
 }
 
 int link(const char *from, const char *to) {
-    return path_fails(to) ? -1 : NEXT("link", int (*)(const char *, const char *))(from, to);
+    return path_fails(to, 1) ? -1 : NEXT("link", int (*)(const char *, const char *))(from, to);
 }
 
 int linkat(int from_folder, const char *from, int to_folder, const char *to, int flags) {

@@ -41,6 +41,19 @@ def test_frames_that_did_not_reach_the_disk_are_noticed(tmp_path, monkeypatch):
     assert not path.exists()
 
 
+def test_an_end_that_did_not_reach_the_disk_is_noticed(tmp_path):
+    path = tmp_path / "v.avi"
+    with (
+        pytest.raises(OutputError, match=r"v\.avi: was not written whole"),
+        LosslessVideo(path, (64, 48), 5.0) as video,
+    ):
+        for image in images(4):
+            video.write(image)
+        video._video.release()
+        video._draft.write_bytes(video._draft.read_bytes()[:-50])  # of the index: all frames are there
+    assert not path.exists()
+
+
 def test_bytes_that_did_not_reach_the_disk_are_noticed(tmp_path):
     path = tmp_path / "v.avi"
     cannot = pytest.raises(OutputError, match=r"v\.avi: frame [0-3] was written and cannot be read back")
