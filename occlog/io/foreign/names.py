@@ -103,6 +103,8 @@ WANTED: Mapping[str, Sequence[str]] = {
 """Columns that must be there although single cells may be empty."""
 ONE_OF: Mapping[str, Sequence[str]] = {Measurements.NAME: VALUES}
 """Columns of which at least one must be there."""
+UNIT = "unit"
+"""The unit of lengths of scenes that state none, as `occlog export` names it."""
 IN_SECONDS = ("seconds", "unix_time")
 """Names of columns of times that say seconds without the ending of a unit."""
 POWERS = {"m": (1, 0), "m^2": (2, 0), "m/s": (1, 1), "m^2/s": (2, 1), "m^2/s^2": (2, 2)}
@@ -205,7 +207,7 @@ def spellings(column: Column, table: type[Table] | None = None) -> dict[str, str
     if column.unit == "rad":
         out |= {f"{base}_{unit}": unit for unit in ("deg", "rad") for base in bases}
     elif column.unit in POWERS:
-        out |= {base + ending(column, unit): unit for unit in METRES for base in bases}
+        out |= {base + ending(column, unit): unit for unit in (*METRES, UNIT) for base in bases}
         if column.name in LENGTHS_OF_TIMES:
             times = LENGTHS_OF_TIMES[column.name]
             out |= {f"{base}_{unit}": unit for unit in METRES for base in (times, *ALIASES[times])}

@@ -64,7 +64,7 @@ class ForeignTable:
         own = self.layout.length_unit
         if own is None or own == length_unit:
             return
-        if length_unit not in METRES:
+        if not {own, length_unit} <= METRES.keys():
             raise InputError(f"{self.source.path}: lengths are in {own}, which cannot be converted to {length_unit}")
         self.wanted_unit = length_unit
 

@@ -160,7 +160,16 @@ def name_cameras(images: Sequence[str]) -> dict[str, str]:
             break
     else:
         names = {topic: topic.strip("/").replace("/", "_") for topic in images}
-    return {safe_name(name.strip() or "camera"): topic for topic, name in names.items()}
+    found: dict[str, str] = {}
+    for topic, name in names.items():
+        safe = safe_name(name.strip() or "camera")
+        if safe in found:
+            raise UsageError(
+                f"topics {found[safe]} and {topic} would both be camera {safe!r}; name them: "
+                f"--topic {safe[:60]}_1={found[safe]} --topic {safe[:60]}_2={topic}"
+            )
+        found[safe] = topic
+    return found
 
 
 def _telling(topic: str) -> list[str]:

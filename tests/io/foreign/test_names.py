@@ -98,3 +98,9 @@ def test_a_name_that_is_nearly_right_is_not_passed_over(name: str, wrong: bool) 
 def test_a_column_of_pixels_is_not_a_length() -> None:
     kinds: dict[str, Column] = {c.name: c for c in Boxes.columns()}
     assert "left_px_cm" not in spellings(kinds["left_px"])
+
+
+def test_lengths_of_scenes_without_a_unit_are_known_again() -> None:
+    layout = lay_out(["t_ns", "target_id", "x_unit", "y_unit", "vx_unit_s", "cov_xx_unit2"], Tracks)
+    assert layout.length_unit == "unit"
+    assert {s.column.name for s in layout.columns} == {"t_ns", "target_id", "x", "y", "vx", "cov_xx"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from occlog.errors import InputError
+from occlog.errors import InputError, UsageError
 from occlog.io.messages.mcap_file import Topic
 from occlog.io.messages.topics import is_rectified, map_topics, name_cameras
 
@@ -56,3 +56,10 @@ def test_two_topics_of_one_array_must_be_chosen_from() -> None:
     kind = "odas_ros_msgs/msg/OdasSstArrayStamped"
     with pytest.raises(InputError, match="both hold directions of mic"):
         map_topics(bag({"/mic/odas/sst": kind, "/mic/sst": kind}), (), ())
+
+
+def test_two_topics_that_would_be_one_camera_are_named_by_the_user() -> None:
+    with pytest.raises(
+        UsageError, match=r"topics /a b/image and /a=b/image would both be camera 'a_b'; name them: --topic a_b_1=/a b/"
+    ):
+        name_cameras(["/a b/image", "/a=b/image"])
