@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.open import Opened, open_input, scene_in
+from occlog.io.open import Opened, open_if_ours, open_input, scene_in
 from occlog.io.recording.reader import Recording
 from occlog.records.columns import Table
 from occlog.records.pieces import whole_times
@@ -125,6 +125,9 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Input
         InputError: there is nothing that could be shown, or lengths are in several units.
     """
     files = _files(path) if path.is_dir() else [path]
+    for given in (path, recording):
+        if given is not None and not given.is_dir() and (made := made_for(given)) is not None:
+            raise UsageError(f"{given}: is made for {made} already; name the run or the recording that it was made of")
     # The recording that was named comes first: its rows count, not those of one in the folder
     opened = [open_input(each) for each in [*([recording] if recording is not None else []), *files]]
     recordings = [each.recording for each in opened if each.recording is not None]
@@ -140,6 +143,14 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Input
         raise UsageError(f"{recording}: is no recording")
     told = scene_in(scene) if scene is not None else (source.scene if source is not None else None)
     return Inputs(found, source, told, _unit(list(found.values()), told))
+
+
+def made_for(path: Path) -> str | None:
+    """The format of a file that was made for viewers; None for any other."""
+    opened = open_if_ours(path)
+    if opened is None or opened.recording is None or opened.provenance.command != "export":
+        return None
+    return str(opened.provenance.parameters.get("to"))
 
 
 def _unit(opened: list[Opened], scene: Scene | None) -> str:

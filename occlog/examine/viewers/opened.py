@@ -15,6 +15,7 @@ from occlog.examine.export.formats import FOXGLOVE, RERUN
 from occlog.records.losses import Loss
 
 from .command import OTHERS, PROGRAMS
+from .inputs import made_for
 from .run import Request, run_viewers
 
 RERUN_OPTIONS = ("--bind", "127.0.0.1", "--new")
@@ -49,9 +50,14 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
         UsageError: no viewer is installed, or there is nowhere for the file to stay.
         OutputError: the viewer could not be started.
     """
+    made = None if request.input.is_dir() else made_for(request.input)
+    program, viewer = find_viewer(request.viewer, started=not request.only_print, takes=made)
+    if made is not None:
+        if request.output is not None:
+            raise UsageError(f"{request.input}: is made for {made} already; leave out --output")
+        return {"command": _start(program, viewer, request.input, started=not request.only_print)}, ()
     if request.only_print and request.output is None:
         raise UsageError("--print: the file must stay for the command; name it with -o")
-    program, viewer = find_viewer(request.viewer, started=not request.only_print)
     with ExitStack() as stack:
         output = request.output
         if output is None:
@@ -67,41 +73,50 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
             overwrite=request.overwrite,
         )
         summary, losses = run_viewers(wanted, quiet=quiet)
-        line = [program, *(RERUN_OPTIONS if viewer == RERUN else ()), str(output.resolve())]
-        summary["command"] = shlex.join(line)
-        if not request.only_print:
-            try:
-                code = subprocess.run(line, check=False, stdin=subprocess.DEVNULL).returncode
-            except OSError as error:
-                raise OutputError(f"{program}: cannot be started: {error.strerror or error}") from error
-            if code:
-                raise OutputError(f"{program}: ended with code {code}; its own words are above")
+        summary["command"] = _start(program, viewer, output, started=not request.only_print)
     return summary, losses
 
 
-def find_viewer(named: str | None, *, started: bool) -> tuple[str, str]:
+def _start(program: str, viewer: str, file: Path, *, started: bool) -> str:
+    """Show a file until the viewer is closed; the command."""
+    line = [program, *(RERUN_OPTIONS if viewer == RERUN else ()), str(file.resolve())]
+    if started:
+        try:
+            code = subprocess.run(line, check=False, stdin=subprocess.DEVNULL).returncode
+        except OSError as error:
+            raise OutputError(f"{program}: cannot be started: {error.strerror or error}") from error
+        if code:
+            raise OutputError(f"{program}: ended with code {code}; its own words are above")
+    return shlex.join(line)
+
+
+def find_viewer(named: str | None, *, started: bool, takes: str | None = None) -> tuple[str, str]:
     """The program and the format that it takes.
 
     Args:
         named: name or path; None: the first of `PROGRAMS` that is installed.
         started: whether it must be there.
+        takes: format that it must take; None: any.
 
     Raises:
         UsageError: it is not installed; how to get one.
     """
+    programs = {name: kind for name, kind in PROGRAMS.items() if takes in (None, kind)}
     if named is not None:
         found = shutil.which(named)
         if found is None and started:
             raise UsageError(f"--viewer {named}: no such program; {_others()}")
-        kind = PROGRAMS.get(Path(named).stem.lower())
-        return found or named, kind or (RERUN if "rerun" in named.lower() else FOXGLOVE)
-    for name, kind in PROGRAMS.items():
+        kind = PROGRAMS.get(Path(named).stem.lower()) or (RERUN if "rerun" in named.lower() else FOXGLOVE)
+        if takes not in (None, kind):
+            raise UsageError(f"--viewer {named}: the file is made for {takes}; view the run that it was made of")
+        return found or named, kind
+    for name, kind in programs.items():
         found = shutil.which(name)
         if found is not None:
             return found, kind
     if started:
-        raise UsageError(f"no viewer is installed ({', '.join(PROGRAMS)}); {_others()}")
-    return next(iter(PROGRAMS.items()))
+        raise UsageError(f"no viewer is installed ({', '.join(programs)}); {_others()}")
+    return next(iter(programs.items()))
 
 
 def _others() -> str:

@@ -59,6 +59,23 @@ def test_print_leaves_the_file_and_starts_nothing(
     assert not (table.parent / "said").exists()
 
 
+def test_a_file_that_was_made_for_a_viewer_is_opened_as_it_is(
+    table: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table.parent / "made.mcap"
+    program(table.parent, "rerun")
+    monkeypatch.setenv("PATH", f"{program(table.parent, 'lichtblick').parent}:/bin:/usr/bin")
+    assert run(["export", str(table), "-o", str(path), "-q"]) == ExitCode.DONE
+    before = path.read_bytes()
+    assert run(["view", str(path)]) == ExitCode.DONE  # not in Rerun, which is looked for first
+    assert (table.parent / "said").read_text().split() == [str(path)]
+    assert path.read_bytes() == before
+    assert run(["view", str(path), "--viewer", "rerun"]) == ExitCode.USAGE
+    assert "the file is made for foxglove" in capsys.readouterr().err
+    assert run(["export", str(path), "--to", "rerun", "-o", str(table.parent / "again.mcap")]) == ExitCode.USAGE
+    assert "is made for foxglove already" in capsys.readouterr().err
+
+
 def test_it_says_how_to_get_a_viewer(
     table: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
