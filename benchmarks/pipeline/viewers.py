@@ -27,11 +27,12 @@ from occlog.io.scenes.scene import read_scene
 from occlog.records.people import PeopleTracks
 
 NAME = "viewers"
-SUMMARY = "peak memory of an export for viewers: an hour to six minutes, five people, two cameras, 10 Hz"
+SUMMARY = "peak memory of an export for viewers: an hour to 20 minutes, five people, two cameras, 10 Hz"
 LIMIT = 1.10
 ROOT = Path(__file__).resolve().parents[2]
 RATE, PEOPLE = 10, 5
-MINUTES = (6, 60)
+MINUTES = (20, 60)
+"""The shorter one is of nearly as many rows as are read at a time, so that all that is held at once is held in both."""
 MADE = Provenance("benchmark")
 CHUNK = re.compile(r"^Chunk\(\S+\) with \d+ rows \(.*?\) - (\S+) - data columns: \[(.*)\]$")
 RAW = "McapMessage:data"
@@ -107,7 +108,12 @@ def run(repeats: int) -> dict[str, Any]:  # noqa: ARG001
         for minutes in MINUTES:
             folder = Path(name) / str(minutes)
             folder.mkdir()
-            fill(folder, 60 * minutes)
+            # In a process of its own: what a process held before it became another one counts as that one's peak
+            subprocess.run(
+                [sys.executable, "-m", "benchmarks.pipeline.viewers", str(folder), str(60 * minutes)],
+                check=True,
+                cwd=ROOT,
+            )
             peak, cpu, size = export(folder)
             peaks.append(peak)
             parts |= {
@@ -138,3 +144,7 @@ def _of_the_room(rerun: str, folder: Path) -> dict[str, float]:
         drawn, known, _ = shares(rerun, path)
         parts |= {f"{name}: share that Rerun draws": drawn, f"{name}: share drawn or with known fields": known}
     return parts
+
+
+if __name__ == "__main__":
+    fill(Path(sys.argv[1]), int(sys.argv[2]))

@@ -36,7 +36,7 @@ from occlog.records.tables import (
 )
 
 from .inputs import Inputs
-from .people import Crowd, Palette, Told, boxes_in_image, people_of, tracked_in_image, true_in_space
+from .people import STALE_NS, Crowd, Palette, Told, boxes_in_image, people_of, tracked_in_image, true_in_space
 from .series import Series
 from .shapes import GREY, Line, Thing, at_height
 from .sight import Sight, moving_occluders
@@ -96,6 +96,7 @@ class Story:
         self._cameras: dict[str, Camera] = {} if scene is None else {c.name: c for c in scene.cameras}
         self._told = Told()
         self._over: dict[str, dict[str, tuple[int, list[Thing]]]] = {}
+        self._stands: dict[str, tuple[int, int]] = {}  # by topic when it was drawn, and until when that stands
         self._selects = False  # whether cameras were ever selected
         self._next_shadows = -(1 << 62)
 
@@ -121,8 +122,27 @@ class Story:
             add(7, pieces(kind), partial(self._in_image, LAYERS[kind]))
         if self._inputs.recording is not None:
             add(8, self._inputs.recording.frames(), self._frame)
-        for _, _, show in heapq.merge(*sources, key=lambda entry: entry[:2]):
-            yield from show()
+        for t_ns, _, show in heapq.merge(*sources, key=lambda entry: entry[:2]):
+            yield from self._ended(t_ns)
+            for moment in show():
+                if isinstance(moment, Drawn):
+                    self._note(moment)
+                yield moment
+
+    def _note(self, moment: Drawn) -> None:
+        """Keep until when what is drawn may stand: as long as two and a half times it took to come, 1 s at least."""
+        before = self._stands.get(moment.topic)
+        apart = 0 if before is None else moment.t_ns - before[0]
+        self._stands[moment.topic] = (moment.t_ns, moment.t_ns + max(STALE_NS, 5 * apart // 2))
+        if not moment.things:
+            del self._stands[moment.topic]
+
+    def _ended(self, t_ns: int) -> Iterator[Moment]:
+        """Nothing on topics that have ended by now: a viewer would show what was drawn last for ever."""
+        for topic, (_, until) in list(self._stands.items()):
+            if t_ns > until:
+                del self._stands[topic]
+                yield Drawn(topic, until, [])
 
     def _truth(self, rows: Truth) -> Iterator[Moment]:
         yield Drawn("/truth", int(rows.t_ns[0]), true_in_space(rows, self._metres))
@@ -155,11 +175,10 @@ class Story:
             yield Drawn("/shadows", t_ns, self._sight.shadows(t_ns))
 
     def _occluders(self, rows: Occluders) -> Iterator[Moment]:
-        rows = rows.take(rows.occluder_id >= 0)
+        t_ns, rows = int(rows.t_ns[0]), rows.take(rows.occluder_id >= 0)
         covariances = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2)
         middles = np.column_stack([rows.x, rows.y])
-        if len(rows):
-            yield Drawn("/occluders", int(rows.t_ns[0]), moving_occluders(middles, covariances, self._metres))
+        yield Drawn("/occluders", t_ns, moving_occluders(middles, covariances, self._metres))
 
     def _hulls(self, rows: Hulls) -> Iterator[Moment]:
         things = []

@@ -32,7 +32,7 @@ from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.people import Events, PeopleTracks, PeopleViews
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
-from occlog.records.tables import Bearings, Boxes, Diagnostics, Doa, Truth
+from occlog.records.tables import Bearings, Boxes, Diagnostics, Doa, Occluders, Truth
 from occlog.report.drawing.style import target_colour
 
 MADE = Provenance("test")
@@ -379,6 +379,34 @@ def test_images_are_made_smaller_with_all_that_lies_over_them(tmp_path: Path) ->
     np.testing.assert_allclose(
         [xy.min(axis=0), xy.max(axis=0)], 0.5 * (np.array([[16, 15], [24, 35]]) + 0.5), atol=1e-9
     )
+
+
+def test_what_has_ended_is_no_longer_shown(tmp_path: Path) -> None:
+    folder = fill(tmp_path)
+    with RecordingWriter(folder / "long.mcap", scene(), MADE) as out:
+        png = cv2.imencode(".png", np.zeros((48, 64), dtype=np.uint8))[1].tobytes()
+        for k in range(10):
+            out.image("east", (k + 1) * NS, k, png, "png")
+    words = ["--recording", str(folder / "long.mcap"), "-q"]
+    for to in ("foxglove", "rerun"):
+        path = folder / f"{to}.mcap"
+        assert run(["export", str(folder), "--to", to, "-o", str(path), *words]) == ExitCode.DONE
+        messages, _ = read(path)
+        for topic in ("/targets", "/sight_lines/east", "/shadows"):
+            t_ns, last = messages[topic][-1]
+            # The last rows are of 2 s, a second after those before them
+            assert t_ns == 4.5 * NS
+            assert not (last.data if to == "rerun" else last.entities)
+
+
+def test_moving_occluders_go_when_there_are_none(tmp_path: Path) -> None:
+    folder, nothing = fill(tmp_path), np.nan
+    there = {"x": [1.0, nothing], "y": [1.0, nothing], "cov_xx": [0.1, nothing], "cov_yy": [0.1, nothing]}
+    rows = Occluders.of(t_ns=[NS, 2 * NS], occluder_id=[0, -1], cov_xy=[0.0, nothing], **there)
+    write_table(folder / "occluders.parquet", rows, MADE, length_unit="m")
+    assert run(["export", str(folder), "-o", str(folder / "f.mcap"), "-q"]) == ExitCode.DONE
+    messages, _ = read(folder / "f.mcap")
+    assert [(t_ns, len(m.entities)) for t_ns, m in messages["/occluders"]] == [(NS, 1), (2 * NS, 0)]
 
 
 def test_a_damaged_image_is_a_loss(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
