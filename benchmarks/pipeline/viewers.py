@@ -120,11 +120,7 @@ def run(repeats: int) -> dict[str, Any]:  # noqa: ARG001
         for minutes in MINUTES:
             folder = Path(name) / str(minutes)
             folder.mkdir()
-            subprocess.run(
-                [sys.executable, "-m", "benchmarks.pipeline.viewers", str(folder), str(60 * minutes)],
-                check=True,
-                cwd=ROOT,
-            )
+            fill(folder, 60 * minutes)
             peak, cpu, size = export(folder)
             peaks.append(peak)
             parts |= {
@@ -155,7 +151,3 @@ def _of_the_room(rerun: str, folder: Path) -> dict[str, float]:
         drawn, known, _ = shares(rerun, path)
         parts |= {f"{name}: share that Rerun draws": drawn, f"{name}: share drawn or with known fields": known}
     return parts
-
-
-if __name__ == "__main__":
-    fill(Path(sys.argv[1]), int(sys.argv[2]))
