@@ -26,15 +26,6 @@ def occlog(work: Path, *words: str) -> None:
     subprocess.run([sys.executable, "-m", "occlog", *words, "-q"], cwd=work, check=True, stdout=subprocess.DEVNULL)
 
 
-def people(work: Path, to: Path) -> None:
-    """A frame of the overlay of everybody."""
-    occlog(work, "run", "examples/people.yaml", "-o", "people")
-    occlog(
-        work, "report", "people", "--recording", "people/recording.mcap", "--frame", "43", "--png", str(to),
-        "--scale", "1.2", "--overwrite",
-    )  # fmt: skip
-
-
 def moving(work: Path, to: Path) -> None:
     """Ten seconds of everybody in all images and on the plan, for the first page: every second frame."""
     import cv2
@@ -99,7 +90,6 @@ def navigation(work: Path, to: Path) -> None:
 
 
 PICTURES: dict[str, Callable[[Path, Path], None]] = {
-    "people.png": people,
     "people.webp": moving,
     "rerun.png": viewer,
     "report.png": report,
