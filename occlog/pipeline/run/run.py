@@ -267,8 +267,8 @@ def outcomes(folder: Path) -> dict[str, Outcome]:
 
 
 def drop_empty(folder: Path) -> None:
-    """Remove a run folder in which no stage has ever ended."""
-    if (folder / STATE).is_file() and not outcomes(folder):
+    """Remove a run folder in which no stage has ever ended; one with a part of the first stage is gone on with."""
+    if [path.name for path in folder.glob("*")] == [STATE] and not outcomes(folder):
         (folder / STATE).unlink()
     with suppress(OSError):  # it holds something, or is not there
         folder.rmdir()

@@ -90,10 +90,14 @@ class Store:
         except OSError as error:
             raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
 
-    def __exit__(self, *reason: object) -> None:
-        """Close the file."""
+    def __exit__(self, kind: object, *_: object) -> None:
+        """Close the file; OutputError where its last bytes cannot be written, unless an error is on its way."""
         if self._file is not None:
-            self._file.close()
+            try:
+                self._file.close()
+            except OSError as error:
+                if kind is None:
+                    raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
 
 
 class Outcome(NamedTuple):

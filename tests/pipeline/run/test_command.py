@@ -10,11 +10,12 @@ from people_boxes import boxes, hall, truth
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.io.files.json_file import write_json
 from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.run import run as stages_in_order
-from occlog.pipeline.run.run import Digests, key_of
+from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
 from occlog.pipeline.run.stages import Stage, plan, read_config
 from occlog.records.tables import PeopleTracks, Tracks
 
@@ -264,3 +265,13 @@ def test_a_run_that_was_interrupted_in_its_first_stage_goes_on(
     assert run(["run", str(config), "-o", str(out), "-q"]) == ExitCode.INTERRUPTED
     capsys.readouterr()
     assert stages(config, capsys, "--dry-run")["simulate"] == "would run"
+
+
+def test_a_run_folder_with_a_part_of_its_first_stage_is_gone_on_with(tmp_path: Path) -> None:
+    write_json(tmp_path / "run.json", {"stages": {}})
+    (tmp_path / "views.parquet").write_bytes(b"whole")
+    drop_empty(tmp_path)
+    assert outcomes(tmp_path) == {}
+    (tmp_path / "views.parquet").unlink()
+    drop_empty(tmp_path)
+    assert not tmp_path.exists()

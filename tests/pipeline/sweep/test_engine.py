@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import os
 import signal
@@ -13,7 +15,7 @@ from pathlib import Path
 import pytest
 from sweep_scene import trial, without_times
 
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, OutputError, UsageError
 from occlog.pipeline.sweep.engine import Store, TrialError, key_of, run_all
 from occlog.pipeline.sweep.trial import run_trial
 
@@ -180,3 +182,26 @@ def test_usage_error_is_a_kind_of_failure():
     with pytest.raises(TrialError, match="no sensor"):
         run_all([trial(cameras=["z"])])
     assert issubclass(UsageError, Exception)
+
+
+class Full(io.BytesIO):
+    """A file on a disk that is full: what it could not write it tries again when it is closed."""
+
+    def flush(self) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def close(self) -> None:
+        super().close()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_is_one_error(tmp_path):
+    store = Store(tmp_path / "trials.jsonl")
+    with pytest.raises(OutputError, match=r"trials\.jsonl: cannot be written: No space left"), store:
+        store._file.close()
+        store._file = Full()
+        store.add("a", {"rmse": 1.0})
+    store = Store(tmp_path / "trials.jsonl")
+    with pytest.raises(OutputError, match=r"trials\.jsonl: cannot be written: No space left"), store:
+        store._file.close()
+        store._file = Full()
