@@ -38,7 +38,8 @@ def moving(work: Path, to: Path) -> None:
     while (read := video.read())[0]:
         frames.append(read[1])
     shown = cv2.Animation()
-    shown.frames, shown.durations = frames[::2], [200] * len(frames[::2])
+    frames = frames[10::2]  # from where there are tracks on: pages that do not move show the first
+    shown.frames, shown.durations = frames, [200] * len(frames)
     if not cv2.imwriteanimation(str(to), shown, [cv2.IMWRITE_WEBP_QUALITY, 40]) or to.stat().st_size > MOST_BYTES:
         raise SystemExit(f"{to}: could not be made of at most {MOST_BYTES} bytes")
 
