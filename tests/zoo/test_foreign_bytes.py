@@ -345,7 +345,7 @@ LIBRARIES = {
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
     "from xml": {"io/calibration/qualisys.py", "io/files/xml_file.py", "io/truth/xml_boxes.py"},
     "from scipy.io": set(),
-    "from google.protobuf": {"io/messages/decoding.py", "io/recording/reader.py"},
+    "from google.protobuf": {"io/messages/decoding.py", "io/recording/reader.py", "examine/viewers/series.py"},
     "np.load(": {"io/calibration/rigs/arrays.py"},
     "np.genfromtxt(": set(),
     "np.loadtxt(": set(),
