@@ -24,7 +24,7 @@ import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from occlog.io.files.salvage.marks import GROUP, group_of, mark_of_group, marks
+from occlog.io.files.salvage.marks import SCHEMA, group_of, mark_of_group, mark_of_schema, marks
 
 LONGEST = 1 << 18
 """Bytes of an input: what is larger takes time, and shows nothing else."""
@@ -436,14 +436,16 @@ PARQUET = Layer(_parquet_parts, _pack_parquet)
 
 
 def _marked_parts(data: bytes) -> list[bytes]:
-    """Groups of rows of a table that has marks."""
-    found = [mark for mark in marks(data) if mark.kind == GROUP]
-    return [data[group_of(mark).at : mark.at] for mark in found]
+    """Groups of rows of a table that has marks, and the mark with its schema."""
+    found = list(marks(data))
+    return [mark.says if mark.kind == SCHEMA else data[group_of(mark).at : mark.at] for mark in found]
 
 
 def _pack_marked(data: bytes, number: int, part: bytes) -> bytes:
-    """Another group of rows, with its mark as it should be."""
-    mark = [mark for mark in marks(data) if mark.kind == GROUP][number]
+    """Another group of rows, or another schema, with its mark as it should be."""
+    mark = list(marks(data))[number]
+    if mark.kind == SCHEMA:
+        return data[: mark.at] + mark_of_schema(part) + data[mark.behind :]
     group = group_of(mark)
     new = mark_of_group(group.at, group.rows, group.values, zlib.crc32(part))
     return data[: group.at] + part + new + data[mark.behind :]

@@ -270,7 +270,7 @@ def write_table(
 
 
 @contextmanager
-def _translate(path: Path) -> Iterator[None]:
+def translate_read_errors(path: Path) -> Iterator[None]:
     """Turn every failure of the Parquet library into one InputError."""
     try:
         yield
@@ -284,7 +284,7 @@ def _translate(path: Path) -> Iterator[None]:
 @contextmanager
 def _open(path: Path) -> Iterator[pq.ParquetFile]:
     check_input(path, "a Parquet file")
-    with _translate(path), open_parquet(path) as file:
+    with translate_read_errors(path), open_parquet(path) as file:
         yield file
 
 
@@ -336,7 +336,8 @@ def _schema_name(path: Path, schema: pa.Schema) -> str:
     return str(raw.decode()).split("/", maxsplit=1)[0]
 
 
-def _check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
+def check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
+    """InputError unless a schema is that of a table in its version of today, but for optional columns."""
     found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
     name, _, version = found.partition("/")
     if name != table.NAME:
@@ -362,7 +363,7 @@ def _check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
 def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterator[T]:
     """Chunks of a table in file order, at most `rows` rows each."""
     with _open(path) as file:
-        _check_schema(path, file.schema_arrow, table)
+        check_schema(path, file.schema_arrow, table)
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
         # Of a class that asks for some columns only many rows may be alike
         whole = table.NAME in TABLES and issubclass(table, TABLES[table.NAME])
@@ -413,7 +414,7 @@ class RowGroup:
     def batches(self) -> Iterator[pa.RecordBatch]:
         """Its rows in batches of `from_arrow`; InputError where they are damaged."""
         names = [c.name for c in self.table.columns() if c.name in self.file.schema_arrow.names]
-        with _translate(self.path):
+        with translate_read_errors(self.path):
             yield from self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
 
 
@@ -423,7 +424,7 @@ def groups_of(path: Path, tables: Mapping[str, type[Table]]) -> Iterator[RowGrou
         name, first = _schema_name(path, file.schema_arrow), 0
         if name not in tables:
             raise InputError(f"{path}: holds {name!r}, which is no table of this version; update occlog")
-        _check_schema(path, file.schema_arrow, tables[name])
+        check_schema(path, file.schema_arrow, tables[name])
         for number in range(file.metadata.num_row_groups):
             rows = file.metadata.row_group(number).num_rows
             yield RowGroup(path, file, tables[name], number, first, rows)
@@ -466,7 +467,7 @@ def header_by_footer(path: Path) -> tuple[Header, int] | None:
 
     InputError for a damaged footer, and for files that occlog did not write.
     """
-    with _translate(path), Checked(path) as source:
+    with translate_read_errors(path), Checked(path) as source:
         footer = source.footer()
         if footer is None:
             return None

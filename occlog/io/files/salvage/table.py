@@ -21,11 +21,13 @@ from occlog.io.files.parquet import (
     WRITTEN,
     Header,
     TableWriter,
+    check_schema,
     from_arrow,
     groups_of,
     header_by_footer,
     header_of,
     read_header,
+    translate_read_errors,
 )
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.utc import utc
@@ -35,7 +37,7 @@ from occlog.records.tables import TABLES
 
 from .groups import pattern_of, rows_of
 from .marks import GROUP, SCHEMA, Mark, group_of, marks
-from .thrift import MalformedError
+from .thrift import MalformedError, Struct
 
 
 class RecoveredTable(NamedTuple):
@@ -108,25 +110,27 @@ def _without_footer(source: Path, path: Path, overwrite: bool) -> RecoveredTable
                 f"{source}: neither its end nor its beginning says what it holds (damaged there, not a table, or "
                 "written by another program or before occlog marked groups of rows); make it again"
             )
-        schema = pa.ipc.read_schema(pa.py_buffer(first.says))
         by_footer = None
         with suppress(InputError):
             by_footer = header_by_footer(source)
-        header, rows = by_footer or (header_of(source, schema), None)
+        with translate_read_errors(source):
+            schema = pa.ipc.read_schema(pa.py_buffer(first.says))
+            header, rows = by_footer or (header_of(source, schema), None)
+            table = _table_named(source, header.table)
+            check_schema(source, schema, table)
+            pattern = pattern_of(_row_of(schema))
         before = header.provenance.losses
         if rows is None:
             before = (*before, Loss(source.name, "its end", "what was lost while it was made is not known any more"))
-        table = _table_named(source, header.table)
-        whole = _by_marks(data, schema, table, first, found, rows)
+        whole = _by_marks(data, pattern, table, first, found, rows)
         return _write(source, path, header, table, whole, before, overwrite)
 
 
 def _by_marks(
-    data: mmap.mmap, schema: pa.Schema, table: type[Table], first: Mark, found: Iterator[Mark], due: int | None
+    data: mmap.mmap, pattern: Struct, table: type[Table], first: Mark, found: Iterator[Mark], due: int | None
 ) -> Iterator[Table | Lost]:
     """Groups of rows behind their marks, of a table of so many rows if that is known."""
     told = 0
-    pattern = pattern_of(_row_of(schema))
     behind = first.behind
     for mark in found:
         if mark.kind != GROUP:
