@@ -1,0 +1,123 @@
+"""Bags, sounds, videos, calibrations and large folders for `occlog doctor`; every kind of finding has a test."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import struct
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ros_bags as ros
+from places import ROOT
+from video_samples import write_video
+
+from occlog.examine.doctor import run
+from occlog.examine.doctor.findings import KINDS, Finding
+from occlog.examine.doctor.run import look_at
+
+POSE = "geometry_msgs/msg/PoseStamped"
+
+
+def found_in(path: Path) -> list[Finding]:
+    return look_at([path]).findings
+
+
+def one_of(path: Path) -> Finding:
+    found = found_in(path)
+    assert len(found) == 1, found
+    return found[0]
+
+
+def poses(late_s: float, count: int = 12) -> list[ros.Row]:
+    """Poses that are recorded some time after their stamps."""
+    times = [ros.START + n * ros.STEP for n in range(count)]
+    return [("/p", POSE, t + round(late_s * 1e9), ros.pose(t, "map", (0, 0, 0))) for t in times]
+
+
+@pytest.mark.parametrize(("late_s", "kinds"), [(0.0, []), (0.5, []), (0.501, ["two-clocks"]), (-0.501, ["two-clocks"])])
+def test_bags_recorded_at_other_times_than_their_stamps(tmp_path: Path, late_s: float, kinds: list[str]) -> None:
+    found = found_in(ros.write_mcap(tmp_path / "b.mcap", poses(late_s)))
+    assert [f.kind for f in found] == kinds
+    assert all(f.place == "/p" and f"{late_s:.3g}" in f.value for f in found)
+
+
+def test_bags_that_were_cut(tmp_path: Path) -> None:
+    path = ros.write_mcap(tmp_path / "b.mcap", poses(0.0, 200))
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    assert {f.kind for f in found_in(path)} == {"damaged-bag"}
+
+
+def test_messages_of_bags_that_are_not_of_their_type(tmp_path: Path) -> None:
+    path = ros.write_db3(tmp_path / "b.db3", poses(0.0))
+    with closing(sqlite3.connect(path)) as base:
+        base.execute("UPDATE messages SET data = substr(data, 1, 40) WHERE id = 6")
+        base.commit()
+    found = found_in(path)
+    assert [(f.kind, f.place) for f in found] == [("lost-message", "/p")]
+
+
+def test_messages_of_which_the_times_of_recording_alone_are_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = ros.write_mcap(tmp_path / "b.mcap", poses(0.0))
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    found = one_of(path)
+    assert (found.kind, found.place) == ("undecoded", "/p")
+    assert "rosbags" in found.value
+
+
+def test_sounds_that_were_cut(tmp_path: Path) -> None:
+    head = b"WAVEfmt " + struct.pack("<IHHIIHH", 16, 1, 1, 8000, 16000, 2, 16) + b"data" + struct.pack("<I", 1600)
+    whole = b"RIFF" + struct.pack("<I", len(head) + 1600) + head + bytes(1600)
+    path = tmp_path / "s.wav"
+    path.write_bytes(whole)
+    assert found_in(path) == []
+    path.write_bytes(whole[:-200])
+    found = one_of(path)
+    assert (found.kind, found.places, found.value) == ("sound", 100, "the file ends too early")
+
+
+@pytest.mark.parametrize(("shift_ms", "kinds"), [(0, []), (4, []), (20, ["uneven-video"])])
+def test_videos_whose_frames_come_at_uneven_times(tmp_path: Path, shift_ms: int, kinds: list[str]) -> None:
+    path = write_video(tmp_path / "v.mkv", 30, "MJPG")
+    # Check sums of clusters become empty elements
+    data = bytearray(path.read_bytes().replace(b"\xbf\x84", b"\xec\x84"))
+    # The time of a block in its cluster, in milliseconds, stands between the number of its track and its flags
+    blocks = [found.start() + 1 for found in re.finditer(rb"\x81..\x80\xff\xd8\xff", data, re.DOTALL)]
+    assert len(blocks) == 30
+    for at in blocks[1:29:3]:
+        data[at : at + 2] = struct.pack(">h", struct.unpack(">h", data[at : at + 2])[0] + shift_ms)
+    path.write_bytes(data)
+    found = found_in(path)
+    assert [f.kind for f in found] == kinds
+    assert all("20 of 29 intervals; 0.03 to 0.07 s" in f.value for f in found)
+
+
+def test_calibrations_whose_unit_may_be_another(tmp_path: Path) -> None:
+    path, inner = tmp_path / "c.npz", np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    for apart, kinds in ((5.0, []), (5000.0, ["doubt"])):
+        outer = [np.column_stack([np.eye(3), [x, 0, 0]]) for x in (0, apart)]
+        np.savez(path, a=inner @ outer[0], b=inner @ outer[1])
+        found = found_in(path)
+        assert [f.kind for f in found] == kinds
+    assert "5e+03 m apart" in found[0].value
+
+
+def test_folders_with_more_files_than_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "MOST_FILES", 3)
+    for name in "abc":
+        (tmp_path / f"{name}.xyz").write_text("x")
+    assert found_in(tmp_path) == []
+    (tmp_path / "d.xyz").write_text("x")
+    found = one_of(tmp_path)
+    assert (found.kind, found.value) == ("not-looked-at", "files after the first 3")
+
+
+def test_every_kind_of_finding_has_a_test() -> None:
+    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests/examine/doctor").glob("*.py"))
+    assert [kind for kind in KINDS if f'"{kind}"' not in tests] == []
