@@ -16,7 +16,11 @@ def cases() -> dict[str, ModuleType]:
     """Benchmark modules by their NAME."""
     names = [m.name for m in pkgutil.walk_packages(benchmarks.__path__, "benchmarks.") if not m.ispkg]
     modules = (importlib.import_module(name) for name in names if not name.rpartition(".")[2].startswith("_"))
-    return {m.NAME: m for m in modules if hasattr(m, "NAME")}
+    found: dict[str, ModuleType] = {}
+    for module in modules:
+        if hasattr(module, "NAME") and found.setdefault(module.NAME, module) is not module:
+            raise ValueError(f"{module.__name__} and {found[module.NAME].__name__} have one name, {module.NAME!r}")
+    return found
 
 
 def show(name: str, summary: str, result: dict[str, Any]) -> None:

@@ -38,6 +38,15 @@ for path in sorted(Path(sys.argv[1]).glob("*.mcap")):
         raise SystemExit(1)
 """
 """The plain loop: `occlog run` of one recording after another, in one process."""
+SIMULATE = """
+import sys
+from pathlib import Path
+from occlog.cli.main import run
+for seed in range(int(sys.argv[3])):
+    args = ["-o", str(Path(sys.argv[2]) / f"{seed:04}.mcap"), "--seconds", "10", "--occluders", "3", "--seed", str(seed)]
+    if run(["simulate", sys.argv[1], *args, "-q"]):
+        raise SystemExit(1)
+"""
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "OCCLOG_THREADS"), "1")
 ENVIRONMENT = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)}
 
@@ -90,9 +99,7 @@ def run(repeats: int) -> dict[str, Any]:
 
 def _recordings(folder: Path) -> Path:
     folder.mkdir()
-    for seed in range(RECORDINGS):
-        made = ["simulate", str(ROOM), "-o", str(folder / f"{seed:04}.mcap"), "--seconds", "10", "--occluders", "3"]
-        _timed(["-m", "occlog", *made, "--seed", str(seed), "-q"])
+    _timed(["-c", SIMULATE, str(ROOM), str(folder), str(RECORDINGS)])
     (folder.parent / "batch.yaml").write_text(CONFIG)
     return folder
 

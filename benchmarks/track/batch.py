@@ -19,7 +19,7 @@ from occlog.track.map.kernels.quadratic_program import program, sequential_progr
 from occlog.track.map.kernels.windows import minimise_windows
 from occlog.track.map.qp_solvers import program_solver
 
-NAME = "batch"
+NAME = "trajectory"
 SUMMARY = "trajectory of 20,000 states: time of Newton on the chain to that of the same problem by Clarabel's programs"
 LIMIT = 1 / 20
 STEPS, SHORT = 20_000, 2_000
