@@ -43,8 +43,8 @@ import sys
 from pathlib import Path
 from occlog.cli.main import run
 for seed in range(int(sys.argv[3])):
-    args = ["-o", str(Path(sys.argv[2]) / f"{seed:04}.mcap"), "--seconds", "10", "--occluders", "3", "--seed", str(seed)]
-    if run(["simulate", sys.argv[1], *args, "-q"]):
+    made = ["-o", str(Path(sys.argv[2]) / f"{seed:04}.mcap"), "--seed", str(seed), "-q"]
+    if run(["simulate", sys.argv[1], *made, "--seconds", "10", "--occluders", "3"]):
         raise SystemExit(1)
 """
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "OCCLOG_THREADS"), "1")
