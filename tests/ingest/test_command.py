@@ -324,18 +324,23 @@ def test_a_camera_without_calibration_is_taken_when_asked(place: Path, videos: d
     assert scene.camera("cam9").image_size == (160, 120)
 
 
+def children(pid: int) -> list[int]:
+    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
 def started(place: Path, video: Path) -> tuple[subprocess.Popen[bytes], list[int]]:
-    """An ingest of long videos, running, and its decoders."""
+    """An ingest of long videos, running, and its decoders with the process that forked them."""
     args = [sys.executable, "-m", "occlog", "ingest", "-o", str(place / "out.mcap"), "--allow-uncalibrated"]
     args += [text for k in range(3) for text in ("--video", f"c{k}={video}")]
     process = subprocess.Popen([*args, "--store", "png"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     deadline = time.monotonic() + 20
     found: list[int] = []
-    while len(found) < 3 and time.monotonic() < deadline:
+    while len(found) < 4 and time.monotonic() < deadline:
         time.sleep(0.05)
-        found = [int(p) for p in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+        found = children(process.pid)
+        found += [each for pid in found for each in children(pid)]
     time.sleep(1.0)
-    assert len(found) == 3
+    assert len(found) == 4
     assert process.poll() is None
     return process, found
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass, field, replace
+from itertools import chain, pairwise
 from pathlib import Path
 
 import cv2
@@ -50,30 +50,36 @@ class Picture:
 
 @dataclass(frozen=True)
 class VideoFile:
-    """What is known of a video before its frames are decoded."""
+    """An open video whose first frame was decoded: what is known of it, and its frames, which can be taken once."""
 
     path: Path
     size: tuple[int, int]  # width, height
     frames: int | None
     rate_hz: float | None
     container: Container | None
-    bars: tuple[int, int, int, int] = (0, 0, 0, 0)  # black, at the left, top, right and lower edge [px]
+    bars: tuple[int, int, int, int]  # black, at the left, top, right and lower edge [px]
+    capture: cv2.VideoCapture = field(repr=False)
+    raw: Iterator[_Raw] = field(repr=False)
 
 
-def examine(path: Path, allow_pixels: Callable[[int], None] = lambda _: None) -> VideoFile:
+def examine(
+    path: Path, allow_pixels: Callable[[int], None] = lambda _: None, complaint: Callable[[], str] = lambda: ""
+) -> VideoFile:
     """Size, frame count and rate of a video; InputError unless at least one frame can be decoded.
 
     Args:
         path: the video file.
         allow_pixels: is called with the number of pixels of a frame, which is within the limit, before one is decoded.
+        complaint: what the decoder has written about damage since the last call, "" if nothing.
     """
     check_input(path, WHAT)
     container = read_container(path)
     capture = _open(path, container)
     try:
-        return _describe(path, capture, container, allow_pixels)
-    finally:
+        return _describe(path, capture, container, allow_pixels, complaint)
+    except BaseException:
         capture.release()
+        raise
 
 
 def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
@@ -88,7 +94,11 @@ def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
 
 
 def _describe(
-    path: Path, capture: cv2.VideoCapture, container: Container | None, allow_pixels: Callable[[int], None]
+    path: Path,
+    capture: cv2.VideoCapture,
+    container: Container | None,
+    allow_pixels: Callable[[int], None],
+    complaint: Callable[[], str],
 ) -> VideoFile:
     size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
     if size[0] * size[1] > MAX_PIXELS:
@@ -98,12 +108,14 @@ def _describe(
     rate = float(container.rate) if container and container.rate else fps
     count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
     frames = container.frames if container else (int(count) if 0 < count < 2**31 else None)
-    first = next(_raw_pictures(frames, capture, lambda: ""), None)
+    pictures = _raw_pictures(frames, capture, complaint)
+    first = next(pictures, None)
     ok, image = first.fetch() if first is not None else (False, None)
-    if not ok or image is None:
+    if first is None or not ok or image is None:
         raise InputError(f"{path}: not one frame can be decoded{_faults(container)}; copy or repair the file")
     size = (image.shape[1], image.shape[0])
-    return VideoFile(path, size, frames, rate if 1e-6 < rate <= 1e6 else None, container, dark_bars(image))
+    rate_hz = rate if 1e-6 < rate <= 1e6 else None
+    return VideoFile(path, size, frames, rate_hz, container, dark_bars(image), capture, chain([first], pictures))
 
 
 def _faults(container: Container | None) -> str:
@@ -115,7 +127,6 @@ def decode(
     start: int,
     stop: int | None,
     lost: Callable[[Loss], None],
-    complaint: Callable[[], str] = lambda: "",
     sizes: Changes | None = None,
 ) -> Iterator[Picture]:
     """Pictures of frames start <= number < stop in order; what is missing is told to `lost` at the end.
@@ -123,18 +134,16 @@ def decode(
     InputError where the range holds no frame that can be used.
 
     Args:
-        video: the file, as `examine` found it.
+        video: the file, as `examine` found it; it is closed at the end.
         start: first frame number wanted.
         stop: first frame number not wanted any more; None: to the end.
         lost: is called for everything that should be there and is not.
-        complaint: what the decoder has written about damage since the last call, "" if nothing.
         sizes: where the size of the frames changes, as `size_changes` finds it.
     """
-    capture = _open(video.path, video.container)
     size = sizes[0][1] if sizes else video.size
     ledger = Ledger(video.path, video.container, video.frames, size, start, stop)
     try:
-        for raw in _trusted(video.container, _raw_pictures(video.frames, capture, complaint)):
+        for raw in _trusted(video.container, video.raw):
             if stop is not None and raw.index >= stop:
                 break
             if not ledger.accept(raw.index):
@@ -144,7 +153,7 @@ def decode(
             if ok and ledger.fits(raw.index, size_at(sizes or [], raw.pos_ns) or (image.shape[1], image.shape[0])):
                 yield Picture(raw.index, raw.pos_ns, image)
     finally:
-        capture.release()
+        video.capture.release()
     ledger.check_any()
     ledger.report(lost)
 

@@ -30,6 +30,7 @@ from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
 from .limits import SECONDS
+from .nursery import FORKS, NURSERY, Forked
 
 PIPE_SIZE = 1 << 20
 """Bytes that a pipe holds, where the system lets it: images go through in few pieces."""
@@ -46,6 +47,7 @@ class DecodingJob(TypedDict, total=False):
     stop: int | None  # of a video: frame before which it ends; None: its end
     store: Required[str]  # png, jpeg, raw or none; of images also keep
     quality: Required[int]  # of JPEG
+    cwd: str  # folder that relative paths start from
 
 
 class Header(TypedDict, total=False):
@@ -92,7 +94,7 @@ class Decoder:
     """
 
     path: Path
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | Forked
     size: tuple[int, int] = (0, 0)
     frames: int | None = None
     rate_hz: float | None = None
@@ -219,18 +221,9 @@ def start_decoder(job: DecodingJob) -> Decoder:
     Args:
         job: what `occlog.io.frames.process_main` is to do.
     """
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OPENCV_FFMPEG_", "OPENCV_LOG"))}
-    # -P and an explicit path: the process must find this very package, whatever the working folder holds.
-    package = str(Path(occlog.__file__).resolve().parents[1])
-    environment["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and nothing is computed
-    environment["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "occlog.io.frames.process_main"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=environment,
-    )
+    with suppress(FileNotFoundError):  # the folder was taken away: absolute paths still work
+        job = {**job, "cwd": str(Path.cwd())}
+    process = _start()
     pipe: IO[bytes] = process.stdin  # type: ignore[assignment]
     if PIPE_SIZE_OPTION is not None:
         with suppress(OSError):
@@ -240,3 +233,21 @@ def start_decoder(job: DecodingJob) -> Decoder:
         pipe.write(json.dumps(job).encode() + b"\n")
         pipe.flush()
     return Decoder(Path(job["path"]), process)
+
+
+def _start() -> subprocess.Popen[bytes] | Forked:
+    """A process that waits for its job."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OPENCV_FFMPEG_", "OPENCV_LOG"))}
+    # -P and an explicit path: the process must find this very package, whatever the working folder holds.
+    package = str(Path(occlog.__file__).resolve().parents[1])
+    environment["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and nothing is computed
+    environment["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
+    if FORKS:
+        return NURSERY.fork(environment)
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "occlog.io.frames.process_main"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+    )

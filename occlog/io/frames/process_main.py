@@ -63,12 +63,19 @@ def send(out: BinaryIO, header: Header, payload: bytes | memoryview = b"") -> No
     out.flush()
 
 
+def load() -> None:
+    """Load what every job needs."""
+    from . import decode, folder  # noqa: F401
+
+
 def main() -> None:
     """Do the job on standard input."""
     out = os.fdopen(os.dup(1), "wb")
     log = Log()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
     job = json.loads(sys.stdin.buffer.readline())
+    if "cwd" in job:
+        os.chdir(job["cwd"])
     losses: list[Loss] = []
     try:
         _run(job, out, log, losses)
@@ -108,7 +115,7 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> Non
         clock.go_on()
         return log.news()
 
-    video = examine(Path(job["path"]), allow_pixels)
+    video = examine(Path(job["path"]), allow_pixels, news)
     send(out, {"size": video.size, "frames": video.frames, "rate": video.rate_hz, "bars": video.bars})
     if job.get("waits"):
         line = sys.stdin.buffer.readline()
@@ -117,8 +124,8 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> Non
         start, sizes = int(line), None  # frames of another size were told of, and left out, when it was ingested
     else:
         start, sizes = job["start"], size_changes(video.path)
-    news()  # what was written about the trial frame, or about packets, will be written again
-    for picture in decode(video, start, job["stop"], losses.append, news, sizes):
+        news()  # what was written about packets will be written again
+    for picture in decode(video, start, job["stop"], losses.append, sizes):
         _deliver(job, out, picture.index, picture.pos_ns, picture.image)
 
 
