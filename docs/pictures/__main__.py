@@ -5,6 +5,7 @@ A picture is not compared byte by byte: fonts and compiled kernels of another ma
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -68,6 +69,33 @@ def report(work: Path, to: Path) -> None:
     (work / "room/report.png").replace(to)
 
 
+def moments(work: Path, to: Path) -> None:
+    """The moments of a run in Chromium; the picture stays as it was where that is missing."""
+    browser = os.environ.get("OCCLOG_CHROMIUM") or shutil.which("chromium")
+    if browser is None:
+        sys.stderr.write("docs/pictures/moments.png: stays as it is: no Chromium\n")
+        return
+    from playwright.sync_api import sync_playwright
+
+    occlog(work, "run", "examples/people.yaml", "-o", "people")
+    images = [
+        "--images",
+        "people/recording.mcap",
+        "--truth",
+        "people/recording.mcap",
+        "--scene",
+        "people/recording.mcap",
+    ]
+    occlog(work, "report", "people", "-o", "page.html", *images)
+    with sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=browser, args=["--no-sandbox", "--disable-gpu"])
+        page = opened.new_page(viewport={"width": 960, "height": 900}, color_scheme="light")
+        page.goto((work / "page.html").as_uri() + "#t=6")
+        page.wait_for_timeout(500)
+        page.locator("#replay").screenshot(path=to)
+        opened.close()
+
+
 def overlay(work: Path, to: Path) -> None:
     """Targets that look alike, with epipolar lines."""
     occlog(work, "simulate", "--scene", "balls", "--seed", "1", "--store", "ffv1", "-o", "balls.mcap")
@@ -94,6 +122,7 @@ PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "people.webp": moving,
     "rerun.png": viewer,
     "report.png": report,
+    "moments.png": moments,
     "overlay.png": overlay,
     "navigation.png": navigation,
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from occlog.cli import options
 from occlog.errors import UsageError
@@ -30,8 +31,11 @@ def report(
     events: Source | None = None,
     occluders: Source | None = None,
     metrics: str | os.PathLike[str] | None = None,
+    images: Source | None = None,
+    images_limit: float = 5.0,
     title: str = "Tracking report",
     png: bool = False,
+    markdown: bool = False,
     output: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
 ) -> ReportResult:
@@ -48,9 +52,12 @@ def report(
         events: births, deaths and doubtful identities of everybody, of `track`.
         occluders: moving occluders as the tracker was told.
         metrics: figures written by `occlog evaluate` (JSON).
+        images: a recording whose images are shown small beside the plan, with the tracks drawn over them.
+        images_limit: how much of the page they may take [MB]; more of them are left out.
         title: heading of the page.
         png: also make the picture of the main figures.
-        output: where the page is written (HTML), with the picture beside it; None: nowhere, see `html` of the result.
+        markdown: also make words and figures as Markdown.
+        output: where the page is written (HTML), with picture and Markdown beside it; None: nowhere, see `html`.
         overwrite: files that are there may be replaced.
 
     Raises:
@@ -71,13 +78,17 @@ def report(
     home = Folder()
     page = home.file("report.html") if output is None else Path(output)
     with Inputs() as inputs, options.notes_kept():
+        tables: dict[str, Any] = {n: inputs.optional(value, n) for n, value in zip(SOURCES, given, strict=True)}
         paths = Paths(
             output=page,
             scene=inputs.scene(scene),
             metrics=None if metrics is None else Path(metrics),
+            images=inputs.optional(images, "images"),
+            images_limit=images_limit,
             png=page.with_suffix(".png") if png else None,
+            markdown=page.with_suffix(".md") if markdown else None,
             overwrite=overwrite,
-            **{name: inputs.optional(value, name) for name, value in zip(SOURCES, given, strict=True)},
+            **tables,
         )
         data = run_report(paths, title)
         findings = data.findings or ()
@@ -91,6 +102,7 @@ def report(
         notes=rest,
         html=page.read_text(encoding="utf-8"),
         png=paths.png.read_bytes() if paths.png is not None else None,
+        markdown=paths.markdown.read_text(encoding="utf-8") if paths.markdown is not None else None,
     )
 
 

@@ -161,10 +161,12 @@ class ReportResult(Result):
     Attributes:
         html: the whole page; it needs nothing else.
         png: the picture of the main figures; None: it was not asked for.
+        markdown: words and figures; None: they were not asked for.
     """
 
     html: str = ""
     png: bytes | None = None
+    markdown: str | None = None
 
     def __repr__(self) -> str:
         return f"<occlog ReportResult: a page of {len(self.html)} characters; html, png>"

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from occlog.report.content.model import ReportInput
 
     from .long_tables import LongTables
+    from .replay.thumbnails import Thumbnails
 
 T = TypeVar("T", bound="Table")
 
@@ -82,7 +83,12 @@ def command(**given: Any) -> int:
         options.note(f"lost earlier: {loss}", quiet)
     findings = data.findings
     options.note_findings(findings or (), quiet)
-    summary: dict[str, object] = {"page": paths.output, "png": paths.png, "targets": len(data.targets)}
+    summary: dict[str, object] = {
+        "page": paths.output,
+        "png": paths.png,
+        "markdown": paths.markdown,
+        "targets": len(data.targets),
+    }
     summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {} if findings is None else figures(findings)
     code = options.finish({k: v for k, v in summary.items() if v is not None}, (), as_json)
@@ -107,14 +113,23 @@ class Paths:
     events: Path | None = None
     occluders: Path | None = None
     metrics: Path | None = None
+    images: Path | None = None
+    images_limit: float = 5.0
     png: Path | None = None
+    markdown: Path | None = None
     overwrite: bool = False
 
     @property
     def inputs(self) -> tuple[Path, ...]:
         """Every file that is read, each once."""
-        given = (getattr(self, f.name) for f in fields(self) if f.name not in ("output", "png", "overwrite"))
+        other = ("output", "png", "markdown", "overwrite", "images_limit")
+        given = (getattr(self, f.name) for f in fields(self) if f.name not in other)
         return tuple(dict.fromkeys(path for path in given if path is not None))
+
+    @property
+    def outputs(self) -> tuple[Path, ...]:
+        """Every file that is written."""
+        return tuple(path for path in (self.output, self.png, self.markdown) if path is not None)
 
 
 def from_folder(paths: Paths) -> Paths:
@@ -146,6 +161,7 @@ def run_report(paths: Paths, title: str) -> ReportInput:
     from occlog.io.files.atomic import write_bytes
     from occlog.io.files.content import Content, content_of
 
+    from .markdown import build_markdown
     from .page import build_page
     from .picture import build_picture
 
@@ -153,15 +169,28 @@ def run_report(paths: Paths, title: str) -> ReportInput:
         raise UsageError("nothing to show: give TRACKS, a run folder, or --scene")
     if paths.tracks is not None and paths.scene is None and content_of(paths.tracks) is Content.RECORDING:
         raise UsageError(f"{paths.tracks}: is a recording, not tracks; show it by --scene, beside tracks or alone")
-    options.check_outputs(paths.inputs, (paths.output, paths.png), paths.overwrite)
+    options.check_outputs(paths.inputs, paths.outputs, paths.overwrite)
     data = read_input(paths, title)
     begin_work()
-    page = build_page(data)
-    picture = build_picture(data) if paths.png is not None else b""
-    write_bytes(paths.output, page.encode(), paths.overwrite)
+    made = {paths.output: build_page(data, _images(paths, data)).encode()}
     if paths.png is not None:
-        write_bytes(paths.png, picture, paths.overwrite)
+        made[paths.png] = build_picture(data)
+    if paths.markdown is not None:
+        made[paths.markdown] = build_markdown(data).encode()
+    for path, content in made.items():
+        write_bytes(path, content, paths.overwrite)
     return data
+
+
+def _images(paths: Paths, data: ReportInput) -> Thumbnails | None:
+    """Small images of the recording that is named, with the tracks drawn over them."""
+    if paths.images is None:
+        return None
+    from .overlay.world import Sources
+    from .replay.thumbnails import thumbnails
+
+    drawn = None if data.tracks is None or paths.tracks is None else Sources(paths.tracks, paths.diagnostics)
+    return thumbnails(paths.images, drawn, data.targets, round(paths.images_limit * 1e6))
 
 
 def read_input(paths: Paths, title: str) -> ReportInput:

@@ -34,6 +34,16 @@ def page_options() -> list[click.Option]:
         table("--events", "Births, deaths and doubtful identities of everybody, written by track or fuse."),
         table("--occluders", "Moving occluders as the tracker was told: hulls or occluders, written by priors."),
         table("--metrics", "Figures written by evaluate (JSON)."),
+        table("--images", "A recording whose images are shown small beside the plan, with the tracks drawn over them."),
+        click.Option(
+            ["--images-limit"],
+            type=Finite(0.01, 500),
+            default=5.0,
+            show_default=True,
+            metavar="MB",
+            help="How much of the page the images may take; more of them are left out.",
+        ),
+        click.Option(["--markdown"], type=options.PATH, default=None, help="Also write words and figures as Markdown."),
         click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP),
         click.Option(["--title"], default="Tracking report", show_default=True, help="Heading of the page."),
     ]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import resources
+from typing import NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -14,7 +18,7 @@ from matplotlib.figure import FigureBase
 
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.metrics_in_words import groups, number
-from occlog.report.content.model import ReportInput
+from occlog.report.content.model import TIME_LABEL, ReportInput
 from occlog.report.drawing.style import COLOURS, DARK, house_style, label, new_figure, raw_svg
 from occlog.report.drawing.svg import page_svg
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
@@ -32,6 +36,8 @@ from occlog.report.plots.selectionplot import cameras_of, draw_selection, expect
 from occlog.report.plots.sensortable import sensor_rows
 from occlog.report.plots.sightplot import draw_sight
 from occlog.report.plots.visibility import MOST_ROWS, draw_visibility, sensors, watched
+from occlog.report.replay.build import Replay, replay
+from occlog.report.replay.thumbnails import Thumbnails
 from occlog.track.plausibility.verdict import plausible
 
 from .summary import headline, plural, rms, row_counts, with_bound
@@ -43,18 +49,33 @@ MOST_TARGETS = 6
 
 @dataclass(frozen=True)
 class Plot:
-    """One figure of the page: the picture, its heading, and what it says in words."""
+    """One figure of the page: the picture, its heading, what it says in words, and where its axis of time lies."""
 
     heading: str
     svg: Markup
     caption: str
+    time: TimeSpan | None = None
 
 
-def build_page(data: ReportInput) -> str:
-    """The page of a run as HTML: self-contained, without scripts."""
+class TimeSpan(NamedTuple):
+    """The axis of time of a figure: its ends as shares of the width, and their times in the unit of the page."""
+
+    x0: float
+    x1: float
+    t0: float
+    t1: float
+
+
+def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
+    """The page of a run as HTML: self-contained, with a script of its own and no other.
+
+    Args:
+        data: the run.
+        images: of the cameras, beside the moments of the run.
+    """
     with house_style():
         plots = _plots(data)
-    return _render(data, plots)
+    return _render(data, plots, replay(data, images))
 
 
 def _plots(data: ReportInput) -> list[Plot]:
@@ -69,7 +90,17 @@ def _plots(data: ReportInput) -> list[Plot]:
 def _plot(name: str, heading: str, caption: str, size: tuple[float, float], draw: Callable[[FigureBase], None]) -> Plot:
     canvas: Canvas = new_figure(*size)
     draw(canvas)
-    return Plot(heading, Markup(page_svg(raw_svg(canvas), name, heading, caption)), caption)
+    svg = Markup(page_svg(raw_svg(canvas), name, heading, caption))
+    return Plot(heading, svg, caption, _time_of(canvas))
+
+
+def _time_of(canvas: Canvas) -> TimeSpan | None:
+    """Where the axis of time of a drawn figure lies; None: it has none."""
+    for axes in canvas.axes:
+        if axes.get_xlabel().startswith(TIME_LABEL):
+            box, (t0, t1) = axes.get_position(), axes.get_xlim()
+            return TimeSpan(round(box.x0, 4), round(box.x1, 4), round(float(t0), 6), round(float(t1), 6))
+    return None
 
 
 def floorplan(data: ReportInput) -> Plot:
@@ -225,7 +256,9 @@ def _filter(data: ReportInput) -> list[Plot]:
     return [_plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
 
 
-def _render(data: ReportInput, plots: list[Plot]) -> str:
+def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str:
+    script = resources.files("occlog.report").joinpath("templates/replay.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     environment = Environment(
         loader=PackageLoader("occlog.report"),
         autoescape=True,
@@ -248,6 +281,9 @@ def _render(data: ReportInput, plots: list[Plot]) -> str:
         left_out=data.targets[MOST_TARGETS:],
         losses=data.losses,
         provenance=_provenance(data.provenance),
+        replay=moments,
+        script=Markup(script),
+        digest=digest,
         light=COLOURS,
         dark=DARK,
     )

@@ -95,8 +95,9 @@ def test_figures_up_to_each_row_are_those_of_all_rows() -> None:
 
 
 def words(page: Path) -> list[str]:
-    """What a page says outside of its figures."""
-    text = re.sub(r"<(style|svg).*?</\1>", "", page.read_text(), flags=re.DOTALL)
+    """What a page says outside of its figures and moments."""
+    text = re.sub(r"<(style|svg|script).*?</\1>", "", page.read_text(), flags=re.DOTALL)
+    text = re.sub(r'<section class="replay".*?</section>', "", text, flags=re.DOTALL)
     return [html.unescape(part).strip() for part in re.split(r"<[^>]+>", text) if part.strip()]
 
 

@@ -31,6 +31,7 @@ from occlog.track.plausibility.verdict import Finding
 from .plane_of_sight import Residuals, distances, residuals
 from .thinned import ErrorsSoFar, Whole
 
+TIME_LABEL = "time since start"
 CALENDAR_FROM_NS = 365 * 86_400 * NS
 """Times later than this (the year 1971) are dates; earlier ones count from a simulation's start."""
 
@@ -65,7 +66,7 @@ class TimeAxis:
     @property
     def label(self) -> str:
         """Title of the axis."""
-        return f"time since start [{self.unit}]"
+        return f"{TIME_LABEL} [{self.unit}]"
 
     @property
     def start(self) -> str:
@@ -152,6 +153,11 @@ class ReportInput:
         tracks = self.tracks
         return tracks if isinstance(tracks, PeopleTracks) and np.isfinite(tracks.existence).any() else None
 
+    @property
+    def labelled(self) -> Bearings | None:
+        """The bearings if their labels are identities of the tracks, which those of everybody are not."""
+        return self.bearings if self.everybody is None else None
+
     @cached_property
     def findings(self) -> tuple[Finding, ...] | None:
         """What speaks against the tracks; None without tracks."""
@@ -162,7 +168,7 @@ class ReportInput:
             self.scene,
             self.made,
             diagnostics=self.diagnostics,
-            bearings=self.bearings,
+            bearings=self.labelled,
             errors=self.errors,
             metrics=self.metrics,
         )
@@ -187,13 +193,13 @@ class ReportInput:
     @cached_property
     def sight(self) -> dict[int, tuple[Ints, Floats]]:
         """Times and distances of each target's track from where its sight lines meet; empty where they cannot."""
-        if self.tracks is None or self.bearings is None or self.scene is None:
+        if self.tracks is None or self.labelled is None or self.scene is None:
             return {}
-        return {target: distances(self.tracks, self.bearings, self.scene, target) for target in self.targets}
+        return {target: distances(self.tracks, self.labelled, self.scene, target) for target in self.targets}
 
     @cached_property
     def residuals(self) -> dict[int, Residuals]:
         """What each target's track leaves of the directions it was seen in."""
-        if self.tracks is None or self.bearings is None or self.scene is None:
+        if self.tracks is None or self.labelled is None or self.scene is None:
             return {}
-        return {target: residuals(self.tracks, self.bearings, self.scene, target) for target in self.targets}
+        return {target: residuals(self.tracks, self.labelled, self.scene, target) for target in self.targets}

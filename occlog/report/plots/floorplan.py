@@ -24,7 +24,9 @@ from .planscene import draw_scale_bar, draw_scene, name_sensors
 CHI2_95 = 5.991
 """95 % quantile of the chi-squared distribution with 2 degrees of freedom."""
 ELLIPSES = 24
-PATH_POINTS = 700
+PATH_POINTS = 1400
+"""Stretches of the paths of all targets, of each of which extremes are drawn; each target has at most half of them."""
+FEWEST_POINTS = 60
 MOST_MOVING_OCCLUDERS = 8
 MOST_NAMES = 6
 TRUE_PATH: Style = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2))}
@@ -45,7 +47,7 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
     axes.grid(False)
     limits = plan_limits(data)
     handles: list[Line2D | Patch] = []
-    near, far = (None, []) if data.scene is None else _near(data.scene)
+    near, far = (None, []) if data.scene is None else near_scene(data.scene)
     if near is not None:
         handles += draw_scene(axes, near, limits)
     if far:
@@ -73,7 +75,7 @@ def plan_limits(data: ReportInput) -> Floats:
     if data.scene is not None:
         points += [data.scene.room] if data.scene.room is not None else []
         points += [o.polygon for o in data.scene.occluders]
-        points += [p[None] for p in places(_near(data.scene)[0]).values()]
+        points += [p[None] for p in places(near_scene(data.scene)[0]).values()]
     paths = [t for t in (data.tracks, data.truth) if t is not None and len(t)]
     for xy in (np.column_stack([table.x, table.y]) for table in paths):
         points.append(np.percentile(xy, [0.5, 99.5], axis=0) if len(xy) > 200 else xy)
@@ -89,7 +91,7 @@ def plan_limits(data: ReportInput) -> Floats:
     return np.array([low - grow, high + grow])
 
 
-def _near(scene: Scene) -> tuple[Scene, list[str]]:
+def near_scene(scene: Scene) -> tuple[Scene, list[str]]:
     """The scene without cameras so far from its room that this would be a dot, and their names."""
     if scene.room is None:
         return scene, []
@@ -142,39 +144,40 @@ def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
         return []
     style: Style = {"color": COLOURS["muted"], "linewidth": 0.6, "alpha": 0.45, "zorder": 2.2}
     for identity in identities:
-        _line(axes, truth, rows & (truth.target_id == identity), **style)
+        _line(axes, truth, rows & (truth.target_id == identity), PATH_POINTS // 2, **style)
     return [Line2D([], [], label="moving occluder", **style)]
 
 
-def _line(axes: Axes, table: Tracks | Truth, rows: Bools, **style: Any) -> None:
+def _line(axes: Axes, table: Tracks | Truth, rows: Bools, points: int, **style: Any) -> None:
     """One path, thinned, broken at gaps."""
     part = table.take(rows)
-    keep = thin_path(np.column_stack([part.x, part.y]), PATH_POINTS)
+    keep = thin_path(np.column_stack([part.x, part.y]), points)
     x, y = broken(part.t_ns, keep, part.x, part.y)
     axes.plot(x, y, **style)
 
 
-def _path(axes: Axes, table: Tracks | Truth, rows: Bools, since: int | None, **style: Any) -> None:
+def _path(axes: Axes, table: Tracks | Truth, rows: Bools, since: int | None, points: int, **style: Any) -> None:
     """One path; what is older than `since` is faint."""
     if since is not None:
         faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}
-        _line(axes, table, rows & (table.t_ns <= since), **faint)
+        _line(axes, table, rows & (table.t_ns <= since), points, **faint)
         rows = rows & (table.t_ns >= since)
-    _line(axes, table, rows, **style)
+    _line(axes, table, rows, points, **style)
 
 
 def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
     since = bold_from(data)
+    points = max(PATH_POINTS // max(len(data.targets), 2), FEWEST_POINTS)
     handles: list[Line2D | Patch] = []
     for i, target in enumerate(data.targets):
         colour = target_colour(i)
         if data.tracks is not None:
-            _estimate(axes, data.tracks, target, since, colour)
+            _estimate(axes, data.tracks, target, since, colour, points)
             name = "estimated path" if len(data.targets) == 1 else f"target {target}, estimated"
             handles += [Line2D([], [], color=colour, linewidth=1.8, label=name)] if i < MOST_NAMES else []
         if data.truth is not None:
             rows = (data.truth.target_id == target) & (data.truth.role == "target")
-            _path(axes, data.truth, rows, since, zorder=4, **TRUE_PATH)
+            _path(axes, data.truth, rows, since, points, zorder=4, **TRUE_PATH)
             if data.tracks is None:
                 _ends(axes, data.truth.take(rows), COLOURS["ink"])
     return handles + (_path_handles(data) if data.targets else [])
@@ -192,9 +195,9 @@ def _path_handles(data: ReportInput) -> list[Line2D | Patch]:
     return [*out, Line2D([], [], marker="X", label="end", **mark)]
 
 
-def _estimate(axes: Axes, tracks: Tracks, target: int, since: int | None, colour: str) -> None:
+def _estimate(axes: Axes, tracks: Tracks, target: int, since: int | None, colour: str, points: int) -> None:
     rows = tracks.target_id == target
-    _path(axes, tracks, rows, since, color=colour, linewidth=1.8, zorder=3.5)
+    _path(axes, tracks, rows, since, points, color=colour, linewidth=1.8, zorder=3.5)
     own = tracks.take(rows if since is None else rows & (tracks.t_ns >= since))
     if not len(own):
         return

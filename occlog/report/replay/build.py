@@ -1,0 +1,206 @@
+"""What the page's script is given: the room, the sensors and the moments of a run, as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import NS, Floats
+from occlog.records.scene import Camera, MicrophoneArray, Scene
+from occlog.report.content.model import ReportInput
+from occlog.report.content.plane_of_sight import edges_of, visible_area
+from occlog.report.plots.floorplan import near_scene, plan_limits
+from occlog.settings import METRES
+
+from .moments import Moments
+from .pack import NONE, Words, packed
+from .thumbnails import Thumbnails
+
+WIDTH, HEIGHT = 0.5, 1.7
+"""Of a person whose size is not told [m]."""
+LARGEST = 2.5
+"""Widths and heights are told up to this [m]."""
+MOST_EVENTS = 400
+MOST_BOXES = 40
+"""Targets that can be switched off one by one."""
+PEAKS = 5
+APART = 0.05
+"""Peaks of the error are at least this share of the time apart."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A large error: of whom, how large, when [s since the start]."""
+
+    target: int
+    error: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The moments of a run for the page.
+
+    Attributes:
+        json: what the script is given, safe inside a `<script>` element.
+        words: what is shown and what was left out, in sentences.
+        targets: identities that can be switched off, with the number of their colour.
+        layers: names of what can be shown, with words for it and whether it is shown at first.
+        peaks: the largest errors, the largest first.
+        cameras: names of the cameras that have images.
+    """
+
+    json: str
+    words: str
+    targets: list[tuple[int, int]]
+    layers: list[tuple[str, str, bool]]
+    peaks: list[Peak]
+    cameras: list[str]
+
+
+def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None:
+    """The moments of a run; None where nothing moves."""
+    limits = plan_limits(data)
+    moments = Moments(data, limits)
+    if len(moments.kept) < 2:
+        return None
+    sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], limits)
+    metres = METRES.get(data.unit, 1.0)
+    seen, doubts = Words(), Words()
+    size, sigma = LARGEST / metres / 255, _sigma_step(data, moments)
+    sight, sight_every = moments.sight([s["name"] for s in sensors])
+    priors, priors_every = moments.priors()
+    tables = {"tracks": moments.tracks(seen, doubts, size, sigma), "truth": moments.truth()}
+    values: dict[str, Any] = {
+        "unit": data.unit,
+        "second": data.time.ns_per_unit / NS,
+        "times": packed("f8", moments.seconds),
+        "limits": _rounded(limits),
+        "room": None if data.scene is None or data.scene.room is None else _rounded(data.scene.room),
+        "occluders": [] if data.scene is None else [_rounded(o.polygon) for o in data.scene.occluders],
+        "sensors": sensors,
+        "targets": list(data.targets),
+        "same": moments.same,
+        "step": moments.step,
+        "sigma": sigma,
+        "size": size,
+        "body": [WIDTH / metres, HEIGHT / metres],
+        **tables,
+        "sight": sight,
+        "sightEvery": sight_every,
+        "hulls": priors,
+        "priorsEvery": priors_every,
+        "words": {"seen": seen.all, "doubt": doubts.all},
+        "events": _events(data),
+        "images": [] if images is None else images.packed(data.time.start_ns),
+    }
+    return Replay(
+        _safe(values),
+        _words(moments, sight_every if sight else 1, images),
+        [(target, k) for k, target in enumerate(data.targets[:MOST_BOXES])],
+        _layers(tables["truth"], sight, priors, sensors),
+        _peaks(data),
+        [] if images is None else list(images.cameras),
+    )
+
+
+def _safe(values: object) -> str:
+    """JSON in which nothing can end the element that it stands in, or begin another."""
+    text = json.dumps(values, ensure_ascii=True, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _rounded(points: Floats) -> list[Any]:
+    return list(np.round(points, 6).tolist())
+
+
+def _sigma_step(data: ReportInput, moments: Moments) -> float:
+    """Step of standard deviations: the largest, up to twice the plan, fits 16 bits."""
+    most = 2.0 * float((moments.limits[1] - moments.limits[0]).max())
+    tracks = data.tracks
+    if tracks is not None and len(tracks):
+        variance = np.concatenate([tracks.cov_xx, tracks.cov_yy])
+        largest = float(np.nanmax(np.sqrt(np.maximum(variance, 0)), initial=0.0))
+        most = min(most, largest) if largest > 0 else most
+    return most / (NONE - 1)
+
+
+def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
+    """Place, axis and view of each sensor whose pose is known."""
+    walls = [edges_of(o.polygon) for o in scene.occluders]
+    walls += [] if scene.room is None else [edges_of(scene.room)]
+    blocks = np.concatenate(walls) if walls else np.empty((0, 2, 2))
+    far = float(np.hypot(*(limits[1] - limits[0])))
+    placed: list[Camera | MicrophoneArray] = [*(c for c in scene.cameras if c.placed), *scene.arrays]
+    out = []
+    for sensor in placed:
+        x, y, z = (round(float(v), 6) for v in sensor.position)
+        one: dict[str, Any] = {"name": sensor.name, "x": x, "y": y, "z": z, "kind": "array", "view": None}
+        if isinstance(sensor, Camera):
+            reach = min(sensor.range, far)
+            area = visible_area(sensor.ground, sensor.yaw, sensor.fov, reach, blocks)
+            one |= {"kind": "camera", "yaw": sensor.yaw, "fov": sensor.fov, "range": reach, "view": _rounded(area)}
+        out.append(one)
+    return out
+
+
+def _events(data: ReportInput) -> list[list[Any]]:
+    """Times [s] and kinds of what happened; where there is too much of it, evenly taken."""
+    events = data.events
+    if events is None or not len(events):
+        return []
+    rows = np.unique(np.linspace(0, len(events) - 1, min(len(events), MOST_EVENTS)).round().astype(int))
+    seconds = (events.t_ns - data.time.start_ns) / NS
+    return [[round(float(seconds[k]), 6), str(events.kind[k])] for k in rows]
+
+
+def _peaks(data: ReportInput) -> list[Peak]:
+    """The largest errors, none near to a larger one of the same target."""
+    errors, out = data.errors, list[Peak]()
+    if errors is None or not len(errors):
+        return out
+    seconds = (errors.t_ns - data.time.start_ns) / NS
+    apart = APART * max(float(np.ptp(seconds)), 1e-9)
+    for k in np.argsort(-errors.error, kind="stable")[:20_000]:
+        target = int(errors.target_id[k])
+        if all(peak.target != target or abs(peak.seconds - seconds[k]) > apart for peak in out):
+            out.append(Peak(target, float(errors.error[k]), round(float(seconds[k]), 6)))
+            if len(out) == PEAKS:
+                break
+    return out
+
+
+def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str, Any]]) -> list[tuple[str, str, bool]]:
+    cameras = any(s["kind"] == "camera" for s in sensors)
+    every = [
+        ("names", "names", True, True),
+        ("ellipses", "ellipses (95 %)", True, True),
+        ("truth", "truth", True, bool(truth)),
+        ("sight", "sight lines", True, bool(sight)),
+        ("views", "fields of view", False, cameras),
+        ("shadows", "shadows of people", cameras, cameras),
+        ("priors", "occluders as the tracker knew them", True, bool(priors)),
+    ]
+    return [(name, words, on) for name, words, on, there in every if there]
+
+
+def _words(moments: Moments, sight_every: int, images: Thumbnails | None) -> str:
+    count, all_of = len(moments.kept), len(moments.times)
+    said = [
+        f"{count:,} of {all_of:,} moments: every {moments.every}-th." if moments.every > 1 else f"{count:,} moments."
+    ]
+    if sight_every > 1:
+        said.append(f"Sight lines are those of every {sight_every}-th of them.")
+    if moments.data.whole:
+        said.append(moments.data.drawn("tracks", "truth"))
+    said.append("A dashed ring is a target that no sensor sees, or of which something is doubtful.")
+    said += ["A cross is where one truly is."] if moments.truth() else []
+    said.append(f"Positions are rounded to {moments.step:.1g} {moments.data.unit}.")
+    if not moments.same:
+        said.append("Identities are the tracker's own, not those of the truth.")
+    if images is not None:
+        said.append(images.words)
+    return " ".join(filter(None, said))

@@ -1,0 +1,278 @@
+"""Which moments of a run can be shown, and what was at each of them.
+
+The rule: of the times of the tracks (of the truth, where there are none) every k-th is kept, with the smallest k by
+which not more than `MOST_ROWS` estimates and as many true places are left.  Sight lines are those of the latest look
+of each sensor since the time before; where more than `MOST_LOOKS` would be left, those of every j-th kept moment, with
+the smallest such j.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.records.tables import Bearings, Errors, Hulls, Occluders, PeopleTracks, Tracks, Truth
+from occlog.report.content.model import ReportInput
+
+from .pack import MOST_UINT16, NONE, Packed, Words, packed, placed, starts
+
+Texts = np.ndarray[Any, Any]
+MOST_MOMENTS = 10_000
+MOST_ROWS = 45_000
+MOST_LOOKS = 30_000
+MOST_PRIORS = 20_000
+MOST_MOVING = 40
+"""Moving objects that are no targets and are drawn."""
+CORNERS = 12
+"""Of a Gaussian prior that is drawn."""
+TRUE_FROM = 40_000
+"""Numbers of true targets that are not tracked by their own identity begin here."""
+CHI2_95 = 5.991
+"""95 % quantile of the chi-squared distribution with 2 degrees of freedom."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """What is shown of a run.
+
+    Attributes:
+        data: the run.
+        limits: (2, 2) lower and upper corner of the plan.
+    """
+
+    data: ReportInput
+    limits: Floats
+
+    @cached_property
+    def times(self) -> Ints:
+        """(T,) all times of what moves."""
+        table = self.data.tracks if self.data.tracks is not None else self.data.truth
+        return np.zeros(0, np.int64) if table is None else np.unique(table.t_ns)
+
+    @cached_property
+    def every(self) -> int:
+        """Each so manieth time is kept."""
+        rows = [len(t) for t in (self.data.tracks, self._truth) if t is not None]
+        return max(1, -(-len(self.times) // MOST_MOMENTS), *(-(-n // MOST_ROWS) for n in rows))
+
+    @cached_property
+    def kept(self) -> Ints:
+        """(M,) the times that are kept."""
+        return self.times[:: self.every]
+
+    @cached_property
+    def step(self) -> float:
+        """Length of a step of places: 16 bits reach from the middle of the plan to twice its size."""
+        return float((self.limits[1] - self.limits[0]).max()) * 2.0 / MOST_UINT16
+
+    @cached_property
+    def same(self) -> bool:
+        """Whether the identities of tracks are those of the truth."""
+        return self.data.everybody is None
+
+    @cached_property
+    def seconds(self) -> Floats:
+        """(M,) seconds since the report's start."""
+        return np.asarray((self.kept - self.data.time.start_ns) / NS)
+
+    def at(self, t_ns: Ints) -> tuple[Ints, Ints]:
+        """Rows at times that are kept, and the moment of each."""
+        moment = np.searchsorted(self.kept, t_ns)
+        inside = np.minimum(moment, len(self.kept) - 1)
+        rows = np.flatnonzero((moment < len(self.kept)) & (self.kept[inside] == t_ns))
+        return rows, moment[rows]
+
+    def place(self, table: Tracks | Truth | Hulls, rows: Ints) -> dict[str, Packed]:
+        """Places of rows."""
+        middle = self.limits.mean(axis=0)
+        xs, ys = (np.where(np.isfinite(v[rows]), v[rows], np.inf) for v in (table.x, table.y))
+        return {
+            "x": packed("i2", placed(xs, float(middle[0]), self.step)),
+            "y": packed("i2", placed(ys, float(middle[1]), self.step)),
+        }
+
+    @cached_property
+    def _truth(self) -> Truth | None:
+        """True places of targets, and of others where there are few; those that errors tell where nothing else does."""
+        truth = _of_errors(self.data.errors) if self.data.truth is None else self.data.truth
+        if truth is None or not len(truth):
+            return None
+        others = truth.role != "target"
+        few = len(np.unique(truth.target_id[others])) <= MOST_MOVING
+        return truth if few else truth.take(~others)
+
+    def tracks(self, seen: Words, doubts: Words, size: float, sigma: float) -> dict[str, Packed]:
+        """Estimates of each moment.
+
+        Args:
+            seen: takes who saw each.
+            doubts: takes why each is not to be believed.
+            size: step of widths and heights.
+            sigma: step of standard deviations.
+        """
+        tracks = self.data.tracks
+        if tracks is None:
+            return {}
+        rows, moment = self.at(tracks.t_ns)
+        people = tracks if isinstance(tracks, PeopleTracks) else None
+        names, known, doubt = self._said(tracks, rows)
+        sx, sy = np.sqrt(np.maximum(tracks.cov_xx[rows], 0)), np.sqrt(np.maximum(tracks.cov_yy[rows], 0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rho = np.nan_to_num(tracks.cov_xy[rows] / (sx * sy))
+        nothing = np.full(len(rows), np.nan)
+        existence = nothing if people is None else people.existence[rows]
+        return {
+            "first": starts(moment, len(self.kept)),
+            "target": packed("u2", np.searchsorted(self.data.targets, tracks.target_id[rows])),
+            **self.place(tracks, rows),
+            "sx": packed("u2", _steps(sx, sigma, NONE)),
+            "sy": packed("u2", _steps(sy, sigma, NONE)),
+            "rho": packed("i1", np.round(127 * np.clip(rho, -1, 1))),
+            "existence": packed("u1", np.where(np.isnan(existence), 255, np.round(254 * np.nan_to_num(existence)))),
+            "seen": packed("u2", np.minimum(seen.numbers(names, known), NONE)),
+            "doubt": packed("u2", np.minimum(doubts.numbers(doubt), NONE)),
+            "width": packed("u1", _steps(nothing if people is None else people.width[rows], size, 0, 255)),
+            "height": packed("u1", _steps(nothing if people is None else people.height[rows], size, 0, 255)),
+        }
+
+    def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
+        """Who saw each row's target, whether that is known, and what is doubtful, as the tracks or the filter say."""
+        if self.data.everybody is not None:
+            people = self.data.everybody
+            return people.seen_by[rows], np.isfinite(people.existence[rows]), people.doubt[rows]
+        count, diagnostics = len(rows), self.data.diagnostics
+        names, known, doubt = np.full(count, "", object), np.zeros(count, np.bool_), np.full(count, "", object)
+        if isinstance(tracks, PeopleTracks):
+            doubt = tracks.doubt[rows].astype(object)
+        if diagnostics is not None and len(diagnostics):
+            mine = list(zip(tracks.t_ns[rows].tolist(), tracks.target_id[rows].tolist(), strict=True))
+            its = {
+                key: k
+                for k, key in enumerate(zip(diagnostics.t_ns.tolist(), diagnostics.target_id.tolist(), strict=True))
+            }
+            at = np.array([its.get(key, -1) for key in mine], dtype=np.int64)
+            there = at >= 0
+            names[there] = diagnostics.seen_by[at[there]]
+            # Some methods do not say which sensors saw the target
+            known[there] = (diagnostics.seen_by[at[there]] != "") | (diagnostics.n_seen[at[there]] == 0)
+            said = np.where(diagnostics.doubt != "", diagnostics.doubt, diagnostics.fallback)[at[there]]
+            doubt[there] = np.where(doubt[there] == "", said, doubt[there])
+        return names, known, doubt
+
+    def truth(self) -> dict[str, Packed]:
+        """True places of each moment."""
+        truth = self._truth
+        if truth is None:
+            return {}
+        who = truth.target_id.astype(np.int64) * 2 + (truth.role == "target")
+        rows, moment = self._latest(truth.t_ns, np.unique(who, return_inverse=True)[1])
+        true = truth.role[rows] == "target"
+        names, number = np.unique(truth.target_id[rows], return_inverse=True)
+        number = number + TRUE_FROM
+        if self.same:
+            tracked = np.isin(names, self.data.targets)[number - TRUE_FROM]
+            number = np.where(tracked, np.searchsorted(self.data.targets, truth.target_id[rows]), number)
+        target = np.where(true, np.minimum(number, NONE - 1), NONE)
+        return {"first": starts(moment, len(self.kept)), "target": packed("u2", target), **self.place(truth, rows)}
+
+    def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
+        """Directions in which sensors saw something at each moment, and every how manieth moment has them."""
+        bearings = self.data.bearings
+        if bearings is None or not len(bearings) or not len(self.kept):
+            return {}, 1
+        rows, moment, number = self._looks(bearings, sensors)
+        every = max(-(-len(rows) // MOST_LOOKS), 1)
+        some = moment % every == 0
+        rows, moment, number = rows[some], moment[some], number[some]
+        targets = np.array(self.data.targets, dtype=np.int64)
+        own = np.searchsorted(targets, bearings.target_id[rows])
+        known = np.isin(bearings.target_id[rows], targets) & self.same
+        turns = np.round(bearings.bearing[rows] / (2 * np.pi) * (MOST_UINT16 + 1)).astype(np.int64) % (MOST_UINT16 + 1)
+        table = {
+            "first": starts(moment, len(self.kept)),
+            "sensor": packed("u2", number),
+            "target": packed("u2", np.where(known, own, NONE)),
+            "angle": packed("u2", turns),
+        }
+        return table, every
+
+    def _looks(self, bearings: Bearings, sensors: list[str]) -> tuple[Ints, Ints, Ints]:
+        """Rows that saw something, of each sensor's latest look before each moment; their moments and sensors."""
+        names, which = np.unique(bearings.sensor, return_inverse=True)
+        place = {name: k for k, name in enumerate(sensors)}
+        number = np.array([place.get(str(name), -1) for name in names], dtype=np.int64)[which]
+        own = np.flatnonzero(number >= 0)
+        rows, moment = self._latest(bearings.t_ns[own], number[own])
+        rows = own[rows]
+        seen = bearings.seen[rows]
+        return rows[seen], moment[seen], number[rows[seen]]
+
+    def _latest(self, t_ns: Ints, who: Ints) -> tuple[Ints, Ints]:
+        """Rows of each one's latest time since the time before a moment that is kept, and their moments, ascending.
+
+        Args:
+            t_ns: (N,) times.
+            who: (N,) numbers >= 0.
+        """
+        moment = np.searchsorted(self.kept, t_ns)
+        period = float(np.median(np.diff(self.times))) if len(self.times) > 1 else float(NS)
+        ahead = self.kept[np.minimum(moment, len(self.kept) - 1)] - t_ns
+        rows = np.flatnonzero((moment < len(self.kept)) & (ahead < period))
+        groups, group = np.unique(moment[rows] * (int(who.max(initial=0)) + 1) + who[rows], return_inverse=True)
+        latest = np.full(len(groups), np.iinfo(np.int64).min)
+        np.maximum.at(latest, group, t_ns[rows])
+        rows = rows[t_ns[rows] == latest[group]]
+        rows = rows[np.argsort(moment[rows], kind="stable")]
+        return rows, moment[rows]
+
+    def priors(self) -> tuple[dict[str, Packed], int]:
+        """Where moving occluders were thought to be at each moment, as polygons; every how manieth moment has them."""
+        hulls = _as_hulls(self.data.occluders)
+        if hulls is None or not len(self.kept):
+            return {}, 1
+        rows, moment = self.at(hulls.t_ns)
+        every = max(-(-len(rows) // MOST_PRIORS), 1)
+        rows, moment = rows[moment % every == 0], moment[moment % every == 0]
+        corner = np.minimum(hulls.corner[rows], 255)
+        table = {"first": starts(moment, len(self.kept)), "corner": packed("u1", corner), **self.place(hulls, rows)}
+        return table, every
+
+
+def _steps(values: Floats, step: float, unknown: int, most: int = NONE - 1) -> Ints:
+    """(N,) values >= 0 in whole steps."""
+    found = np.isfinite(values)
+    steps = np.clip(np.round(np.where(found, values, 0.0) / step), 0, most)
+    return np.asarray(np.where(found, steps, unknown).astype(np.int64))
+
+
+def _of_errors(errors: Errors | None) -> Truth | None:
+    """The true places to which estimates were compared."""
+    if errors is None:
+        return None
+    own = errors.take(np.isfinite(errors.truth_x) & np.isfinite(errors.truth_y))
+    role, z = np.full(len(own), "target"), np.full(len(own), np.nan)
+    return Truth.of(t_ns=own.t_ns, target_id=own.target_id, role=role, x=own.truth_x, y=own.truth_y, z=z)
+
+
+def _as_hulls(priors: Occluders | Hulls | None) -> Hulls | None:
+    """Polygons; those of Gaussians hold the occluder with 95 % probability."""
+    if priors is None or isinstance(priors, Hulls):
+        return None if priors is None else priors.take(priors.occluder_id >= 0)
+    own = priors.take(priors.occluder_id >= 0)
+    turn = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
+    a = np.sqrt(np.maximum(own.cov_xx, 0))
+    b = np.divide(own.cov_xy, a, out=np.zeros_like(a), where=a > 0)
+    c = np.sqrt(np.maximum(own.cov_yy - b**2, 0))
+    x = own.x[:, None] + np.sqrt(CHI2_95) * a[:, None] * np.cos(turn)
+    y = own.y[:, None] + np.sqrt(CHI2_95) * (b[:, None] * np.cos(turn) + c[:, None] * np.sin(turn))
+    return Hulls(
+        t_ns=np.repeat(own.t_ns, CORNERS),
+        occluder_id=np.repeat(own.occluder_id, CORNERS),
+        corner=np.tile(np.arange(CORNERS, dtype=np.int32), len(own)),
+        x=x.ravel(),
+        y=y.ravel(),
+    )

@@ -1,0 +1,124 @@
+"""Small images of the cameras beside the plan, with what is tracked drawn over them.
+
+The rule: images of evenly spaced moments, so many that all together stay below a limit that the user gives, judged by
+those of the first moment; not more than `MOST_MOMENTS`.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import NS, Ints
+from occlog.errors import InputError
+from occlog.io.frames.codec import encode_image
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.report.overlay.draw import Shot, Way, draw_shot
+from occlog.report.overlay.world import Sources, World
+from occlog.settings import METRES
+
+from .pack import packed
+
+WIDTH = 240
+"""Of an image [px]."""
+QUALITY = 70
+MOST_MOMENTS = 2000
+MARGIN = 0.85
+"""Share of the limit that images of the size of the first ones may fill: later ones may be larger."""
+BASE64 = 4 / 3
+TRAIL_S = 2.0
+"""How long a way is drawn behind each target."""
+
+
+@dataclass
+class Thumbnails:
+    """Images of cameras.
+
+    Attributes:
+        cameras: names, with the times [ns] and the JPEG of each image.
+        moments: moments that were asked for.
+        of: times of frames there are.
+    """
+
+    cameras: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
+    moments: int = 0
+    of: int = 0
+
+    @property
+    def words(self) -> str:
+        """What is shown, in a sentence."""
+        return f"Images: {self.moments:,} of {self.of:,} moments." if self.of > self.moments else ""
+
+    def packed(self, start_ns: int) -> list[dict[str, Any]]:
+        """What the script is given."""
+        return [
+            {
+                "index": index,
+                "name": name,
+                "times": packed("f8", (np.array([t for t, _ in images], dtype=np.int64) - start_ns) / NS),
+                "data": [base64.b64encode(data).decode("ascii") for _, data in images],
+            }
+            for index, (name, images) in enumerate(self.cameras.items())
+        ]
+
+
+def thumbnails(recording: Path, sources: Sources | None, targets: Sequence[int], limit: int) -> Thumbnails:
+    """Images of a recording, with tracks of the world drawn over those of cameras that stand in it.
+
+    Args:
+        recording: with images or videos.
+        sources: of the tracks; None: nothing is drawn.
+        targets: identities, in the order of their colours.
+        limit: bytes that all images together may take in the page.
+
+    Raises:
+        InputError: there are no images.
+    """
+    opened = open_recording(recording)
+    known: dict[str, list[int]] = {}
+    for frame in opened.frames():
+        known.setdefault(frame.sensor, []).append(frame.t_ns)
+    if not known:
+        raise InputError(f"{recording}: holds no images; leave out --images")
+    times = np.unique(np.concatenate(list(known.values())))
+    first = {name: set(own[:1]) for name, own in known.items()}
+    size = sum(len(data) for _, _, data in _drawn(opened, first, sources, targets)) * BASE64
+    count = max(min(int(MARGIN * limit // max(size, 1)), MOST_MOMENTS, len(times)), 1)
+    moments = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
+    chosen = {name: _before(np.array(own, dtype=np.int64), moments) for name, own in known.items()}
+    out = Thumbnails({name: [] for name in sorted(known)}, len(moments), len(times))
+    for name, t_ns, data in _drawn(opened, chosen, sources, targets):
+        out.cameras[name].append((t_ns, data))
+    return out
+
+
+def _before(times: Ints, moments: Ints) -> set[int]:
+    """The last of some times before each moment, or at it."""
+    at = np.searchsorted(times, moments, side="right") - 1
+    return set(times[at[at >= 0]].tolist())
+
+
+def _drawn(
+    opened: Recording, chosen: Mapping[str, set[int]], sources: Sources | None, targets: Sequence[int]
+) -> Iterator[tuple[str, int, bytes]]:
+    """Camera, time and JPEG of each frame that was chosen."""
+    scene = opened.scene
+    metres = 1.0 if scene is None else METRES.get(scene.length_unit, 1.0)
+    ranks = {target: rank for rank, target in enumerate(targets)}
+    world = None if sources is None else World(sources, metres, ranks, TRAIL_S)
+    placed = {} if scene is None else {c.name: c for c in scene.cameras if c.placed}
+    for frame in opened.frames():
+        if frame.t_ns not in chosen[frame.sensor]:
+            continue
+        ways: list[Way] = []
+        if world is not None and frame.sensor in placed:
+            world.move(frame.t_ns)
+            ways = world.ways(placed[frame.sensor], frame.t_ns)
+        image = frame.decode()
+        picture = draw_shot(image, Shot(frame.sensor, ways=ways, ranks=ranks), WIDTH / image.shape[1])
+        yield frame.sensor, frame.t_ns, encode_image(picture, "jpeg", QUALITY)
