@@ -118,6 +118,14 @@ def navigation(work: Path, to: Path) -> None:
     )  # fmt: skip
 
 
+def plan(work: Path, to: Path) -> None:
+    """What is expected of four cameras, and where two more would help most."""
+    occlog(
+        work, "plan", "examples/room.yaml", "--people", "6", "--within", "0.1", "--draws", "48",
+        "--along-walls", "southwest", "--add", "2", "--picture", str(to), "--overwrite",
+    )  # fmt: skip
+
+
 PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "people.webp": moving,
     "rerun.png": viewer,
@@ -125,6 +133,7 @@ PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "moments.png": moments,
     "overlay.png": overlay,
     "navigation.png": navigation,
+    "plan.png": plan,
 }
 """Name of each picture of this folder, and what makes it from a folder to work in and the place of the picture."""
 

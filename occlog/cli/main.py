@@ -51,6 +51,7 @@ COMMANDS = {
     "navigate": Command(
         "occlog.navigate.command", "Drive a robot through a scene, around obstacles and tracked people."
     ),
+    "plan": Command("occlog.plan.command", "Expected errors of sensors, and what one more would help."),
     "evaluate": Command("occlog.evaluate.command", "Compare tracks with the truth and with the Cramer-Rao bound."),
     "report": Command("occlog.report.command", "Show a run as one offline page and a picture."),
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),

@@ -66,6 +66,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
     ),
     "ground": ("occlog.track.images.ground.config:GroundConfig",),
     "navigate": ("occlog.navigate.config:NavigateConfig",),
+    "plan": ("occlog.plan.config:PlanConfig",),
 }
 """Classes of settings of each verb but `track`."""
 AROUND_METHODS = (
@@ -75,7 +76,7 @@ AROUND_METHODS = (
 )
 """Settings that several methods of `track` share."""
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
-NAMES = {"epipolar": "epipolar-settings"}
+NAMES = {"epipolar": "epipolar-settings", "plan": "plan-settings"}
 """Verbs whose name is that of a file's schema."""
 
 

@@ -18,6 +18,7 @@ from .columns import Table
 from .gallery import AppearanceMatches, Gallery
 from .measurements import Measurements
 from .people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
+from .plans import PlanMap
 from .robots import RobotPath
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Reads, TruthBoxes, Views
 from .tracks import (
@@ -66,6 +67,7 @@ TABLES: dict[str, type[Table]] = {
         Gallery,
         AppearanceMatches,
         RobotPath,
+        PlanMap,
     )
 }
 """Every table by the name that its files carry."""

@@ -34,6 +34,7 @@ class Stage(IntEnum):
     STATION_NOISE = 24  # of ranges, differences and strengths: one item a station, as for the next two
     STATION_CHANCE = 25  # which are missed, false or late
     STATION_SHADOW = 26
+    PLAN = 27  # what is expected of planned sensors: walks of the crowd, stretches of it, detections
 
 
 def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:

@@ -1,0 +1,1 @@
+"""What `occlog plan` expects against what is found."""

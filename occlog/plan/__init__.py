@@ -1,0 +1,1 @@
+"""Verb: tell what errors are to be expected of sensors, where, and which placements would help most."""

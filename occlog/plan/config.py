@@ -1,0 +1,104 @@
+"""Settings of `occlog plan`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+MOST_PEOPLE = 1000
+
+
+@dataclass(frozen=True)
+class PlanConfig(Settings):
+    """Who walks about, how well the answer is to be known, and what a good place is; lengths in the scene's unit."""
+
+    OWNER: ClassVar[str] = "plan"
+
+    people: int | None = setting(
+        None,
+        "People beside the target, who hide it.",
+        at_least=0,
+        at_most=MOST_PEOPLE,
+        option="--people",
+        nothing="by `density`",
+    )
+    density: float = setting(
+        0.0,
+        "People beside the target to a square unit of the floor, where their number is not given.",
+        at_least=0,
+        option="--density",
+        metavar="NUMBER",
+    )
+    diameter: float = setting(
+        3.33, "Of a person.", unit="length", people=0.5, above=0, option="--diameter", metavar="LENGTH"
+    )
+    height: float | None = setting(
+        None,
+        "Of people who hide the target from cameras whose height is known.",
+        unit="length",
+        above=0,
+        option="--height",
+        metavar="LENGTH",
+        nothing="no camera sees over them, as in `occlog simulate`",
+    )
+    z: float = setting(
+        0.0, "Height of the target.", unit="length", at_least=0, people=0.9, option="--z", metavar="LENGTH"
+    )
+    speed: float = setting(
+        1.0, "Of target and people.", unit="length/s", people=1.2, above=0, option="--speed", metavar="LENGTH"
+    )
+    sigma: float = setting(
+        0.33,
+        "Noise of the motion per axis, gathered in a second.",
+        unit="length",
+        people=0.05,
+        at_least=0,
+        option="--sigma",
+        metavar="LENGTH",
+    )
+    redirect: float = setting(
+        0.095,
+        "Probability of a new destination within a second, beside those on arrival.",
+        at_least=0,
+        below=1,
+        option="--redirect",
+    )
+    rate_hz: float = setting(
+        1.0,
+        "Frames a second of sensors whose rate the scene does not say.",
+        unit="Hz",
+        people=10.0,
+        above=0,
+        at_most=1000,
+        option="--rate",
+        metavar="HZ",
+    )
+    window_s: float = setting(
+        60.0,
+        "How long the filter has followed a target when it comes to the place.",
+        unit="s",
+        people=8.0,
+        above=0,
+        at_most=3600,
+    )
+    cells: int = setting(400, "Places of the map, about.", at_least=4, at_most=100_000, option="--cells")
+    draws: int = setting(
+        16, "Walks through each place, each with a crowd.", at_least=4, at_most=10_000, option="--draws"
+    )
+    within: float | None = setting(
+        None,
+        "Tell the share of the floor whose expected error is below this.",
+        unit="length",
+        above=0,
+        option="--within",
+        metavar="LENGTH",
+        nothing="not told",
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """The window has steps enough, and not too many."""
+        steps = self.window_s * self.rate_hz
+        yield "window_s", 2 <= steps <= 20_000, "2 to 20000 steps long"

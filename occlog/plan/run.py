@@ -1,0 +1,259 @@
+"""Run of `occlog plan`: scene in; map, picture, page and rankings out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.parquet import TableWriter
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.open import open_input
+from occlog.records.plans import PlanMap
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import Tracks, Truth
+from occlog.settings import configure
+
+from .candidates import Placed, add_greedily, along_walls, rank_candidates, rank_own
+from .config import PlanConfig
+from .sensing import Sensor
+from .stage import Planned, area_below, plan_map, prepare, sensors_of, worst_place
+
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+
+PICTURES = (".png", ".svg")
+PLACES = 16
+"""Places along the walls where no spacing is given."""
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """What is asked for.
+
+    Attributes:
+        scene: file with the scene.
+        output: the map; None: none, as for the next two.
+        picture: PNG or SVG.
+        report: HTML.
+        candidates: scene file whose sensors may be added.
+        along_walls: name of the camera that may stand along the walls.
+        spacing: of those places; None: by their number.
+        add: how many to add one after the other.
+        remove: whether to rank the scene's own sensors.
+        paths: file of people who say which places count.
+        overwrite: whether outputs may be replaced.
+    """
+
+    scene: Path
+    output: Path | None
+    picture: Path | None
+    report: Path | None
+    candidates: Path | None
+    along_walls: str | None
+    spacing: float | None
+    add: int
+    remove: bool
+    paths: Path | None
+    overwrite: bool
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read."""
+        return [path for path in (self.scene, self.candidates, self.paths) if path is not None]
+
+
+@dataclass(frozen=True)
+class Rankings:
+    """Sensors by the error over the floor with them, or without them; None: not asked for."""
+
+    candidates: tuple[Placed, ...] | None
+    added: tuple[Placed, ...] | None
+    without: tuple[Placed, ...] | None
+
+
+def run_plan(
+    request: PlanRequest, values: Mapping[str, object], seed: int, *, quiet: bool
+) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Plan and write what is asked for; the summary, and what was lost of the paths before."""
+    _check_names(request)
+    scene = options.load_scene(request.scene, None, request.scene)
+    config = configure(PlanConfig.in_unit(scene.length_unit), values)
+    candidates = _candidates(request, scene)
+    places, losses = _places(request.paths, scene)
+    planned = prepare(scene, config, seed, also=candidates, paths=places)
+    table = plan_map(planned)
+    rankings = _rank(request, planned, candidates, quiet=quiet)
+    parameters = asdict(config) | {
+        "add": request.add,
+        "remove": request.remove,
+        "along_walls": request.along_walls,
+        "spacing": request.spacing,
+    }
+    provenance = Provenance("plan", parameters, seed, hash_inputs(request.inputs), losses)
+    summary = _summary(request, planned, table, rankings)
+    warnings = doubts(scene, table)
+    with Together() as together:
+        if request.output is not None:
+            unit, overwrite = scene.length_unit, request.overwrite
+            with TableWriter(
+                request.output, PlanMap, provenance, overwrite=overwrite, length_unit=unit, together=together
+            ) as writer:
+                writer.write(table.sorted())
+        _draw(request, planned, table, rankings, summary, warnings, provenance, together)
+    for warning in warnings:
+        options.note(f"warning: {warning}", quiet)
+    return summary | ({"warnings": warnings} if warnings else {}), losses
+
+
+def _check_names(request: PlanRequest) -> None:
+    """UsageError for a picture of another format, or a page that is not named so."""
+    if request.picture is not None and request.picture.suffix.lower() not in PICTURES:
+        raise UsageError(f"{request.picture}: the picture is PNG or SVG; name it so")
+    if request.report is not None and request.report.suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"{request.report}: the report is HTML; name it so")
+
+
+def _candidates(request: PlanRequest, scene: Scene) -> tuple[Sensor, ...]:
+    """Sensors that may be added; none if none are asked for."""
+    if request.along_walls is not None:
+        like = scene.camera(request.along_walls)
+        if scene.room is None:
+            raise InputError(f"{request.scene}: the scene has no room, so that there are no walls; add `room` to it")
+        return along_walls(scene, like, request.spacing or _perimeter(scene.room) / PLACES)
+    if request.candidates is None:
+        return ()
+    other = options.load_scene(request.candidates, None, request.candidates)
+    if other.length_unit != scene.length_unit:
+        raise InputError(
+            f"{request.candidates}: lengths are in {other.length_unit}, but the scene's in {scene.length_unit}; "
+            "use the same unit"
+        )
+    found = sensors_of(other)
+    if not found:
+        raise InputError(f"{request.candidates}: has no camera with a pose and no microphone array; list candidates")
+    own = {sensor.name for sensor in scene.sensors}
+    if taken := next((sensor.name for sensor in found if sensor.name in own), None):
+        raise InputError(f"{request.candidates}: {taken} is a sensor of the scene already; give it another name")
+    return found
+
+
+def _perimeter(room: Floats) -> float:
+    return float(np.hypot(*(np.roll(room, -1, axis=0) - room).T).sum())
+
+
+def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss, ...]]:
+    """(P, 2) places of people, in the scene's unit, and what was lost of them before."""
+    if path is None:
+        return None, ()
+    opened = open_input(path, Tracks, Truth)
+    if opened.length_unit not in (None, scene.length_unit):
+        raise InputError(f"{path}: lengths are in {opened.length_unit}, but the scene's in {scene.length_unit}")
+    if opened.has(Truth):
+        truth = opened.read(Truth)
+        return np.column_stack([truth.x, truth.y]), opened.losses
+    tracks = opened.read(Tracks)
+    return np.column_stack([tracks.x, tracks.y]), opened.losses
+
+
+def _rank(request: PlanRequest, planned: Planned, candidates: Sequence[Sensor], *, quiet: bool) -> Rankings:
+    ranked = None
+    if candidates:
+        ranked = rank_candidates(planned, options.progress(candidates, "candidates", len(candidates), quiet=quiet))
+    return Rankings(
+        candidates=None if ranked is None else tuple(ranked),
+        added=tuple(add_greedily(planned, ranked, request.add)) if ranked is not None and request.add else None,
+        without=tuple(rank_own(planned)) if request.remove else None,
+    )
+
+
+def doubts(scene: Scene, table: PlanMap) -> list[str]:
+    """What is not to be believed, or was left out, in words."""
+    out = []
+    unplaced = [camera.name for camera in scene.cameras if not camera.placed]
+    if unplaced:
+        out.append(f"{', '.join(unplaced)}: no pose, left out; give position and yaw")
+    if scene.readers:
+        out.append("readers of tags are left out: what they tell is not planned")
+    blind = float(table.weight @ table.no_fix)
+    if blind > 0.1:
+        out.append(
+            f"{blind:.0%} of the time nothing but the room says where a target is; errors there are rough, add sensors"
+        )
+    return out
+
+
+def _summary(request: PlanRequest, planned: Planned, table: PlanMap, rankings: Rankings) -> dict[str, object]:
+    unit, weight = planned.scene.length_unit, table.weight
+    rmse = math.sqrt(float(weight @ table.rmse**2))
+    worst = worst_place(table)
+    paths = {"map": request.output, "picture": request.picture, "report": request.report}
+    summary: dict[str, object] = {name: str(path) for name, path in paths.items() if path is not None}
+    summary |= {
+        "sensors": len(sensors_of(planned.scene)),
+        "people": planned.walked.crowd.shape[1],
+        "places": len(table),
+        f"rmse_{unit}": rmse,
+        f"rmse_error_{unit}": float(np.sqrt(np.sum((weight * table.rmse * table.rmse_error) ** 2))) / rmse,
+        f"mean_{unit}": float(weight @ table.rmse),
+        f"worst_{unit}": float(table.rmse[worst]),
+        "worst_place": [float(table.x[worst]), float(table.y[worst])],
+    }
+    if planned.config.within is not None:
+        summary |= {f"within_{unit}": planned.config.within, "share_within": area_below(table, planned.config.within)}
+    for name in ("seen_by_0", "seen_by_1", "seen_by_2", "no_fix"):
+        summary[name] = float(weight @ getattr(table, name))
+    if rankings.candidates is not None:
+        summary["candidates"] = [placed_as_dict(placed, unit) for placed in rankings.candidates]
+    if rankings.added is not None:
+        summary["added"] = [placed_as_dict(placed, unit) for placed in rankings.added]
+    if rankings.without is not None:
+        summary["without"] = [placed_as_dict(placed, unit) for placed in rankings.without]
+    return summary
+
+
+def placed_as_dict(placed: Placed, unit: str) -> dict[str, object]:
+    """Name, place and heading of a sensor, and the error over the floor with or without it."""
+    sensor = placed.sensor
+    return {
+        "name": sensor.name,
+        "kind": "camera" if isinstance(sensor, Camera) else "array",
+        "position": [round(float(value), 4) for value in sensor.position],
+        "yaw_deg": round(math.degrees(sensor.yaw), 2),
+        f"rmse_{unit}": placed.rmse,
+    }
+
+
+def _draw(
+    request: PlanRequest,
+    planned: Planned,
+    table: PlanMap,
+    rankings: Rankings,
+    summary: Mapping[str, object],
+    warnings: Sequence[str],
+    provenance: Provenance,
+    together: Together,
+) -> None:
+    """Write the picture and the page."""
+    if request.picture is None and request.report is None:
+        return
+    from .page import PageInput, plan_page
+    from .picture import MapPicture, map_picture
+
+    added = tuple(placed.sensor for placed in rankings.added or ())
+    drawn = MapPicture(planned.scene, table, planned.cells.size, added, planned.config.within)
+    if request.picture is not None:
+        with open_output(request.picture, request.overwrite, together) as file:
+            file.write(map_picture(drawn, request.picture.suffix.lower()))
+    if request.report is not None:
+        page = plan_page(PageInput(drawn, summary, tuple(warnings), provenance.as_dict()))
+        with open_output(request.report, request.overwrite, together) as file:
+            file.write(page.encode())

@@ -1,0 +1,114 @@
+"""What each sensor sees of targets on their ways, and what that tells about their places (Fisher information)."""
+
+from __future__ import annotations
+
+import zlib
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.bounds.in_plane import bearing_information, camera_information
+from occlog.core.bounds.in_space import direction_information, ground_information
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.sight.camera import planar_offsets
+from occlog.core.sight.visibility import behind_walls, in_view
+from occlog.records.scene import Camera, MicrophoneArray, Scene
+
+from .config import PlanConfig
+from .hiding import hide_behind_crowd
+
+Sensor = Camera | MicrophoneArray
+
+
+class Walked(NamedTuple):
+    """N targets on their ways, and the crowd."""
+
+    ways: Floats  # (N, T, 2)
+    crowd: Floats  # (K, n, 2)
+    first: Ints  # (N,) step of the crowd's walk at which each way begins
+    dt: float  # between two steps [s]
+
+
+class Told(NamedTuple):
+    """What one sensor tells."""
+
+    seen: Bools  # (N, T) whether it reports the target
+    information: Floats  # (3, N, T) xx, xy, yy of the Fisher information about the place; 0 where not seen
+
+
+def rate_of(sensor: Sensor, config: PlanConfig) -> float:
+    """Frames a second."""
+    return config.rate_hz if sensor.rate_hz is None else sensor.rate_hz
+
+
+def plain_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig) -> Bools:
+    """(N, T) where nothing that stands or walks hides the target from the sensor; sound goes past everything."""
+    n, steps = walked.ways.shape[:2]
+    xy = walked.ways.reshape(-1, 2)
+    if isinstance(sensor, MicrophoneArray):
+        up = config.z - sensor.position[2]
+        return np.asarray(np.hypot(np.hypot(*(xy - sensor.position[:2]).T), up) <= sensor.range).reshape(n, steps)
+    seen: Bools = in_view(*planar_offsets(xy, sensor.ground, sensor.yaw), sensor.fov, sensor.range)
+    seen[seen] = ~behind_walls(sensor.ground, xy[seen], scene.blockers(sensor.ground))
+    seen = np.ascontiguousarray(seen.reshape(n, steps))
+    if walked.crowd.shape[1]:
+        hide_behind_crowd(
+            seen,
+            walked.ways,
+            np.ascontiguousarray(sensor.ground, dtype=np.float64),
+            walked.crowd,
+            walked.first,
+            config.diameter,
+            low_share(sensor, config),
+        )
+    return seen
+
+
+def low_share(camera: Camera, config: PlanConfig) -> float:
+    """Share of the sight line, from the camera, beyond which it is not above people's heads."""
+    above = float(camera.position[2])
+    if config.height is None or not camera.has_height or above <= config.height:
+        return 0.0
+    if config.z >= config.height:
+        return 1.0
+    return (above - config.height) / (above - config.z)
+
+
+def told_by(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, seed: int) -> Told:
+    """What one sensor tells of all targets; its chance of detection depends on its name and the seed alone."""
+    seen = plain_view(sensor, scene, walked, config)
+    n, steps = seen.shape
+    # Frames: the last step is one; others at the sensor's own rate
+    frames = np.floor(np.arange(steps) * walked.dt * rate_of(sensor, config) * (1.0 + 1e-9))
+    seen &= (np.diff(frames, prepend=-1.0) > 0.0)[::-1]
+    detection = 1.0 if isinstance(sensor, MicrophoneArray) or sensor.detection is None else sensor.detection
+    if detection < 1.0:
+        rng = generator(seed, Stage.PLAN, 2, zlib.crc32(sensor.name.encode()))
+        seen &= rng.random(seen.shape) < detection
+    information = np.zeros((3, n, steps), dtype=np.float64)
+    xy = walked.ways[seen]
+    found = _information(sensor, xy, config)
+    information[:, seen] = found[:, 0, 0], found[:, 0, 1], found[:, 1, 1]
+    return Told(seen, information)
+
+
+def _information(sensor: Sensor, xy: Floats, config: PlanConfig) -> Floats:
+    """(N, 2, 2) of one report of a target at (N, 2) places."""
+    if isinstance(sensor, Camera):
+        return camera_information(
+            xy,
+            position=sensor.ground,
+            yaw=sensor.yaw,
+            focal_px=float(sensor.focal_px[0]),
+            sigma_position=sensor.sigma_position,
+            sigma_yaw=sensor.sigma_yaw,
+            sigma_read_px=np.full(len(xy), sensor.sigma_read_px),
+        )
+    if sensor.upright:
+        return bearing_information(xy, sensor.position[:2], np.full(len(xy), sensor.sigma))
+    xyz = np.column_stack([xy, np.full(len(xy), config.z)])
+    elevation = sensor.sigma if sensor.sigma_elevation is None else sensor.sigma_elevation
+    return ground_information(
+        direction_information(xyz, sensor.position, sensor.rotation, sigma_theta=sensor.sigma, sigma_phi=elevation)
+    )

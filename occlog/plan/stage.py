@@ -1,0 +1,175 @@
+"""Scene to the map of what is expected, and how it would be with a sensor more or less."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.bounds.in_plane import polygon_covariance
+from occlog.errors import InputError
+from occlog.records.plans import PlanMap
+from occlog.records.scene import Camera, Scene
+
+from .config import PlanConfig
+from .recursion import Motion, end_covariance, square_error_in_room
+from .sensing import Sensor, Told, Walked, plain_view, rate_of, told_by
+from .walks import Cells, cells_of, crowd_walk, nearest_cell, stretches, turns_per_second, walks_to
+
+SNAPSHOTS = 200
+"""Moments of the crowd at each place from which the probabilities of being seen are counted."""
+
+
+MOST = 5_000_000
+"""Steps of all walks together: each sensor takes 25 bytes for one."""
+
+
+class Planned(NamedTuple):
+    """A scene ready to be judged: places, walks, and what each sensor tells."""
+
+    scene: Scene
+    cells: Cells
+    weight: Floats  # (C,) sums to 1
+    walked: Walked
+    told: dict[str, Told]  # by sensor
+    prior: Floats  # (2, 2) covariance of a place in the room
+    motion: Motion
+    config: PlanConfig
+    seed: int
+
+
+def sensors_of(scene: Scene) -> tuple[Sensor, ...]:
+    """Cameras with a pose, then arrays."""
+    return (*(c for c in scene.cameras if c.placed), *scene.arrays)
+
+
+def prepare(
+    scene: Scene, config: PlanConfig, seed: int, also: Sequence[Sensor] = (), paths: Floats | None = None
+) -> Planned:
+    """Walks and crowds for a scene, and what its sensors tell.
+
+    Args:
+        scene: with a room and sensors.
+        config: who walks about.
+        seed: of the crowd.
+        also: sensors that may be added: the steps suit their rates too.
+        paths: (P, 2) places that weigh the floor by how many of them there are; None: evenly.
+
+    Raises:
+        InputError: the scene has no room, or no sensor with a pose; people do not fit; all paths are elsewhere.
+    """
+    cells, own = cells_of(scene, config.cells), sensors_of(scene)
+    if not own and not also:
+        raise InputError("plan: the scene has no camera with a pose and no microphone array; add sensors to it")
+    dt = 1.0 / max(rate_of(sensor, config) for sensor in (*own, *also))
+    steps = max(2, round(config.window_s / dt))
+    size = len(cells.xy) * config.draws * steps
+    if size > MOST:
+        raise InputError(
+            f"plan: {len(cells.xy)} places x {config.draws} draws x {steps} steps are {size}, must be at most {MOST}; "
+            "take fewer cells or draws, or a shorter window_s"
+        )
+    ways = walks_to(cells, scene, config, dt, steps, seed)
+    crowd = crowd_walk(scene, config, dt, steps, seed)
+    walked = Walked(ways, crowd, stretches(len(ways), crowd, steps, seed), dt)
+    assert scene.room is not None
+    return Planned(
+        scene=scene,
+        cells=cells,
+        weight=_weights(cells, paths),
+        walked=walked,
+        told={sensor.name: told_by(sensor, scene, walked, config, seed) for sensor in own},
+        prior=polygon_covariance(scene.room),
+        motion=Motion(config.speed, turns_per_second(cells, config), config.sigma),
+        config=config,
+        seed=seed,
+    )
+
+
+def _weights(cells: Cells, paths: Floats | None) -> Floats:
+    """(C,) shares of the floor, or of the places (P, 2) that are nearest to each cell."""
+    if paths is None:
+        return np.full(len(cells.xy), 1.0 / len(cells.xy))
+    cell = nearest_cell(cells, paths)
+    inside = np.all(np.abs(paths - cells.xy[cell]) <= cells.size, axis=1)
+    if not inside.any():
+        raise InputError("plan: no place of --paths is in the room; give paths in the scene's coordinates")
+    count = np.bincount(cell[inside], minlength=len(cells.xy))
+    return np.asarray(count / count.sum())
+
+
+def covariances(planned: Planned, told: Sequence[Told]) -> Floats:
+    """(C, draws, 2, 2) covariances at each place for a set of sensors, before what the room tells."""
+    total = np.zeros((3, *planned.walked.ways.shape[:2]))
+    for one in told:
+        total += one.information
+    found = end_covariance(total, planned.prior, planned.motion, planned.walked.dt)
+    return found.reshape(len(planned.cells.xy), -1, 2, 2)
+
+
+def square_errors(planned: Planned, told: Sequence[Told]) -> Floats:
+    """(C, draws) expected square errors for a set of sensors."""
+    cells = planned.cells
+    found = covariances(planned, told)
+    at = np.repeat(cells.xy, found.shape[1], axis=0)
+    return square_error_in_room(found.reshape(-1, 2, 2), at, cells.xy, cells.size).reshape(found.shape[:2])
+
+
+def expected_error(planned: Planned, told: Sequence[Told]) -> float:
+    """Root of the mean square error over the floor for a set of sensors."""
+    return float(np.sqrt(planned.weight @ square_errors(planned, told).mean(axis=1)))
+
+
+def plan_map(planned: Planned) -> PlanMap:
+    """What is expected of the scene's sensors at each place."""
+    told = list(planned.told.values())
+    before = covariances(planned, told)
+    square = square_errors(planned, told)
+    mean = square.mean(axis=1)
+    rmse = np.sqrt(mean)
+    spread = square.std(axis=1, ddof=1) / np.sqrt(square.shape[1])
+    worst = np.linalg.eigvalsh(before)[..., -1]
+    limit = 0.25 * float(np.linalg.eigvalsh(planned.prior)[-1])
+    none, one = _seen_by(planned)
+    return PlanMap.of(
+        t_ns=np.zeros(len(rmse), dtype=np.int64),
+        x=planned.cells.xy[:, 0],
+        y=planned.cells.xy[:, 1],
+        weight=planned.weight,
+        rmse=rmse,
+        rmse_error=0.5 * spread / rmse,
+        seen_by_0=none,
+        seen_by_1=one,
+        seen_by_2=np.clip(1.0 - none - one, 0.0, 1.0),
+        no_fix=(worst > limit).mean(axis=1),
+    )
+
+
+def _seen_by(planned: Planned) -> tuple[Floats, Floats]:
+    """(C,) probabilities that no sensor, and exactly one, reports a target that stands at a place."""
+    count, crowd = len(planned.cells.xy), planned.walked.crowd
+    moments = SNAPSHOTS if crowd.shape[1] else 1
+    still = Walked(
+        ways=np.ascontiguousarray(np.repeat(planned.cells.xy, moments, axis=0)[:, None]),
+        crowd=crowd,
+        first=np.tile(np.linspace(0, len(crowd) - 1, moments).astype(np.int64), count),
+        dt=planned.walked.dt,
+    )
+    none, one = np.ones(count * moments), np.zeros(count * moments)
+    for sensor in sensors_of(planned.scene):
+        detection = (sensor.detection if isinstance(sensor, Camera) else None) or 1.0
+        p = detection * plain_view(sensor, planned.scene, still, planned.config)[:, 0]
+        none, one = none * (1.0 - p), one * (1.0 - p) + none * p
+    return none.reshape(count, -1).mean(axis=1), one.reshape(count, -1).mean(axis=1)
+
+
+def area_below(table: PlanMap, limit: float) -> float:
+    """Share of the floor, by weight, whose expected error is below a limit."""
+    return float(table.weight[table.rmse < limit].sum())
+
+
+def worst_place(table: PlanMap) -> int:
+    """Row with the greatest expected error."""
+    return int(np.argmax(table.rmse))
