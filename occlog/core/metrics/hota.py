@@ -64,7 +64,7 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
         alphas: (A,) thresholds of similarity in (0, 1).
     """
     # Pair targets and tracks in each frame, once for all thresholds
-    target, track, similarity = _assigned(frames)
+    _, target, track, similarity = _assigned(frames)
     # Couples: each target with each track that it is ever paired with; rows of the target (TPA + FNA), of the
     # track (TPA + FPA)
     tracks = max(len(frames.track_key), 1)
@@ -102,23 +102,48 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
     )
 
 
-def _assigned(frames: Frames) -> tuple[Ints, Ints, Floats]:
-    """Targets, tracks and similarities of the pairs of all frames, three arrays (n,).
+def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats, Floats]:
+    """What each pair adds to HOTA = sqrt(sum of associations / (TP + FN + FP)).
+
+    Args:
+        frames: truth and tracks.
+        alphas: (A,) thresholds of similarity in (0, 1).
+
+    Returns:
+        (n,) place of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
+        FPA) there, 0 where it is none.
+    """
+    frame, target, track, similarity = _assigned(frames)
+    couples, couple = np.unique(target * max(len(frames.track_key), 1) + track, return_inverse=True)
+    life = np.bincount(frames.truth, minlength=1)[couples // max(len(frames.track_key), 1)]
+    length = np.bincount(frames.track, minlength=1)[couples % max(len(frames.track_key), 1)]
+    good = (similarity[:, None] >= alphas - EPS).astype(np.float64)
+    belonging = np.zeros_like(good)
+    for a in range(len(alphas)):
+        tpa = np.bincount(couple, good[:, a], minlength=len(couples))
+        belonging[:, a] = good[:, a] * (tpa / np.maximum(life + length - tpa, 1))[couple]
+    return frame, good, belonging
+
+
+def _assigned(frames: Frames) -> tuple[Ints, Ints, Ints, Floats]:
+    """Frames, targets, tracks and similarities of the pairs of all frames, four arrays (n,).
 
     In each frame the assignment has the largest sum of similarity times alignment, so that of two tracks
     that are as near the one that agrees with the target over all frames is taken.
     """
     alike = _alignment(frames)
-    targets, tracks, similarities = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    none = np.zeros(0, dtype=np.int64)
+    places, targets, tracks, similarities = [none], [none], [none], [np.zeros(0)]
     for t in frames.meeting():
         left, right = frames.rows(t)
         truth, track = frames.truth[left], frames.track[right]
         similarity = frames.compare(t)[1]
         i, j = linear_sum_assignment(similarity * alike[truth[:, None], track[None, :]], maximize=True)
+        places.append(np.full(len(i), t, dtype=np.int64))
         targets.append(truth[i])
         tracks.append(track[j])
         similarities.append(similarity[i, j])
-    return np.concatenate(targets), np.concatenate(tracks), np.concatenate(similarities)
+    return np.concatenate(places), np.concatenate(targets), np.concatenate(tracks), np.concatenate(similarities)
 
 
 def _alignment(frames: Frames) -> Floats:

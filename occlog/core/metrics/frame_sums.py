@@ -1,0 +1,110 @@
+"""What each frame adds to the figures of many targets, so that parts of a recording can be weighed anew.
+
+MOTA, the RMSE of pairs and rates are ratios of sums over frames.  IDF1 and HOTA become that with the identities of the
+whole recording: which track a target is given (IDF1), and how far each couple of target and track belongs together
+(HOTA's association of a pair).  Sums over all frames give exactly the figures of `identity`, `hota` and `clear_mot`;
+of a part of them they are those of the part within the recording, not of the part alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Floats
+
+from .clear_mot import CLASSIC, ClearRule, match
+from .frame_pairs import Frames, reaches
+from .hota import ALPHAS, associations
+from .idf1 import identity
+
+COUNTS = ("objects", "estimates", "paired", "switches", "near", "squares", "idtp")
+"""The first sums; then, for each threshold of HOTA, pairs and the sum of their associations."""
+A = len(ALPHAS)
+PLACE = {name: k for k, name in enumerate(COUNTS)}
+SIZE = len(COUNTS) + 2 * A
+
+
+def frame_sums(frames: Frames, cells: int, rule: ClearRule = CLASSIC) -> Floats:
+    """(cells, SIZE) what each frame adds.
+
+    Args:
+        frames: truth and tracks as points; numbers of frames are below `cells`.
+        cells: how many frames there are, empty ones included.
+        rule: how CLEAR-MOT pairs.
+    """
+    out = np.zeros((cells, SIZE))
+    at = frames.frame
+
+    def add(name: str, where: np.ndarray, values: Floats | None = None) -> None:
+        out[:, PLACE[name]] += np.bincount(where, values, minlength=cells)
+
+    add("objects", np.repeat(at, np.diff(frames.truth_start)))
+    add("estimates", np.repeat(at, np.diff(frames.track_start)))
+    made = match(frames, rule)
+    add("paired", at[made.frame])
+    add("switches", at[made.frame[made.switch]])
+    # Errors are of pairs of each frame alone: CLEAR-MOT's keep a track that has gone over to a neighbour
+    alone = match(frames, ClearRule(memory=0))
+    add("near", at[alone.frame])
+    add("squares", at[alone.frame], alone.distance**2)
+    given = identity(frames).track
+    for t in frames.meeting():
+        left, right = frames.rows(t)
+        met = reaches(frames.compare(t)[1], 0.5)
+        own = given[frames.truth[left]][:, None] == frames.track[right][None, :]
+        out[at[t], PLACE["idtp"]] += np.count_nonzero(met & own)
+    where, pairs, belonging = associations(frames)
+    for a in range(A):
+        out[:, len(COUNTS) + a] = np.bincount(at[where], pairs[:, a], minlength=cells)
+        out[:, len(COUNTS) + A + a] = np.bincount(at[where], belonging[:, a], minlength=cells)
+    return out
+
+
+def _of(sums: Floats, name: str) -> Floats:
+    return np.asarray(sums[..., PLACE[name]])
+
+
+def _ratio(part: Floats, whole: Floats) -> Floats:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(whole > 0, part / whole, np.nan))
+
+
+def mota(sums: Floats) -> Floats:
+    """1 - (missed + false + switches) / objects."""
+    objects, paired = _of(sums, "objects"), _of(sums, "paired")
+    return 1.0 - _ratio(objects + _of(sums, "estimates") - 2 * paired + _of(sums, "switches"), objects)
+
+
+def idf1(sums: Floats) -> Floats:
+    """2 IDTP / (objects + estimates)."""
+    return _ratio(2 * _of(sums, "idtp"), _of(sums, "objects") + _of(sums, "estimates"))
+
+
+def recall(sums: Floats) -> Floats:
+    """Pairs over objects."""
+    return _ratio(_of(sums, "paired"), _of(sums, "objects"))
+
+
+def precision(sums: Floats) -> Floats:
+    """Pairs over estimates."""
+    return _ratio(_of(sums, "paired"), _of(sums, "estimates"))
+
+
+def pairs_rmse(sums: Floats) -> Floats:
+    """Root mean square distance of the pairs of each frame alone."""
+    return np.asarray(np.sqrt(_ratio(np.maximum(_of(sums, "squares"), 0), _of(sums, "near"))))
+
+
+def hota_of(sums: Floats) -> Floats:
+    """Mean over thresholds of sqrt(sum of associations / (TP + FN + FP))."""
+    first = len(COUNTS)
+    both = (_of(sums, "objects") + _of(sums, "estimates"))[..., None]
+    pairs, belonging = sums[..., first : first + A], sums[..., first + A : first + 2 * A]
+    return np.asarray(np.sqrt(np.maximum(_ratio(belonging, both - pairs), 0)).mean(axis=-1))
+
+
+FIGURES = {
+    "idf1": idf1, "hota": hota_of, "mota": mota, "recall": recall, "precision": precision, "pairs_rmse": pairs_rmse
+}  # fmt: skip
+"""Figures of sums, by name."""
+LESS_IS_BETTER = frozenset({"pairs_rmse"})

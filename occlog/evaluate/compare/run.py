@@ -1,0 +1,201 @@
+"""Work of `occlog compare`: from tables to differences with their intervals."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.metrics.frame_pairs import of_points
+from occlog.core.metrics.frame_sums import FIGURES, LESS_IS_BETTER, frame_sums
+from occlog.core.metrics.paired import FEWEST, Difference, compare
+from occlog.details import begin_work
+from occlog.errors import InputError, UsageError
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.figures import RULES
+from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
+from occlog.io.open import check_unit, open_input
+from occlog.records.tables import Tracks, Truth
+from occlog.settings import METRES
+
+from .inputs import Run, paired
+
+ALPHA = 0.01
+"""Chance of a false alarm of `--fail-if`."""
+MATCH_M = 1.0
+"""A track meets a target this near [m], unless a distance is given."""
+CONDITION = re.compile(r"\s*(\w+)\s+worse(?:\s+by\s+(\S+))?\s*")
+
+
+class Condition(NamedTuple):
+    """The comparison fails if the figure of a later method is worse than that of the first by more than a margin."""
+
+    figure: str
+    margin: float = 0.0
+
+    def __str__(self) -> str:
+        """As it is given."""
+        return f"{self.figure} worse" + (f" by {self.margin:g}" if self.margin else "")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method against the first one in one figure.
+
+    Attributes:
+        method: place among those that were given, from 1.
+        figure: name.
+        found: what was found.
+        holm: p, with all rows of a comparison looked at together (Holm 1979).
+        verdict: `better`, `worse`, `no difference shown` or `not decided`, for the later method.
+    """
+
+    method: int
+    figure: str
+    found: Difference
+    holm: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All of it.
+
+    Attributes:
+        rows: by method and figure.
+        recordings: names.
+        frames: how many there are in all.
+        unit: of lengths.
+        failed: one sentence for each condition that is met.
+    """
+
+    rows: tuple[Row, ...]
+    recordings: tuple[str, ...]
+    frames: int
+    unit: str
+    failed: tuple[str, ...]
+
+
+def parse_condition(text: str) -> Condition:
+    """A condition from text such as `idf1 worse by 0.01`; UsageError for any other text."""
+    found = CONDITION.fullmatch(text)
+    try:
+        margin = float(found[2] or 0.0) if found else np.nan
+    except ValueError:
+        margin = np.nan
+    if not found or not (np.isfinite(margin) and margin >= 0):
+        raise UsageError(f"--fail-if {text!r}: must be 'FIGURE worse' or 'FIGURE worse by NUMBER', as in 'idf1 worse'")
+    if found[1] not in FIGURES:
+        raise UsageError(f"--fail-if {text!r}: there is no figure {found[1]!r}; there are {', '.join(FIGURES)}")
+    return Condition(found[1], margin)
+
+
+def run_compare(
+    methods: Sequence[Path],
+    truth: Path | None,
+    figures: Sequence[str],
+    conditions: Sequence[Condition],
+    match_distance: float | None,
+    seed: int,
+) -> Comparison:
+    """Compare each later method with the first one.
+
+    Args:
+        methods: two or more: tables of tracks, run folders or folders of those.
+        truth: see `runs_of`.
+        figures: names; empty: all.
+        conditions: what makes the comparison fail.
+        match_distance: a track meets a target this near, in the unit of the tracks; None: 1 m.
+        seed: of the draws.
+    """
+    names, runs = paired(methods, truth)
+    units = {_unit(run, runs[0][names[0]]) for own in runs for run in own.values()}
+    unit = units.pop()
+    if match_distance is None and unit not in METRES:
+        raise UsageError(f"lengths are in {unit!r}: give --match-distance, how near a track is that meets a target")
+    limit = MATCH_M / METRES[unit] if match_distance is None else match_distance
+    begin_work()
+    sums = [[_sums(runs[m][name], runs[0][name], limit, unit) for name in names] for m in range(len(methods))]
+    wanted = [*dict.fromkeys([*(figures or FIGURES), *(c.figure for c in conditions)])]
+    found = {
+        (m, figure): compare(sums[0], sums[m], FIGURES[figure], np.random.default_rng([seed, m, k]))
+        for m in range(1, len(methods))
+        for k, figure in enumerate(FIGURES)
+        if figure in wanted
+    }
+    holm = _holm({key: each.p for key, each in found.items()})
+    rows = tuple(Row(*key, each, holm[key], _verdict(key[1], each, holm[key])) for key, each in found.items())
+    failed = tuple(
+        sentence
+        for row in rows
+        for condition in conditions
+        if condition.figure == row.figure and (sentence := _failure(condition, row, len(methods) - 1))
+    )
+    return Comparison(rows, tuple(names), sum(len(each) for each in sums[0]), unit, failed)
+
+
+def _unit(run: Run, first: Run) -> str:
+    """Unit of lengths of a run's tracks; InputError where it is another than that of the first run or of the truth."""
+    unit = open_input(first.tracks).length_unit or "m"
+    check_unit(open_input(run.tracks), unit, str(first.tracks), InputError)
+    opened = open_input(run.truth)
+    if opened.recording is None:
+        check_unit(opened, unit, str(first.tracks), InputError)
+    elif opened.scene is not None and opened.scene.length_unit != unit:
+        raise InputError(f"{run.truth}: lengths are in {opened.scene.length_unit}, those of {first.tracks} in {unit}")
+    return unit
+
+
+def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
+    """What each true frame of a recording adds to the figures of a run."""
+    if run.truth != first.truth and run.truth.read_bytes() != first.truth.read_bytes():
+        raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")
+    tracks, truth = open_input(run.tracks).read(Tracks), open_input(run.truth).read(Truth)
+    times: Ints = times_of(tracks, truth)
+    if not len(truth):
+        raise InputError(f"{run.truth}: holds no true positions, so there are no frames to compare runs in")
+    config = ManyConfig(match_distance=limit)
+    places = points_in_true_frames(tracks, truth, times, config, EvaluateConfig().limit_ns, unit)
+    return frame_sums(of_points(places.truth, places.tracks, limit), len(times), RULES[config.clear_rule])
+
+
+def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
+    """Holm's p of each comparison; those that are not decided do not count."""
+    known = sorted((value, key) for key, value in p.items() if np.isfinite(value))
+    out, most = dict.fromkeys(p, float("nan")), 0.0
+    for k, (value, key) in enumerate(known):
+        most = max(most, min(1.0, value * (len(known) - k)))
+        out[key] = most
+    return out
+
+
+def _verdict(figure: str, found: Difference, holm: float) -> str:
+    if not np.isfinite(holm):
+        return "not decided"
+    if holm >= 0.05:
+        return "no difference shown"
+    return "better" if (found.difference < 0) == (figure in LESS_IS_BETTER) else "worse"
+
+
+def _failure(condition: Condition, row: Row, later: int) -> str:
+    """Why a condition is met, "" if it is not.
+
+    The chance that any of `later` methods fails without being worse is `ALPHA` at most (Bonferroni).
+    """
+    found, less = row.found, row.figure in LESS_IS_BETTER
+    if not np.isfinite(found.p):
+        short = f"{found.stretches} independent stretches of time, fewer than {FEWEST}"
+        return f"{condition}: method {row.method + 1}: not decided, {short}"
+    p = found.above(condition.margin) if less else found.below(-condition.margin)
+    if p >= ALPHA / later:
+        return ""
+    return (
+        f"{condition}: method {row.method + 1} has {found.b:.4g}, the first {found.a:.4g}, "
+        f"difference {found.difference:+.3g} (p {p:.2g})"
+    )

@@ -1,0 +1,93 @@
+"""A comparison in words: for the terminal, as Markdown, as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from occlog.core.metrics.paired import FEWEST
+
+from .run import Comparison, Row
+
+HEAD = ("figure", "first", "this", "difference", "95 % interval", "p", "verdict")
+LEVEL = "p has all rows together in view (Holm); a verdict needs p < 0.05"
+
+
+def rows_of(found: Comparison, method: int) -> list[tuple[str, ...]]:
+    """Cells of the rows of one method, numbers as text."""
+    return [_cells(row) for row in found.rows if row.method == method]
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    d = row.found
+    interval = "-" if math.isnan(d.low) else f"{d.low:+.4f} to {d.high:+.4f}"
+    p = "-" if math.isnan(row.holm) else f"{row.holm:.2g}"
+    return (row.figure, f"{d.a:.4f}", f"{d.b:.4f}", f"{d.difference:+.4f}", interval, p, row.verdict)
+
+
+def table(found: Comparison, methods: Sequence[Path]) -> str:
+    """For the terminal."""
+    out = []
+    for m in range(1, len(methods)):
+        lines = [HEAD, *rows_of(found, m)]
+        widths = [max(len(line[k]) for line in lines) for k in range(len(HEAD))]
+        out.append(f"{methods[m]} beside {methods[0]}")
+        out += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines]
+    return "\n".join(line.rstrip() for line in [*out, basis(found)])
+
+
+def basis(found: Comparison) -> str:
+    """What the comparison rests on, in a sentence."""
+    count = len(found.recordings)
+    what = f"{found.frames} frames of {count} recording{'s' if count > 1 else ''}"
+    if not found.rows:
+        return f"{what}."
+    whole = found.rows[0].found.recordings
+    stretches = min(row.found.stretches for row in found.rows)
+    drawn = f"{count} recordings drawn" if whole else f"at least {stretches} stretches of time drawn"
+    about = "about recordings like these" if whole else "about these recordings, not about others"
+    short = "" if stretches >= FEWEST else f"; with fewer than {FEWEST} nothing is decided"
+    return f"{what}; {drawn}, both runs at once{short}; {about}. {LEVEL}."
+
+
+def markdown(found: Comparison, methods: Sequence[Path]) -> str:
+    """For a pull request."""
+    out = []
+    for m in range(1, len(methods)):
+        out += [f"### `{methods[m]}` beside `{methods[0]}`", "", "| " + " | ".join(HEAD) + " |"]
+        out += ["|---|---:|---:|---:|---:|---:|---|", *("| " + " | ".join(c) + " |" for c in rows_of(found, m)), ""]
+    return "\n".join([*out, basis(found), *(f"\n**Failed**: {line}" for line in found.failed), ""])
+
+
+def as_dict(found: Comparison, methods: Sequence[Path]) -> dict[str, object]:
+    """For JSON; null where a number is not known."""
+
+    def known(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    rows = [
+        {
+            "method": str(methods[row.method]),
+            "figure": row.figure,
+            "first": known(row.found.a),
+            "this": known(row.found.b),
+            "difference": known(row.found.difference),
+            "low": known(row.found.low),
+            "high": known(row.found.high),
+            "standard_error": known(row.found.se),
+            "p": known(row.found.p),
+            "p_holm": known(row.holm),
+            "verdict": row.verdict,
+            "stretches": row.found.stretches,
+        }
+        for row in found.rows
+    ]
+    return {
+        "first": str(methods[0]),
+        "recordings": list(found.recordings),
+        "frames": found.frames,
+        "length_unit": found.unit,
+        "rows": rows,
+        "failed": list(found.failed),
+    }

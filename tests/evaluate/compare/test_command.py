@@ -1,0 +1,154 @@
+"""`occlog compare`: runs that differ, runs that do not, and inputs that cannot be compared."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import write_table
+from occlog.io.files.provenance import Provenance
+from occlog.records.tables import Tracks, Truth
+
+STEP = 100_000_000
+PEOPLE = 4
+
+
+def places(seed: int, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, people, and where they walk: far from each other."""
+    rng = np.random.default_rng(seed)
+    t = np.repeat(np.arange(frames), PEOPLE)
+    who = np.tile(np.arange(PEOPLE), frames)
+    walk = np.cumsum(rng.normal(0, 0.05, (frames, PEOPLE, 2)), axis=0).reshape(-1, 2)
+    return t, who, walk + 100 * who[:, None]
+
+
+def write(
+    folder: Path, seed: int, *, noise: float = 0.1, lost: float = 0.0, frames: int = 400, tracker: int = 0
+) -> Path:
+    """A run folder with a table of truth beside it."""
+    t, who, xy = places(seed, frames)
+    rng = np.random.default_rng([seed, tracker])
+    folder.mkdir(parents=True, exist_ok=True)
+    # Whole stretches of 1.2 s, which are not bridged
+    kept = rng.random((frames // 12 + 1, PEOPLE))[t // 12, who] >= lost
+    found = xy + rng.normal(0, noise, xy.shape)
+    cov, nothing = np.full(len(t), noise**2), np.full(len(t), np.nan)
+    tracks = Tracks.of(
+        t_ns=t * STEP, target_id=who, x=found[:, 0], y=found[:, 1], vx=nothing, vy=nothing,
+        cov_xx=cov, cov_xy=0 * cov, cov_yy=cov,
+    ).take(kept)  # fmt: skip
+    truth = Truth.of(
+        t_ns=t * STEP, target_id=who, role=np.full(len(t), "target"), x=xy[:, 0], y=xy[:, 1], z=nothing
+    )  # fmt: skip
+    write_table(folder / "tracks.parquet", tracks, Provenance("track"), overwrite=True)
+    write_table(folder / "truth.parquet", truth, Provenance("simulate"), overwrite=True)
+    return folder
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, object]]:
+    found = json.loads(capsys.readouterr().out)
+    return {row["figure"]: row for row in found["rows"]}
+
+
+def compared(*paths: Path, more: tuple[str, ...] = ()) -> int:
+    return run(["compare", *map(str, paths), *more])
+
+
+def test_a_run_that_is_worse_is_found_and_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a, b = write(tmp_path / "a", 1), write(tmp_path / "b", 1, noise=0.2, tracker=1)
+    truth = ("--truth", str(a / "truth.parquet"))
+    assert compared(a, b, more=(*truth, "--json")) == ExitCode.DONE
+    rows = said(capsys)
+    assert set(rows) == {"idf1", "hota", "mota", "recall", "precision", "pairs_rmse"}
+    assert rows["pairs_rmse"]["first"] == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
+    assert rows["pairs_rmse"]["this"] == pytest.approx(0.2 * np.sqrt(2), rel=0.05)
+    assert rows["pairs_rmse"]["verdict"] == "worse"
+    assert rows["hota"]["verdict"] == "worse"
+    assert rows["idf1"]["difference"] == 0.0
+    assert rows["idf1"]["verdict"] == "no difference shown"
+    low, high = rows["pairs_rmse"]["low"], rows["pairs_rmse"]["high"]
+    assert low < 0.1 * np.sqrt(2) < high  # type: ignore[operator]
+    figures = ("--figure", "idf1", "--figure", "pairs_rmse")
+    fine = ("--fail-if", "idf1 worse", "--fail-if", "pairs_rmse worse by 0.15")
+    assert compared(a, b, more=(*truth, *figures, *fine)) == ExitCode.DONE
+    for bad in ("hota worse", "pairs_rmse worse by 0.1"):
+        assert compared(a, b, more=(*truth, *figures, *fine, "--fail-if", bad)) == ExitCode.THRESHOLD
+    assert compared(b, a, more=(*truth, "--fail-if", "pairs_rmse worse", "--fail-if", "hota worse")) == ExitCode.DONE
+    assert "--fail-if pairs_rmse worse by 0.1: method 2 has 0.28" in capsys.readouterr().err
+
+
+def test_lost_people_lower_idf1_and_mota(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a, b = write(tmp_path / "a", 1, frames=1200), write(tmp_path / "b", 1, lost=0.3, tracker=1, frames=1200)
+    more = ("--truth", str(a / "truth.parquet"), "--json", "--match-distance", "0.8")
+    assert compared(a, b, more=more) == ExitCode.DONE
+    rows = said(capsys)
+    assert rows["recall"]["this"] == pytest.approx(0.7, abs=0.12)
+    assert rows["recall"]["verdict"] == rows["idf1"]["verdict"] == rows["mota"]["verdict"] == "worse"
+    assert rows["mota"]["difference"] == pytest.approx(rows["recall"]["difference"])
+    assert rows["pairs_rmse"]["verdict"] == "no difference shown"
+
+
+def test_folders_of_runs_are_paired_by_name_and_recordings_are_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truths = tmp_path / "truths"
+    truths.mkdir()
+    for k in range(10):
+        for method, noise in (("old", 0.1), ("new", 0.12)):
+            made = write(
+                tmp_path / method / "runs" / f"r{k}", k, noise=noise, frames=40, tracker=k + 50 * (method == "new")
+            )
+            (made / "truth.parquet").replace(truths / f"r{k}.parquet")
+    page = tmp_path / "c.md"
+    paths = (tmp_path / "old", tmp_path / "new")
+    more = ("--truth", str(truths), "--markdown", str(page), "--figure", "pairs_rmse")
+    assert compared(*paths, more=more) == ExitCode.DONE
+    told = capsys.readouterr().out
+    assert "400 frames of 10 recordings; 10 recordings drawn" in told
+    assert "worse" in told
+    assert "| pairs_rmse | " in page.read_text()
+    assert compared(*paths, more=more) == ExitCode.EXISTS
+    (tmp_path / "new/runs/r3/tracks.parquet").unlink()
+    assert compared(*paths, more=("--truth", str(truths))) == ExitCode.BAD_INPUT
+    assert "holds no run of runs/r3" in capsys.readouterr().err
+
+
+def test_short_recordings_are_not_decided_and_fail_as_that(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a, b = write(tmp_path / "a", 1, frames=8), write(tmp_path / "b", 1, noise=0.3, frames=8, tracker=1)
+    more = ("--truth", str(a / "truth.parquet"))
+    assert compared(a, b, more=(*more, "--fail-if", "pairs_rmse worse")) == ExitCode.THRESHOLD
+    told = capsys.readouterr()
+    assert "not decided" in told.out
+    assert "fewer than 10" in told.err
+
+
+def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a, b = write(tmp_path / "a", 1, frames=30), write(tmp_path / "b", 2, frames=30)
+    truth = ("--truth", str(a / "truth.parquet"))
+    (tmp_path / "empty").mkdir()
+    for paths, more, code, words in (
+        ((a,), truth, ExitCode.USAGE, "name two methods at least"),
+        ((a, b), (), ExitCode.USAGE, "give --truth"),
+        ((a, tmp_path / "empty"), truth, ExitCode.BAD_INPUT, "holds no tracks.parquet"),
+        ((a, tmp_path / "none.parquet"), truth, ExitCode.BAD_INPUT, "no such file"),
+        ((a, b), (*truth, "--fail-if", "idf2 worse"), ExitCode.USAGE, "there is no figure 'idf2'"),
+        ((a, b), (*truth, "--fail-if", "idf1 worse by -1"), ExitCode.USAGE, "must be 'FIGURE worse'"),
+        ((a, b), ("--truth", str(b / "tracks.parquet")), ExitCode.BAD_INPUT, "holds tracks"),
+    ):
+        assert compared(*paths, more=more) == code, words
+        told = capsys.readouterr().err
+        assert words in told
+        assert told.count("\n") <= 4
+
+
+def test_truths_of_two_methods_must_be_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, seed in (("a", 1), ("b", 2)):
+        folder = write(tmp_path / name, seed, frames=30)
+        (folder / "truth.parquet").rename(folder / "recording.mcap")
+    assert compared(tmp_path / "a", tmp_path / "b") == ExitCode.BAD_INPUT
+    assert "is not the truth of" in capsys.readouterr().err
