@@ -85,6 +85,10 @@ def _map(
     ticks = np.geomspace(low, high, 5) if isinstance(norm, LogNorm) else np.linspace(low, high, 5)
     bar.set_ticks(ticks.tolist(), labels=[f"{tick:.2g}" for tick in ticks])
     bar.minorticks_off()
+    # Shapes and no image, which the page does not load
+    assert bar.solids is not None
+    bar.solids.set_rasterized(False)
+    bar.solids.set_edgecolor("face")
     if what.added:
         at = np.array([sensor.position[:2] for sensor in what.added])
         handles += axes.plot(

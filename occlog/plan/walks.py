@@ -124,7 +124,9 @@ def crowd_size(scene: Scene, config: PlanConfig) -> int:
     cells = cells_of(scene, FINE)
     number = round(config.density * len(cells.xy) * float(cells.size.prod()))
     if number > MOST_PEOPLE:
-        raise InputError(f"plan: density {config.density:g} is {number} people, must be at most {MOST_PEOPLE}")
+        raise InputError(
+            f"plan: density {config.density:g} is {number} people, must be at most {MOST_PEOPLE}; lower it"
+        )
     return number
 
 

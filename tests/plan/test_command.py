@@ -56,6 +56,7 @@ def test_all_outputs_of_one_call_agree(tmp_path: Path, capsys: pytest.CaptureFix
     text = page.read_text()
     assert "default-src 'none'" in text
     assert "<script" not in text
+    assert "<image" not in text
     assert f"{told['rmse_m']:.3f}" in text
     assert told["added"][0]["name"] in text
 
