@@ -12,7 +12,7 @@ from occlog.cli.main import run
 HERE = Path(__file__).resolve().parent
 EXPECTED = HERE / "expected"
 SAMPLE = HERE.parents[1] / "sample_data" / "room" / "recording.mcap"
-NOT_KEPT = ("report.html", "report.png", "run.json")
+NOT_KEPT = ("report.html", "report.png", "report.md", "run.json")
 """Drawings depend on the version of the plotting library; their content is tested elsewhere."""
 
 

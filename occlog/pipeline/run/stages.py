@@ -229,7 +229,7 @@ def _everybody(
         yield replace(
             _stage(plain, "evaluate", results, (str(found["view_tracks"]),), compared), name="evaluate-in-images"
         )
-    page = {"output": folder / "report.html", "png": folder / "report.png"}
+    page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
     yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, "events": str(found["events"])})
     yield from _overlay(config, folder, recording, found["view_tracks"], {**scene, "world": str(out["tracks"])})
 
@@ -286,7 +286,7 @@ def _held(recording: Path) -> tuple[bool, bool]:
 
 
 def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, object]) -> Stage:
-    page = {"output": folder / "report.html", "png": folder / "report.png"}
+    page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
     names = ("bearings", "diagnostics", "errors", "bound")
     results = {n: str(out[n]) for n in names}
     return _stage(config, "report", page, (str(out["tracks"]),), {**inputs, **results, "metrics": str(metrics)})

@@ -43,6 +43,7 @@ OUTPUTS = {
     "bound.parquet",
     "metrics.json",
     "report.html",
+    "report.md",
     "report.png",
     "run.json",
 }
