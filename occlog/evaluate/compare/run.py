@@ -114,6 +114,9 @@ def run_compare(
         match_distance: a track meets a target this near, in the unit of the tracks; None: 1 m.
         seed: of the draws.
     """
+    for name in figures:
+        if name not in FIGURES:
+            raise UsageError(f"--figure {name}: there is no such figure; there are {', '.join(FIGURES)}")
     names, runs = paired(methods, truth)
     units = {_unit(run, runs[0][names[0]]) for own in runs for run in own.values()}
     unit = units.pop()

@@ -137,6 +137,7 @@ def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.Capt
         ((a, tmp_path / "empty"), truth, ExitCode.BAD_INPUT, "holds no tracks.parquet"),
         ((a, tmp_path / "none.parquet"), truth, ExitCode.BAD_INPUT, "no such file"),
         ((a, b), (*truth, "--fail-if", "idf2 worse"), ExitCode.USAGE, "there is no figure 'idf2'"),
+        ((a, b), (*truth, "--figure", "idf2"), ExitCode.USAGE, "there are idf1, hota"),
         ((a, b), (*truth, "--fail-if", "idf1 worse by -1"), ExitCode.USAGE, "must be 'FIGURE worse'"),
         ((a, b), ("--truth", str(b / "tracks.parquet")), ExitCode.BAD_INPUT, "holds tracks"),
     ):
