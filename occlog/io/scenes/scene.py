@@ -184,9 +184,16 @@ def scene_from_yaml(text: str, source: str) -> Scene:
     return _build(parse_yaml(text, source, SceneSpec), source)
 
 
+def _plain(value: object) -> object:
+    """A number of NumPy as one of Python: scenes are made in Python, too."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a scene holds {value!r}, which is no number or text")
+
+
 def scene_to_yaml(scene: Scene) -> str:
     """YAML text that `scene_from_yaml` turns into an equal scene."""
-    raw = msgspec.to_builtins(_spec(scene))
+    raw = msgspec.to_builtins(_spec(scene), enc_hook=_plain)
     return yaml.safe_dump(raw, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
 
 

@@ -13,6 +13,7 @@ import yaml
 from occlog.errors import InputError
 from occlog.io.models.schemas import scene_schema
 from occlog.io.scenes.scene import read_scene, scene_from_yaml, scene_to_yaml
+from occlog.records.scene import Camera, Scene
 
 GOOD = """
 occlog_scene: 1
@@ -153,3 +154,16 @@ def test_scene_fits_its_published_schema() -> None:
     jsonschema.validate(json.loads(json.dumps(yaml.safe_load(GOOD.replace("1e-2", "0.01")))), schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({"occlog_scene": 1, "camera": []}, schema)
+
+
+def test_numbers_of_numpy_are_written_as_numbers() -> None:
+    made = Camera(
+        name="c",
+        position=np.zeros(3),
+        rotation=np.eye(3),
+        focal_px=np.full(2, 500.0),
+        principal_px=np.array([320.0, 240.0]),
+        fov=np.radians(80.0),
+    )
+    again = scene_from_yaml(scene_to_yaml(Scene(cameras=(made,))), "s")
+    assert again.cameras[0].fov == made.fov
