@@ -39,6 +39,9 @@ class Jobs:
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
         """Iterate over the results as jobs end; `Lost` for every piece of a job that did not come to its end."""
         library = _library()
+        if not self._folder.exists():
+            # Others of this machine are not to read what jobs are given
+            self._folder.mkdir(parents=True, mode=0o700)
         keys = list(todo)
         shares = [keys[start :: self._count] for start in range(min(self._count, len(keys)))]
         executor = self._executor(library)
@@ -58,6 +61,10 @@ class Jobs:
             for job in jobs:
                 job.cancel(check=False)
             raise
+        finally:
+            # What the jobs were given may name URLs that are signed
+            for job in jobs:
+                job.paths.submitted_pickle.unlink(missing_ok=True)
 
     def _executor(self, library: Any) -> Any:
         try:

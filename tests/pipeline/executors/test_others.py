@@ -93,7 +93,12 @@ def test_jobs_share_the_work_and_one_that_dies_takes_its_own_share(
     monkeypatch.setattr("submitit.core.core.Job._results_timeout_s", 0)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *sys.path]))
     work = {str(n): n for n in range(6)}
-    found = dict(Jobs("local", tmp_path, {"jobs": "3", "timeout_min": "2"}).outcomes(work, square_or_die))
+    folder = tmp_path / "jobs"
+    found = dict(Jobs("local", folder, {"jobs": "3", "timeout_min": "2"}).outcomes(work, square_or_die))
+    # What jobs were given may name signed URLs: nobody else can read it, and it is taken away
+    assert folder.stat().st_mode & 0o077 == 0
+    assert list(folder.iterdir())
+    assert not list(folder.rglob("*submitted.pkl"))
     assert {key for key, value in found.items() if isinstance(value, Lost)} == {"0", "3"}
     assert {key: value for key, value in found.items() if not isinstance(value, Lost)} == {
         "1": 1,
