@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.metrics.frame_pairs import Objects, of_points
-from occlog.core.metrics.frame_sums import FIGURES, frame_sums
+from occlog.core.metrics.frame_sums import FIGURES, LASTING, frame_sums
 from occlog.core.metrics.paired import compare
 
 NAME = "compare-null"
@@ -81,7 +81,7 @@ def pair(shape: str, rates: tuple[float, float], seed: int) -> dict[str, tuple[f
     runs = [[track(each, rate, rng) for each in hard] for rate in rates]
     out = {}
     for name in ("idf1", "mota", "hota", "pairs_rmse"):
-        found = compare(*runs, FIGURES[name], rng)
+        found = compare(*runs, FIGURES[name], rng, lasting=name in LASTING)
         worse = found.above(0.0) if name == "pairs_rmse" else found.below(0.0)
         out[name] = (found.difference, found.p, worse)
     return out

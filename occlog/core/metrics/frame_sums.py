@@ -107,4 +107,6 @@ FIGURES = {
     "idf1": idf1, "hota": hota_of, "mota": mota, "recall": recall, "precision": precision, "pairs_rmse": pairs_rmse
 }  # fmt: skip
 """Figures of sums, by name."""
+LASTING = frozenset({"idf1", "hota"})
+"""Figures in which an exchange of identities counts to the end of the recording."""
 LESS_IS_BETTER = frozenset({"pairs_rmse"})

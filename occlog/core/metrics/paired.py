@@ -12,6 +12,9 @@ the standard error of D, and D / se is compared with its distribution when stret
 and Tibshirani 1993, ch. 12; blocks as in Carlstein 1986).  Where there are `MANY_RECORDINGS` or more, each recording
 is one stretch: what differs between recordings then counts, and a statement is about recordings like these.  With fewer
 it is about these recordings alone.
+
+Figures of identities are another matter: a target that has become another one stays that to the end, so that no two
+stretches of one recording are independent.  They are decided over recordings only.
 """
 
 from __future__ import annotations
@@ -27,11 +30,12 @@ from occlog.array_types import Floats, Ints
 Metric = Callable[[Floats], Floats]
 """(..., k) sums to (...) a figure."""
 STRETCHES_APART = 5.0
-FEWEST = 10
-"""Fewest stretches from which anything is concluded."""
+FEWEST = 20
+"""Fewest stretches of time from which anything is concluded."""
 MOST = 100
 """Most stretches of all recordings: longer ones are never less independent."""
 MANY_RECORDINGS = 10
+"""Fewest recordings that are drawn whole."""
 DRAWS = 4999
 STEP = 1e-6
 NOT_KNOWN = (float("nan"),) * 4
@@ -80,7 +84,13 @@ class Difference(NamedTuple):
 
 
 def compare(
-    a: Sequence[Floats], b: Sequence[Floats], metric: Metric, rng: np.random.Generator, level: float = 0.95
+    a: Sequence[Floats],
+    b: Sequence[Floats],
+    metric: Metric,
+    rng: np.random.Generator,
+    level: float = 0.95,
+    *,
+    lasting: bool = False,
 ) -> Difference:
     """Compare a figure of two runs.
 
@@ -90,6 +100,7 @@ def compare(
         metric: the figure of sums.
         rng: draws stretches.
         level: of the confidence interval.
+        lasting: what happens in a frame counts to the end of the recording, as exchanges of identities do.
 
     Raises:
         ValueError: the runs are not of the same frames.
@@ -107,8 +118,10 @@ def compare(
     none = Difference(
         values[0], values[1], difference, *NOT_KNOWN, stretches=count, recordings=whole, drawn=np.zeros(0)
     )
-    if not np.isfinite(difference) or count < FEWEST:
-        return none
+    if not np.isfinite(difference) or (not whole and (lasting or count < FEWEST)):
+        # Where no frame adds to a difference there is none, and no test is needed
+        same = difference == 0.0 and not any(u.any() for u in influence)
+        return none._replace(low=0.0, high=0.0, se=0.0, p=1.0) if same else none
     parts = [np.array([each[r][i:j].sum(axis=0) for r, i, j in cut]) for each in (a, b)]
     share = np.array([influence[r][i:j].sum() for r, i, j in cut])
     se = _error(share[None])[0]

@@ -12,8 +12,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.metrics.frame_pairs import of_points
-from occlog.core.metrics.frame_sums import FIGURES, LESS_IS_BETTER, frame_sums
-from occlog.core.metrics.paired import FEWEST, Difference, compare
+from occlog.core.metrics.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
+from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, Difference, compare
 from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -127,7 +127,9 @@ def run_compare(
     sums = [[_sums(runs[m][name], runs[0][name], limit, unit) for name in names] for m in range(len(methods))]
     wanted = [*dict.fromkeys([*(figures or FIGURES), *(c.figure for c in conditions)])]
     found = {
-        (m, figure): compare(sums[0], sums[m], FIGURES[figure], np.random.default_rng([seed, m, k]))
+        (m, figure): compare(
+            sums[0], sums[m], FIGURES[figure], np.random.default_rng([seed, m, k]), lasting=figure in LASTING
+        )
         for m in range(1, len(methods))
         for k, figure in enumerate(FIGURES)
         if figure in wanted
@@ -186,6 +188,13 @@ def _verdict(figure: str, found: Difference, holm: float) -> str:
     return "better" if (found.difference < 0) == (figure in LESS_IS_BETTER) else "worse"
 
 
+def _why(row: Row) -> str:
+    """Why a row is not decided."""
+    if row.figure in LASTING:
+        return f"identities that were exchanged stay so: that takes {MANY_RECORDINGS} recordings or more"
+    return f"{row.found.stretches} independent stretches of time, fewer than {FEWEST}"
+
+
 def _failure(condition: Condition, row: Row, later: int) -> str:
     """Why a condition is met, "" if it is not.
 
@@ -193,8 +202,7 @@ def _failure(condition: Condition, row: Row, later: int) -> str:
     """
     found, less = row.found, row.figure in LESS_IS_BETTER
     if not np.isfinite(found.p):
-        short = f"{found.stretches} independent stretches of time, fewer than {FEWEST}"
-        return f"{condition}: method {row.method + 1}: not decided, {short}"
+        return f"{condition}: method {row.method + 1}: not decided; {_why(row)}"
     p = found.above(condition.margin) if less else found.below(-condition.margin)
     if p >= ALPHA / later:
         return ""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from occlog.core.metrics.paired import FEWEST
+from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS
 
 from .run import Comparison, Row
 
@@ -44,11 +44,10 @@ def basis(found: Comparison) -> str:
     if not found.rows:
         return f"{what}."
     whole = found.rows[0].found.recordings
-    stretches = min(row.found.stretches for row in found.rows)
-    drawn = f"{count} recordings drawn" if whole else f"at least {stretches} stretches of time drawn"
-    about = "about recordings like these" if whole else "about these recordings, not about others"
-    short = "" if stretches >= FEWEST else f"; with fewer than {FEWEST} nothing is decided"
-    return f"{what}; {drawn}, both runs at once{short}; {about}. {LEVEL}."
+    if whole:
+        return f"{what}; {count} recordings drawn, both runs at once; about recordings like these. {LEVEL}."
+    few = f"fewer than {FEWEST} independent ones decide nothing; of identities fewer than {MANY_RECORDINGS} recordings"
+    return f"{what}; stretches of time drawn, both runs at once; about these recordings alone; {few}. {LEVEL}."
 
 
 def markdown(found: Comparison, methods: Sequence[Path]) -> str:

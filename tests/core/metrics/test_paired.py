@@ -104,6 +104,14 @@ def test_runs_that_are_the_same_do_not_differ() -> None:
     assert (found.difference, found.se, found.p, found.below(0.0), found.above(0.0)) == (0.0, 0.0, 1.0, 1.0, 1.0)
     assert (found.below(0.1), found.above(-0.1)) == (0.0, 0.0)
     assert found.stretches == MOST
+    lasting = compare([a], [a + np.array([1.0, 0.0])], mean, np.random.default_rng(1), lasting=True)
+    assert lasting.difference == pytest.approx(1.0)
+    assert np.isnan(lasting.p)
+    assert compare([a], [a], mean, np.random.default_rng(1), lasting=True).p == 1.0
+    many = [a] * MANY_RECORDINGS
+    assert (
+        compare(many, [x + np.array([1.0, 0.0]) for x in many], mean, np.random.default_rng(1), lasting=True).p < 0.01
+    )
     with pytest.raises(ValueError, match="same frames"):
         compare([a], [a[1:]], mean, np.random.default_rng(1))
 
