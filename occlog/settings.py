@@ -119,6 +119,12 @@ def setting(default: Any, help: str, **declared: Any) -> Any:
     return field(default=default, metadata={"setting": Declaration(help, **declared)})
 
 
+def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
+    """Declare a field as another class of settings has it, but for its words and what else is given."""
+    other = next(f for f in fields(of) if f.name == name)
+    return field(default=other.default, metadata={"setting": replace(declaration(other), help=help, **declared)})
+
+
 def declaration(of: Field[object]) -> Declaration:
     """What is said of a field of a class of settings."""
     found: Declaration = of.metadata["setting"]

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.settings import configure, json_schema
+from occlog.plan.config import PlanConfig
+from occlog.settings import configure, declaration, json_schema
 from occlog.simulate.config import WorldConfig
 from occlog.track.apf.config import ApfConfig
 from occlog.track.catalogue import METHODS, settings_of
@@ -109,3 +111,15 @@ def test_values_at_the_ends_of_their_ranges_are_taken():
     assert WorldConfig(redirect=0).redirect == 0
     assert WorldConfig(redirect=1).redirect == 1
     assert WorldConfig(steps=1, z=0.0).steps == 1
+
+
+def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own():
+    (mine,) = (f for f in fields(PlanConfig) if f.name == "redirect")
+    (other,) = (f for f in fields(WorldConfig) if f.name == "redirect")
+    assert mine.default == other.default
+    said, model = declaration(mine), declaration(other)
+    assert said.help != model.help
+    assert (said.at_least, said.at_most, said.below) == (model.at_least, None, 1)
+    for unit in ("m", "ft", "unit"):
+        plan, world = PlanConfig.in_unit(unit), WorldConfig.in_unit(unit)
+        assert (plan.diameter, plan.speed, plan.sigma) == (world.diameter, world.speed, world.sigma)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from pathlib import Path
 from statistics import median
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from docs.browser import browser
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.records.people import PeopleTracks
 from occlog.records.scene import Camera, Scene
@@ -22,7 +22,6 @@ NAME = "page"
 SUMMARY = "page of ten people: time to draw a moment of ten minutes in Chromium to that of a frame at 30 a second"
 LIMIT = 1.0
 PEOPLE, HZ, SIZE = 10, 10, 20.0
-CHROMIUM = os.environ.get("OCCLOG_CHROMIUM") or shutil.which("chromium")
 SCRUB = """async steps => {
   const slider = document.getElementById("replay-time"), spent = [];
   for (let k = 0; k < steps; k++) {
@@ -79,22 +78,17 @@ def crowd(seconds: float) -> ReportInput:
 
 def run(repeats: int) -> dict[str, Any]:
     """Time of a moment, from its being asked for to its being painted, to 1/30 s; medians."""
-    from playwright.sync_api import sync_playwright
-
-    if CHROMIUM is None:
-        raise RuntimeError("no Chromium; install it, or name it in OCCLOG_CHROMIUM")
     parts: dict[str, float] = {}
-    with tempfile.TemporaryDirectory() as name, sync_playwright() as driver:
+    with tempfile.TemporaryDirectory() as name, browser() as chromium:
         page_of = {}
         for what, seconds in (("an hour", 3600.0), ("ten minutes", 600.0)):
             page_of[what] = Path(name) / f"{seconds:g}.html"
             page_of[what].write_text(build_page(crowd(seconds)), encoding="utf-8")
             parts[f"size of {what} [MB]"] = page_of[what].stat().st_size / 1e6
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
         for what, path in page_of.items():
             paints, steps = [], list[float]()
             for _ in range(repeats):
-                page = browser.new_page(viewport={"width": 1280, "height": 900})
+                page = chromium.new_page(viewport={"width": 1280, "height": 900})
                 page.goto(path.as_uri())
                 page.wait_for_timeout(300)
                 paints.append(float(page.evaluate(PAINT)))
@@ -103,6 +97,5 @@ def run(repeats: int) -> dict[str, Any]:
             parts[f"first paint of {what} [ms]"] = median(paints)
             parts[f"a moment of {what} [ms]"] = median(steps)
             parts[f"a moment of {what}, 95 % below [ms]"] = float(np.percentile(steps, 95))
-        browser.close()
     parts["load of the machine"] = os.getloadavg()[0]
     return {"ratio": parts["a moment of ten minutes [ms]"] * 30 / 1000, "limit": LIMIT, "parts": parts}

@@ -5,13 +5,14 @@ A picture is not compared byte by byte: fonts and compiled kernels of another ma
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+from docs.browser import CHROMIUM, browser
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
@@ -71,12 +72,9 @@ def report(work: Path, to: Path) -> None:
 
 def moments(work: Path, to: Path) -> None:
     """The moments of a run in Chromium; the picture stays as it was where that is missing."""
-    browser = os.environ.get("OCCLOG_CHROMIUM") or shutil.which("chromium")
-    if browser is None:
+    if CHROMIUM is None:
         sys.stderr.write("docs/pictures/moments.png: stays as it is: no Chromium\n")
         return
-    from playwright.sync_api import sync_playwright
-
     occlog(work, "run", "examples/people.yaml", "-o", "people")
     images = [
         "--images",
@@ -87,13 +85,11 @@ def moments(work: Path, to: Path) -> None:
         "people/recording.mcap",
     ]
     occlog(work, "report", "people", "-o", "page.html", *images)
-    with sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=browser, args=["--no-sandbox", "--disable-gpu"])
-        page = opened.new_page(viewport={"width": 960, "height": 900}, color_scheme="light")
+    with browser() as chromium:
+        page = chromium.new_page(viewport={"width": 960, "height": 900}, color_scheme="light")
         page.goto((work / "page.html").as_uri() + "#t=6")
         page.wait_for_timeout(500)
         page.locator("#replay").screenshot(path=to)
-        opened.close()
 
 
 def overlay(work: Path, to: Path) -> None:

@@ -14,7 +14,7 @@ from occlog.array_types import NS, Floats
 from occlog.records.robots import RobotPath
 from occlog.records.scene import Scene
 from occlog.report.drawing.style import COLOURS, Style, house_style, label, new_figure, to_png
-from occlog.report.plots.planscene import draw_scale_bar, draw_scene
+from occlog.report.plots.planscene import draw_scale_bar, draw_scene, frame_plan
 
 from .config import NavigateConfig
 from .course import Course
@@ -66,17 +66,11 @@ def draw_path(what: PathPicture) -> Figure:
 
 def _plan(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
     limits = _limits(what)
-    axes.grid(False)
     handles: list[Line2D | Patch] = list(draw_scene(axes, what.scene, limits))
     handles += _obstacles(axes, what)
     handles += _path(axes, what)
-    axes.set_xlim(limits[0, 0], limits[1, 0])
-    axes.set_ylim(limits[0, 1], limits[1, 1])
-    axes.set_aspect("equal", adjustable="box")
-    unit = label(what.scene.length_unit)
-    axes.set_xlabel(f"x [{unit}]")
-    axes.set_ylabel(f"y [{unit}]")
-    draw_scale_bar(axes, limits, unit)
+    frame_plan(axes, limits, what.scene.length_unit)
+    draw_scale_bar(axes, limits, label(what.scene.length_unit))
     return handles
 
 

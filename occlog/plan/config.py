@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, like, setting
+from occlog.simulate.config import WorldConfig
 
 MOST_PEOPLE = 1000
 
@@ -32,9 +33,7 @@ class PlanConfig(Settings):
         option="--density",
         metavar="NUMBER",
     )
-    diameter: float = setting(
-        3.33, "Of a person.", unit="length", people=0.5, above=0, option="--diameter", metavar="LENGTH"
-    )
+    diameter: float = like(WorldConfig, "diameter", "Of a person.")
     height: float | None = setting(
         None,
         "Of people who hide the target from cameras whose height is known.",
@@ -47,24 +46,14 @@ class PlanConfig(Settings):
     z: float = setting(
         0.0, "Height of the target.", unit="length", at_least=0, people=0.9, option="--z", metavar="LENGTH"
     )
-    speed: float = setting(
-        1.0, "Of target and people.", unit="length/s", people=1.2, above=0, option="--speed", metavar="LENGTH"
-    )
-    sigma: float = setting(
-        0.33,
-        "Noise of the motion per axis, gathered in a second.",
-        unit="length",
-        people=0.05,
-        at_least=0,
-        option="--sigma",
-        metavar="LENGTH",
-    )
-    redirect: float = setting(
-        0.095,
+    speed: float = like(WorldConfig, "speed", "Of target and people.")
+    sigma: float = like(WorldConfig, "sigma", "Noise of the motion per axis, gathered in a second.")
+    redirect: float = like(
+        WorldConfig,
+        "redirect",
         "Probability of a new destination within a second, beside those on arrival.",
-        at_least=0,
+        at_most=None,
         below=1,
-        option="--redirect",
     )
     rate_hz: float = setting(
         1.0,

@@ -6,9 +6,9 @@ import json
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from occlog.report.drawing.html import template
 from occlog.report.drawing.style import COLOURS, DARK, house_style, new_figure, raw_svg
 from occlog.report.drawing.svg import page_svg
 
@@ -39,16 +39,8 @@ def plan_page(what: PageInput) -> str:
         canvas = new_figure(*size_of(what.drawn))
         draw_maps(canvas, what.drawn)
         svg = Markup(page_svg(raw_svg(canvas), "plan", HEADING, words))
-    environment = Environment(
-        loader=PackageLoader("occlog.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
     rankings = {title: what.summary[name] for name, title in RANKINGS.items() if what.summary.get(name)}
-    return environment.get_template("plan.html.j2").render(
+    return template("plan.html.j2").render(
         title="What to expect of these sensors",
         heading=HEADING,
         unit=unit,

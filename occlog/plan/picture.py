@@ -17,7 +17,7 @@ from occlog.array_types import Bools, Floats
 from occlog.records.plans import PlanMap
 from occlog.records.scene import Camera, Scene
 from occlog.report.drawing.style import COLOURS, house_style, label, new_figure, to_png
-from occlog.report.plots.planscene import draw_scene
+from occlog.report.plots.planscene import draw_scene, frame_plan
 
 from .sensing import Sensor
 
@@ -75,7 +75,6 @@ def _map(
     axes: Axes, what: MapPicture, values: Floats, norm: Normalize, title: str, colours: str = MAP
 ) -> list[Line2D | Patch]:
     limits = _limits(what)
-    axes.grid(False)
     # Squares lie over the fields of view, of which the map says more
     handles = [h for h in draw_scene(axes, what.scene, limits) if h.get_label() != "field of view"]
     squares = _squares(what, values, norm=norm, cmap=colours, linewidth=0.2, edgecolor="face", zorder=1.3)
@@ -99,12 +98,7 @@ def _map(
             if isinstance(sensor, Camera):
                 along = 0.07 * float((limits[1] - limits[0]).max()) * np.array([np.cos(sensor.yaw), np.sin(sensor.yaw)])
                 axes.plot([x, x + along[0]], [y, y + along[1]], color=COLOURS["bound"], zorder=7)
-    axes.set_xlim(limits[0, 0], limits[1, 0])
-    axes.set_ylim(limits[0, 1], limits[1, 1])
-    axes.set_aspect("equal", adjustable="box")
-    unit = label(what.scene.length_unit)
-    axes.set_xlabel(f"x [{unit}]")
-    axes.set_ylabel(f"y [{unit}]")
+    frame_plan(axes, limits, what.scene.length_unit)
     axes.set_title(title)
     return handles
 

@@ -42,6 +42,11 @@ def rate_of(sensor: Sensor, config: PlanConfig) -> float:
     return config.rate_hz if sensor.rate_hz is None else sensor.rate_hz
 
 
+def detection_of(sensor: Sensor) -> float:
+    """Probability that it reports a target that it could see."""
+    return 1.0 if isinstance(sensor, MicrophoneArray) or sensor.detection is None else sensor.detection
+
+
 def plain_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig) -> Bools:
     """(N, T) where nothing that stands or walks hides the target from the sensor; sound goes past everything."""
     n, steps = walked.ways.shape[:2]
@@ -82,7 +87,7 @@ def told_by(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, se
     # Frames: the last step is one; others at the sensor's own rate
     frames = np.floor(np.arange(steps) * walked.dt * rate_of(sensor, config) * (1.0 + 1e-9))
     seen &= (np.diff(frames, prepend=-1.0) > 0.0)[::-1]
-    detection = 1.0 if isinstance(sensor, MicrophoneArray) or sensor.detection is None else sensor.detection
+    detection = detection_of(sensor)
     if detection < 1.0:
         rng = generator(seed, Stage.PLAN, 2, zlib.crc32(sensor.name.encode()))
         seen &= rng.random(seen.shape) < detection

@@ -11,11 +11,11 @@ from occlog.array_types import Floats
 from occlog.core.bounds.in_plane import polygon_covariance
 from occlog.errors import InputError
 from occlog.records.plans import PlanMap
-from occlog.records.scene import Camera, Scene
+from occlog.records.scene import Scene
 
 from .config import PlanConfig
 from .recursion import Motion, end_covariance, square_error_in_room
-from .sensing import Sensor, Told, Walked, plain_view, rate_of, told_by
+from .sensing import Sensor, Told, Walked, detection_of, plain_view, rate_of, told_by
 from .walks import Cells, cells_of, crowd_walk, nearest_cell, stretches, turns_per_second, walks_to
 
 SNAPSHOTS = 200
@@ -109,24 +109,23 @@ def covariances(planned: Planned, told: Sequence[Told]) -> Floats:
     return found.reshape(len(planned.cells.xy), -1, 2, 2)
 
 
-def square_errors(planned: Planned, told: Sequence[Told]) -> Floats:
-    """(C, draws) expected square errors for a set of sensors."""
+def square_errors(planned: Planned, found: Floats) -> Floats:
+    """(C, draws) expected square errors of covariances, with what the room tells."""
     cells = planned.cells
-    found = covariances(planned, told)
     at = np.repeat(cells.xy, found.shape[1], axis=0)
     return square_error_in_room(found.reshape(-1, 2, 2), at, cells.xy, cells.size).reshape(found.shape[:2])
 
 
 def expected_error(planned: Planned, told: Sequence[Told]) -> float:
     """Root of the mean square error over the floor for a set of sensors."""
-    return float(np.sqrt(planned.weight @ square_errors(planned, told).mean(axis=1)))
+    return float(np.sqrt(planned.weight @ square_errors(planned, covariances(planned, told)).mean(axis=1)))
 
 
 def plan_map(planned: Planned) -> PlanMap:
     """What is expected of the scene's sensors at each place."""
     told = list(planned.told.values())
     before = covariances(planned, told)
-    square = square_errors(planned, told)
+    square = square_errors(planned, before)
     mean = square.mean(axis=1)
     rmse = np.sqrt(mean)
     spread = square.std(axis=1, ddof=1) / np.sqrt(square.shape[1])
@@ -159,8 +158,7 @@ def _seen_by(planned: Planned) -> tuple[Floats, Floats]:
     )
     none, one = np.ones(count * moments), np.zeros(count * moments)
     for sensor in sensors_of(planned.scene):
-        detection = (sensor.detection if isinstance(sensor, Camera) else None) or 1.0
-        p = detection * plain_view(sensor, planned.scene, still, planned.config)[:, 0]
+        p = detection_of(sensor) * plain_view(sensor, planned.scene, still, planned.config)[:, 0]
         none, one = none * (1.0 - p), one * (1.0 - p) + none * p
     return none.reshape(count, -1).mean(axis=1), one.reshape(count, -1).mean(axis=1)
 

@@ -158,7 +158,7 @@ def _has_truth(recording: Path) -> bool:
 
 def run_report(paths: Paths, title: str) -> ReportInput:
     """Read everything, draw, write the page and the picture; what was shown."""
-    from occlog.io.files.atomic import write_bytes
+    from occlog.io.files.atomic import Together, open_output
     from occlog.io.files.content import Content, content_of
 
     from .markdown import build_markdown
@@ -177,8 +177,10 @@ def run_report(paths: Paths, title: str) -> ReportInput:
         made[paths.png] = build_picture(data)
     if paths.markdown is not None:
         made[paths.markdown] = build_markdown(data).encode()
-    for path, content in made.items():
-        write_bytes(path, content, paths.overwrite)
+    with Together() as together:
+        for path, content in made.items():
+            with open_output(path, paths.overwrite, together) as file:
+                file.write(content)
     return data
 
 

@@ -11,7 +11,6 @@ from importlib import resources
 from typing import NamedTuple
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure as Canvas
 from matplotlib.figure import FigureBase
@@ -19,6 +18,7 @@ from matplotlib.figure import FigureBase
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.metrics_in_words import groups, number
 from occlog.report.content.model import TIME_LABEL, ReportInput
+from occlog.report.drawing.html import template
 from occlog.report.drawing.style import COLOURS, DARK, house_style, label, new_figure, raw_svg
 from occlog.report.drawing.svg import page_svg
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
@@ -259,15 +259,7 @@ def _filter(data: ReportInput) -> list[Plot]:
 def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str:
     script = resources.files("occlog.report").joinpath("templates/replay.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    environment = Environment(
-        loader=PackageLoader("occlog.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template("report.html.j2").render(
+    return template("report.html.j2").render(
         title=data.title,
         unit=data.unit,
         start=data.time.start,

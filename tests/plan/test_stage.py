@@ -200,6 +200,13 @@ def test_the_least_needed_camera_is_the_double_one():
     assert {p.sensor.name for p in rank_own(plan)[:2]} == {"sw", "double"}
 
 
+def test_a_camera_that_detects_nothing_sees_nobody():
+    blind = [replace(each, detection=0.0) for each in CORNERS]
+    found = plan_map(planned(*blind))
+    np.testing.assert_array_equal(found.seen_by_0, 1.0)
+    np.testing.assert_array_equal(found.no_fix, 1.0)
+
+
 def test_places_along_walls_look_inwards():
     found = along_walls(Scene(room=ROOM), CORNERS[0], spacing=3.0)
     assert len(found) == 8

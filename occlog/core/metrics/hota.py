@@ -64,13 +64,7 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
         alphas: (A,) thresholds of similarity in (0, 1).
     """
     # Pair targets and tracks in each frame, once for all thresholds
-    _, target, track, similarity = _assigned(frames)
-    # Couples: each target with each track that it is ever paired with; rows of the target (TPA + FNA), of the
-    # track (TPA + FPA)
-    tracks = max(len(frames.track_key), 1)
-    couples, couple = np.unique(target * tracks + track, return_inverse=True)
-    life = np.bincount(frames.truth, minlength=1)[couples // tracks]
-    length = np.bincount(frames.track, minlength=1)[couples % tracks]
+    _, couple, life, length, similarity = _paired(frames)
     tp, loc_a = np.zeros(len(alphas), dtype=np.int64), np.ones(len(alphas))
     ass_a, ass_re, ass_pr = np.zeros(len(alphas)), np.zeros(len(alphas)), np.zeros(len(alphas))
     for a, alpha in enumerate(alphas):
@@ -81,7 +75,7 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
             continue
         loc_a[a] = np.mean(similarity[good])
         # True positive associations of each couple; its figures count once for each of them in the means
-        tpa = np.bincount(couple[good], minlength=len(couples)).astype(np.float64)
+        tpa = np.bincount(couple[good], minlength=len(life)).astype(np.float64)
         ass_a[a] = np.sum(tpa**2 / (life + length - tpa)) / tp[a]  # TPA / (TPA + FNA + FPA)
         ass_re[a] = np.sum(tpa**2 / life) / tp[a]  # TPA / (TPA + FNA)
         ass_pr[a] = np.sum(tpa**2 / length) / tp[a]  # TPA / (TPA + FPA)
@@ -113,16 +107,28 @@ def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats,
         (n,) place of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
         FPA) there, 0 where it is none.
     """
-    frame, target, track, similarity = _assigned(frames)
-    couples, couple = np.unique(target * max(len(frames.track_key), 1) + track, return_inverse=True)
-    life = np.bincount(frames.truth, minlength=1)[couples // max(len(frames.track_key), 1)]
-    length = np.bincount(frames.track, minlength=1)[couples % max(len(frames.track_key), 1)]
+    frame, couple, life, length, similarity = _paired(frames)
     good = (similarity[:, None] >= alphas - EPS).astype(np.float64)
     belonging = np.zeros_like(good)
     for a in range(len(alphas)):
-        tpa = np.bincount(couple, good[:, a], minlength=len(couples))
+        tpa = np.bincount(couple, good[:, a], minlength=len(life))
         belonging[:, a] = good[:, a] * (tpa / np.maximum(life + length - tpa, 1))[couple]
     return frame, good, belonging
+
+
+def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
+    """Pairs of all frames, and the couples that they are of: each target with each track that it is ever paired with.
+
+    Returns:
+        (n,) place of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
+        and of its track (TPA + FPA); (n,) similarity of each pair.
+    """
+    frame, target, track, similarity = _assigned(frames)
+    tracks = max(len(frames.track_key), 1)
+    couples, couple = np.unique(target * tracks + track, return_inverse=True)
+    life = np.bincount(frames.truth, minlength=1)[couples // tracks]
+    length = np.bincount(frames.track, minlength=1)[couples % tracks]
+    return frame, couple, life, length, similarity
 
 
 def _assigned(frames: Frames) -> tuple[Ints, Ints, Ints, Floats]:

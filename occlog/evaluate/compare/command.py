@@ -45,6 +45,7 @@ from occlog.errors import ExitCode, UsageError
 @click.option("--markdown", type=options.PATH, default=None, help="Also write the table as Markdown.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the draws.")
 @options.overwrite_opt
+@options.quiet_opt
 @options.json_opt
 def command(
     methods: tuple[Path, ...],
@@ -55,6 +56,7 @@ def command(
     markdown: Path | None,
     seed: int,
     overwrite: bool,
+    quiet: bool,
     as_json: bool,
 ) -> int:
     """Compare METHODS, each a table of tracks, a run folder or a folder of run folders, with the first of them.
@@ -82,6 +84,8 @@ def command(
         write_bytes(markdown, text.markdown(found, methods).encode(), overwrite)
     told = json.dumps(text.as_dict(found, methods), indent=2) if as_json else text.table(found, methods)
     click.echo(told)
+    for loss in found.losses:
+        options.note(f"lost earlier: {loss}", quiet)
     for line in found.failed:
         click.echo(f"occlog: --fail-if {line}", err=True)
     return ExitCode.THRESHOLD if found.failed else ExitCode.DONE

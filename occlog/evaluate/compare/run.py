@@ -20,7 +20,8 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
-from occlog.io.open import check_unit, open_input
+from occlog.io.open import check_unit, losses_of, open_if_ours, open_input
+from occlog.records.losses import Loss
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
 
@@ -73,6 +74,7 @@ class Comparison:
         frames: how many there are in all.
         unit: of lengths.
         failed: one sentence for each condition that is met.
+        losses: what was lost when tracks and truth were made.
     """
 
     rows: tuple[Row, ...]
@@ -80,6 +82,7 @@ class Comparison:
     frames: int
     unit: str
     failed: tuple[str, ...]
+    losses: tuple[Loss, ...]
 
 
 def parse_condition(text: str) -> Condition:
@@ -142,7 +145,9 @@ def run_compare(
         for condition in conditions
         if condition.figure == row.figure and (sentence := _failure(condition, row, len(methods) - 1))
     )
-    return Comparison(rows, tuple(names), sum(len(each) for each in sums[0]), unit, failed)
+    read = dict.fromkeys(path for own in runs for run in own.values() for path in run)
+    losses = losses_of(each for path in read if (each := open_if_ours(path)) is not None)
+    return Comparison(rows, tuple(names), sum(len(each) for each in sums[0]), unit, failed, losses)
 
 
 def _unit(run: Run, first: Run) -> str:
@@ -159,15 +164,23 @@ def _unit(run: Run, first: Run) -> str:
 
 def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
     """What each true frame of a recording adds to the figures of a run."""
-    if run.truth != first.truth and run.truth.read_bytes() != first.truth.read_bytes():
-        raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")
     tracks, truth = open_input(run.tracks).read(Tracks), open_input(run.truth).read(Truth)
+    if run.truth != first.truth and not _same(truth, open_input(first.truth).read(Truth)):
+        raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")
     times: Ints = times_of(tracks, truth)
     if not len(truth):
         raise InputError(f"{run.truth}: holds no true positions, so there are no frames to compare runs in")
     config = ManyConfig(match_distance=limit)
     places = points_in_true_frames(tracks, truth, times, config, EvaluateConfig().limit_ns, unit)
     return frame_sums(of_points(places.truth, places.tracks, limit), len(times), RULES[config.clear_rule])
+
+
+def _same(a: Truth, b: Truth) -> bool:
+    """Whether two truths have the same rows."""
+    if len(a) != len(b):
+        return False
+    columns = ((getattr(a, c.name), getattr(b, c.name)) for c in Truth.columns())
+    return all(np.array_equal(x, y, equal_nan=x.dtype.kind == "f") for x, y in columns)
 
 
 def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:

@@ -101,7 +101,7 @@ class Nursery:
             with self._lock:
                 try:
                     self._send(environment, [given, taken, far.fileno()])
-                except OSError:  # it was killed
+                except (BrokenPipeError, ConnectionResetError):  # it was killed
                     self._stop()
                     self._send(environment, [given, taken, far.fileno()])
         except BaseException:

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from occlog.array_types import Bools, Floats
 from occlog.records.scene import Scene
 from occlog.report.drawing.style import COLOURS, Style, house_style, label, new_figure, target_colour, to_png
-from occlog.report.plots.planscene import draw_scene
+from occlog.report.plots.planscene import draw_scene, frame_plan
 
 
 class EstimatedPath(NamedTuple):
@@ -60,7 +60,7 @@ def draw_plan(plan: Plan) -> Figure:
     for axes, panel in zip(grid.flat, plan.panels, strict=False):
         for handle in [*draw_scene(axes, plan.scene, limits), *_paths(axes, panel)]:
             handles.setdefault(str(handle.get_label()), handle)
-        _frame(axes, limits, plan.scene.length_unit)
+        frame_plan(axes, limits, plan.scene.length_unit)
         axes.set_title(label(panel.title, 44))
     for axes in grid.flat[len(plan.panels) :]:
         axes.set_visible(False)
@@ -76,15 +76,6 @@ def plan_limits(plan: Plan) -> Floats:
     everything = np.clip(np.vstack([low, high, *paths]), middle - MOST * half, middle + MOST * half)
     margin = 0.04 * float((high - low).max())
     return np.array([everything.min(axis=0) - margin, everything.max(axis=0) + margin])
-
-
-def _frame(axes: Axes, limits: Floats, unit: str) -> None:
-    axes.grid(False)
-    axes.set_xlim(limits[0, 0], limits[1, 0])
-    axes.set_ylim(limits[0, 1], limits[1, 1])
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel(f"x [{label(unit)}]")
-    axes.set_ylabel(f"y [{label(unit)}]")
 
 
 def _paths(axes: Axes, panel: Panel) -> list[Line2D]:

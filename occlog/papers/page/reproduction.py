@@ -7,13 +7,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from occlog.papers.verdicts.words import WORDS
+from occlog.report.drawing.html import template
 from occlog.report.drawing.style import COLOURS, DARK, house_style, new_figure, raw_svg, to_png
 from occlog.report.drawing.svg import page_svg
 
@@ -128,7 +128,7 @@ def build_reproduction(title: str, parts: Sequence[Part], made: str) -> str:
     with house_style():
         plots = [Markup(_svg(part.chart)) for part in parts]
         plans = [[(p, Markup(_picture(part.chart.item, name, p))) for name, p in part.plans.items()] for part in parts]
-    return _template("reproduce.html.j2").render(
+    return template("reproduce.html.j2", "occlog.papers", "page").render(
         title=title,
         parts=list(zip(parts, plots, plans, strict=True)),
         totals=[(kind, sum(v["verdict"] == kind for p in parts for v in p.verdicts)) for kind in WORDS],
@@ -156,7 +156,7 @@ def build_verdicts(papers: Mapping[str, Paper], totals: Mapping[str, Mapping[str
         page: name of each paper's own page, in the folder of its key.
         made: command, seed and version of the program.
     """
-    return _template("verdicts.html.j2").render(
+    return template("verdicts.html.j2", "occlog.papers", "page").render(
         papers=papers,
         totals=totals,
         page=page,
@@ -167,18 +167,6 @@ def build_verdicts(papers: Mapping[str, Paper], totals: Mapping[str, Mapping[str
         light=COLOURS,
         dark=DARK,
     )
-
-
-def _template(name: str) -> Template:
-    environment = Environment(
-        loader=PackageLoader("occlog.papers", "page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(name)
 
 
 def _svg(chart: Chart) -> str:

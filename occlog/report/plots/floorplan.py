@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, Polygon
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.records.scene import Scene
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 from occlog.report.content.model import ReportInput
@@ -19,10 +20,8 @@ from occlog.report.content.plane_of_sight import places
 from occlog.report.drawing.style import COLOURS, Style, label, target_colour
 from occlog.report.drawing.thin import broken, thin_path
 
-from .planscene import draw_scale_bar, draw_scene, name_sensors
+from .planscene import draw_scale_bar, draw_scene, frame_plan, name_sensors
 
-CHI2_95 = 5.991
-"""95 % quantile of the chi-squared distribution with 2 degrees of freedom."""
 ELLIPSES = 24
 PATH_POINTS = 1400
 """Stretches of the paths of all targets, of each of which extremes are drawn; each target has at most half of them."""
@@ -44,7 +43,6 @@ MOMENTS = 8
 def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
     """Draw the floor plan into a figure, with a legend below it."""
     axes = figure.add_subplot()
-    axes.grid(False)
     limits = plan_limits(data)
     handles: list[Line2D | Patch] = []
     near, far = (None, []) if data.scene is None else near_scene(data.scene)
@@ -57,11 +55,7 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
     if data.occluders is not None:
         handles += draw_priors(axes, data.occluders)
     handles += _paths(axes, data)
-    axes.set_xlim(limits[0, 0], limits[1, 0])
-    axes.set_ylim(limits[0, 1], limits[1, 1])
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel(f"x [{label(data.unit)}]")
-    axes.set_ylabel(f"y [{label(data.unit)}]")
+    frame_plan(axes, limits, data.unit)
     bar = draw_scale_bar(axes, limits, label(data.unit))
     if near is not None:
         name_sensors(axes, near, limits, bar)
@@ -213,7 +207,7 @@ def confidence_ellipse(rows: Tracks | Occluders, row: int, **style: Any) -> Elli
     """Ellipse that holds an object with 95 % probability if its place is Gaussian; a known place has no area."""
     covariance = np.array([[rows.cov_xx[row], rows.cov_xy[row]], [rows.cov_xy[row], rows.cov_yy[row]]])
     values, vectors = np.linalg.eigh(covariance)
-    minor, major = 2.0 * np.sqrt(CHI2_95 * np.maximum(values, 0.0))
+    minor, major = 2.0 * np.sqrt(CHI2_95_2D * np.maximum(values, 0.0))
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
     return Ellipse((float(rows.x[row]), float(rows.y[row])), float(major), float(minor), angle=angle, **style)
 

@@ -82,6 +82,16 @@ def _beyond(box: Floats, limits: Floats) -> float:
     return float(np.maximum(limits[0] - box[0], 0.0).sum() + np.maximum(box[1] - limits[1], 0.0).sum())
 
 
+def frame_plan(axes: Axes, limits: Floats, unit: str) -> None:
+    """Set the limits (2, 2) of a plan, x and y to the same scale, and name its axes; no grid."""
+    axes.grid(False)
+    axes.set_xlim(limits[0, 0], limits[1, 0])
+    axes.set_ylim(limits[0, 1], limits[1, 1])
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel(f"x [{label(unit)}]")
+    axes.set_ylabel(f"y [{label(unit)}]")
+
+
 def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]:
     """Draw what does not move; handles for the legend."""
     handles: list[Line2D | Patch] = []
@@ -113,21 +123,23 @@ def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]
     return handles
 
 
-def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
-    """Field of view, cut off by occluders and by the room's walls."""
+def view_area(scene: Scene, camera: Camera, far: float) -> Floats:
+    """(K, 2) polygon of the floor that a camera sees, to a distance `far` at most.
+
+    It is cut off by occluders, and by the room's walls if the camera is in the room.
+    """
     walls = [edges_of(o.polygon) for o in scene.occluders]
-    room = None if scene.room is None else Polygon(scene.room)
-    if (
-        scene.room is not None
-        and room is not None
-        and room.get_path().contains_point((camera.ground[0], camera.ground[1]))
-    ):
+    if scene.room is not None and Polygon(scene.room).get_path().contains_point(tuple(camera.ground)):
         walls.append(edges_of(scene.room))
-    far = float(np.hypot(*(limits[1] - limits[0])))
     blocks = np.concatenate(walls) if walls else np.empty((0, 2, 2))
-    area = visible_area(
+    return visible_area(
         origin=camera.ground, yaw=camera.yaw, fov=camera.fov, reach=min(camera.range, far), walls=blocks
     )
+
+
+def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
+    """Field of view, cut off by occluders and by the room's walls."""
+    area = view_area(scene, camera, float(np.hypot(*(limits[1] - limits[0]))))
     wedge = Polygon(
         area,
         facecolor=COLOURS["view"],

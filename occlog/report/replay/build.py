@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import NS, Floats
+from occlog.core.metrics.errors import CHI2_95_2D
+from occlog.examine.viewers.people import HEIGHT, WIDTH
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.report.content.model import ReportInput
-from occlog.report.content.plane_of_sight import edges_of, visible_area
 from occlog.report.plots.floorplan import near_scene, plan_limits
+from occlog.report.plots.planscene import view_area
 from occlog.settings import METRES
 
 from .moments import Moments
 from .pack import NONE, Words, packed
 from .thumbnails import Thumbnails
 
-WIDTH, HEIGHT = 0.5, 1.7
-"""Of a person whose size is not told [m]."""
 LARGEST = 2.5
 """Widths and heights are told up to this [m]."""
 MOST_EVENTS = 400
@@ -84,6 +84,7 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
         "sensors": sensors,
         "targets": list(data.targets),
         "same": moments.same,
+        "ellipse": CHI2_95_2D,
         "step": moments.step,
         "sigma": sigma,
         "size": size,
@@ -130,9 +131,6 @@ def _sigma_step(data: ReportInput, moments: Moments) -> float:
 
 def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
     """Place, axis and view of each sensor whose pose is known."""
-    walls = [edges_of(o.polygon) for o in scene.occluders]
-    walls += [] if scene.room is None else [edges_of(scene.room)]
-    blocks = np.concatenate(walls) if walls else np.empty((0, 2, 2))
     far = float(np.hypot(*(limits[1] - limits[0])))
     placed: list[Camera | MicrophoneArray] = [*(c for c in scene.cameras if c.placed), *scene.arrays]
     out = []
@@ -140,9 +138,9 @@ def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
         x, y, z = (round(float(v), 6) for v in sensor.position)
         one: dict[str, Any] = {"name": sensor.name, "x": x, "y": y, "z": z, "kind": "array", "view": None}
         if isinstance(sensor, Camera):
+            view = _rounded(view_area(scene, sensor, far))
             reach = min(sensor.range, far)
-            area = visible_area(sensor.ground, sensor.yaw, sensor.fov, reach, blocks)
-            one |= {"kind": "camera", "yaw": sensor.yaw, "fov": sensor.fov, "range": reach, "view": _rounded(area)}
+            one |= {"kind": "camera", "yaw": sensor.yaw, "fov": sensor.fov, "range": reach, "view": view}
         out.append(one)
     return out
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.records.tables import Bearings, Errors, Hulls, Occluders, PeopleTracks, Tracks, Truth
 from occlog.report.content.model import ReportInput
 
@@ -31,8 +32,6 @@ CORNERS = 12
 """Of a Gaussian prior that is drawn."""
 TRUE_FROM = 40_000
 """Numbers of true targets that are not tracked by their own identity begin here."""
-CHI2_95 = 5.991
-"""95 % quantile of the chi-squared distribution with 2 degrees of freedom."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,8 +266,8 @@ def _as_hulls(priors: Occluders | Hulls | None) -> Hulls | None:
     a = np.sqrt(np.maximum(own.cov_xx, 0))
     b = np.divide(own.cov_xy, a, out=np.zeros_like(a), where=a > 0)
     c = np.sqrt(np.maximum(own.cov_yy - b**2, 0))
-    x = own.x[:, None] + np.sqrt(CHI2_95) * a[:, None] * np.cos(turn)
-    y = own.y[:, None] + np.sqrt(CHI2_95) * (b[:, None] * np.cos(turn) + c[:, None] * np.sin(turn))
+    x = own.x[:, None] + np.sqrt(CHI2_95_2D) * a[:, None] * np.cos(turn)
+    y = own.y[:, None] + np.sqrt(CHI2_95_2D) * (b[:, None] * np.cos(turn) + c[:, None] * np.sin(turn))
     return Hulls(
         t_ns=np.repeat(own.t_ns, CORNERS),
         occluder_id=np.repeat(own.occluder_id, CORNERS),

@@ -74,7 +74,7 @@
     // Half axes of the ellipse that holds 95 % of a Gaussian: roots of the eigenvalues of its covariance
     const a = sx * sx, b = sy * sy, c = rho * sx * sy;
     const mean = (a + b) / 2, half = Math.hypot((a - b) / 2, c);
-    const root95 = (v) => Math.sqrt(5.991 * Math.max(v, 0)) * scale;
+    const root95 = (v) => Math.sqrt(data.ellipse * Math.max(v, 0)) * scale;
     pen.beginPath();
     pen.ellipse(...px([x, y]), root95(mean + half), root95(mean - half), -Math.atan2(2 * c, a - b) / 2, 0, 2 * Math.PI);
   };

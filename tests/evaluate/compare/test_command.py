@@ -10,8 +10,9 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import write_table
+from occlog.io.files.parquet import read_table, write_table
 from occlog.io.files.provenance import Provenance
+from occlog.records.losses import Loss
 from occlog.records.tables import Tracks, Truth
 
 STEP = 100_000_000
@@ -150,9 +151,15 @@ def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.Capt
         assert told.count("\n") <= 4
 
 
-def test_truths_of_two_methods_must_be_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, seed in (("a", 1), ("b", 2)):
-        folder = write(tmp_path / name, seed, frames=30)
+def test_truths_of_two_methods_must_have_the_same_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, seed, tracker in (("a", 1, 0), ("b", 2, 0), ("c", 1, 1)):
+        folder = write(tmp_path / name, seed, frames=30, tracker=tracker)
         (folder / "truth.parquet").rename(folder / "recording.mcap")
     assert compared(tmp_path / "a", tmp_path / "b") == ExitCode.BAD_INPUT
     assert "is not the truth of" in capsys.readouterr().err
+    lost = Provenance("simulate", losses=(Loss("cam", "frame 3", "gone", 1),))
+    again = tmp_path / "again.parquet"
+    write_table(again, read_table(tmp_path / "c/recording.mcap", Truth), lost)
+    again.replace(tmp_path / "c/recording.mcap")
+    assert compared(tmp_path / "a", tmp_path / "c") == ExitCode.DONE
+    assert "lost earlier: cam: frame 3: gone" in capsys.readouterr().err

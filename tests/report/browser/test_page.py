@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,15 +11,11 @@ import numpy as np
 import pytest
 from made_up import run
 
+from docs.browser import CHROMIUM, browser
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings
 from occlog.report.page import build_page
 
-CHROMIUM = os.environ.get("OCCLOG_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
-ARGUMENTS = [
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-]
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; install it, or name it in OCCLOG_CHROMIUM"),
     pytest.mark.xdist_group("browser"),
@@ -41,12 +35,10 @@ Open = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+def chromium() -> Iterator[Any]:
+    pytest.importorskip("playwright.sync_api")
+    with browser() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture(scope="module")
@@ -57,12 +49,12 @@ def page_of_a_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def opened(browser: Any, page_of_a_run: Path) -> Iterator[Open]:
+def opened(chromium: Any, page_of_a_run: Path) -> Iterator[Open]:
     """Opens a page, by default that of the run; at the end it must have asked for nothing and complained of nothing."""
     contexts, said, asked = [], [], []
 
     def go(path: Path = page_of_a_run, at: str = "", **how: Any) -> Any:
-        contexts.append(browser.new_context(**({"viewport": {"width": 1280, "height": 900}} | how)))
+        contexts.append(chromium.new_context(**({"viewport": {"width": 1280, "height": 900}} | how)))
         contexts[-1].complaints = said
         page = contexts[-1].new_page()
         page.on("console", lambda message: said.append(message.text))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from made_up import STEP_NS, ring_scene, run
 
+from occlog.core.sight.camera import rotation_from_angles
 from occlog.records.people import PeopleTracks
 from occlog.records.tables import Diagnostics, Hulls, Occluders, Tracks, Truth
 from occlog.report.content.model import ReportInput
@@ -222,3 +223,16 @@ def test_numbers_that_do_not_fit_are_an_error_and_small_ones_take_little() -> No
     assert words.all == [""]
     np.testing.assert_array_equal(words.numbers(["a", "b", "a"], np.array([True, True, False])), [0, 1, 2])
     assert words.all == ["a", "b", None]
+
+
+def test_a_camera_outside_of_the_room_looks_in_through_its_walls() -> None:
+    data = run(steps=20, cameras=2)
+    scene = data.scene
+    assert scene is not None
+    inside, camera = scene.cameras
+    outside = replace(camera, position=np.array([130.0, 50.0, 1.5]), rotation=rotation_from_angles(np.pi, 0.0, 0.0))
+    views = [
+        np.array(s["view"]) for s in told(replace(data, scene=replace(scene, cameras=(inside, outside))))["sensors"]
+    ]
+    assert views[1][:, 0].min() < 50.0  # past the wall at 100
+    assert views[0].max() <= 100.0 + 1e-6  # one inside sees no farther than its walls
