@@ -333,7 +333,8 @@ LIBRARIES = {
     "import gzip": {"io/files/csv_rows.py", "examine/export/run.py"},  # which writes
     "import lz4": {"io/recording/chunks.py", "io/recording/salvage.py"},
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mp4", "reader")}
-    | {"io/models/onnx_file.py", "io/files/salvage/marks.py", "io/files/salvage/table.py"},
+    | {"io/models/onnx_file.py", "io/files/salvage/marks.py", "io/files/salvage/table.py"}
+    | {"io/frames/memory.py"},  # of images that were decoded
     "import pickle": {"track/people/named/by_gallery.py", "conformance/faults.py"},  # of the process itself
     "import sqlite3": {"io/messages/sqlite_file.py"},
     "import tomllib": {"io/files/toml_file.py"},

@@ -13,7 +13,8 @@ from pathlib import Path
 from occlog.errors import InputError
 from occlog.records.frames import Image
 
-from .codec import check_image
+from .codec import check_image, image_size
+from .memory import slot_size
 from .process import Decoder, DecodingJob, start_decoder
 
 _idle: list[Decoder] = []
@@ -33,7 +34,7 @@ def decode_apart(data: bytes, where: str) -> Image:
         InputError: damaged, too large, no image, or the decoder crashed or met a limit.
     """
     check_image(data, where)
-    decoder = _take()
+    decoder = _take(slot_size(*image_size(data) or (0, 0)))
     try:
         image = decoder.image_of(data, where)
     except InputError:
@@ -49,16 +50,18 @@ def decode_apart(data: bytes, where: str) -> Image:
     return image
 
 
-def _take() -> Decoder:
+def _take(size: int) -> Decoder:
+    """A process whose shared memory has slots of so many bytes."""
     while _idle:
         try:
             decoder = _idle.pop()
         except IndexError:  # another thread was faster
             break
-        if decoder.process.poll() is None:
+        slots = 0 if decoder.shared is None else decoder.shared.size
+        if decoder.process.poll() is None and slots >= size:
             return decoder
         decoder.close()
-    return start_decoder(DecodingJob(kind="messages", path="images", store="raw", quality=0))
+    return start_decoder(DecodingJob(kind="messages", path="images", store="raw", quality=0, slot=size))
 
 
 def end_idle() -> None:

@@ -110,7 +110,7 @@ def _describe(
     frames = container.frames if container else (int(count) if 0 < count < 2**31 else None)
     pictures = _raw_pictures(frames, capture, complaint)
     first = next(pictures, None)
-    ok, image = first.fetch() if first is not None else (False, None)
+    ok, image = first.fetch(None) if first is not None else (False, None)
     if first is None or not ok or image is None:
         raise InputError(f"{path}: not one frame can be decoded{_faults(container)}; copy or repair the file")
     size = (image.shape[1], image.shape[0])
@@ -128,6 +128,7 @@ def decode(
     stop: int | None,
     lost: Callable[[Loss], None],
     sizes: Changes | None = None,
+    target: Callable[[], Image | None] | None = None,
 ) -> Iterator[Picture]:
     """Pictures of frames start <= number < stop in order; what is missing is told to `lost` at the end.
 
@@ -139,6 +140,7 @@ def decode(
         stop: first frame number not wanted any more; None: to the end.
         lost: is called for everything that should be there and is not.
         sizes: where the size of the frames changes, as `size_changes` finds it.
+        target: gives what the next frame may be decoded into, if it has that size.
     """
     size = sizes[0][1] if sizes else video.size
     ledger = Ledger(video.path, video.container, video.frames, size, start, stop)
@@ -148,7 +150,7 @@ def decode(
                 break
             if not ledger.accept(raw.index):
                 continue
-            ok, image = raw.fetch()
+            ok, image = raw.fetch(None if target is None else target())
             ledger.note(raw.index, raw.complaint)
             if ok and ledger.fits(raw.index, size_at(sizes or [], raw.pos_ns) or (image.shape[1], image.shape[0])):
                 yield Picture(raw.index, raw.pos_ns, image)
@@ -163,7 +165,7 @@ class _Raw:
     index: int  # -1: cannot be placed
     pos_ns: float
     complaint: str
-    fetch: Callable[[], tuple[bool, Image]]
+    fetch: Callable[[Image | None], tuple[bool, Image]]
 
 
 def _raw_pictures(frames: int | None, capture: cv2.VideoCapture, complaint: Callable[[], str]) -> Iterator[_Raw]:
@@ -179,18 +181,18 @@ def _raw_pictures(frames: int | None, capture: cv2.VideoCapture, complaint: Call
         pos = capture.get(cv2.CAP_PROP_POS_MSEC)
         image: list[tuple[bool, Image]] = []
 
-        def fetch(image: list[tuple[bool, Image]] = image) -> tuple[bool, Image]:
+        def fetch(target: Image | None, image: list[tuple[bool, Image]] = image) -> tuple[bool, Image]:
             if not image:
-                image.append(_retrieve(capture))
+                image.append(_retrieve(capture, target))
             return image[0]
 
         yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, said, fetch)
         ordinal += 1
 
 
-def _retrieve(capture: cv2.VideoCapture) -> tuple[bool, Image]:
+def _retrieve(capture: cv2.VideoCapture, target: Image | None) -> tuple[bool, Image]:
     try:
-        ok, image = capture.retrieve()
+        ok, image = capture.retrieve(target)
     except cv2.error:
         return False, np.zeros((0, 0), np.uint8)
     return bool(ok) and image is not None and image.size > 0, image
@@ -200,7 +202,7 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw]) -> Iterator[
     """The pictures with their numbers from the container's list, if the first few fit it."""
     head: list[_Raw] = []
     for raw in pictures:
-        raw.fetch()  # the decoder keeps only the latest picture
+        raw.fetch(None)  # the decoder keeps only the latest picture
         head.append(raw)
         if len(head) == TRIAL:
             break

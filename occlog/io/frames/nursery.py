@@ -4,13 +4,15 @@ The nursery is `python -m occlog.io.frames.nursery`, started once and when it is
 decodes nothing itself, and forks a process for each request.  It ends with the process that started it, and takes
 those that it forked with it.
 
-A request is one byte with three descriptors: what is to be standard input and standard output of the new process,
-and its line, over which go, to the parent, its number and, when it has ended, how; and back, that it be killed.
+A request is one byte with three or four descriptors: what is to be standard input and standard output of the new
+process, its line, over which go, to the parent, its number and, when it has ended, how, and back, that it be killed;
+and memory that it shares.
 """
 
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import selectors
 import signal
@@ -85,11 +87,12 @@ class Nursery:
         self._requests: socket.socket | None = None
         self._others: list[subprocess.Popen[bytes]] = []  # of processes that this one was forked from
 
-    def fork(self, environment: dict[str, str]) -> Forked:
+    def fork(self, environment: dict[str, str], memory: int | None = None) -> Forked:
         """A new process that does the job on its standard input, as `process_main` does.
 
         Args:
             environment: of the nursery, where it has to be started.
+            memory: descriptor of what it shares with this process; None: nothing.
 
         Raises:
             OSError: none can be had.
@@ -97,13 +100,14 @@ class Nursery:
         given, stdin = os.pipe()
         stdout, taken = os.pipe()
         line, far = socket.socketpair()
+        sent = [given, taken, far.fileno(), *(() if memory is None else (memory,))]
         try:
             with self._lock:
                 try:
-                    self._send(environment, [given, taken, far.fileno()])
+                    self._send(environment, sent)
                 except (BrokenPipeError, ConnectionResetError):  # it was killed
                     self._stop()
-                    self._send(environment, [given, taken, far.fileno()])
+                    self._send(environment, sent)
         except BaseException:
             for each in (stdin, stdout):
                 os.close(each)
@@ -170,9 +174,14 @@ if hasattr(os, "register_at_fork"):
 
 
 class _Served:
-    """The side of the nursery: its processes, and what wakes it."""
+    """The side of the nursery: its processes, and what wakes it.
+
+    Attributes:
+        memory: in a forked process, descriptor of what it shares with whoever asked for it; None: nothing.
+    """
 
     def __init__(self) -> None:
+        self.memory: int | None = None
         self._requests = socket.socket(fileno=os.dup(0))
         self._lines: dict[int, socket.socket] = {}
         self._wake, written = socket.socketpair()
@@ -190,7 +199,7 @@ class _Served:
         while True:
             for key, _ in self._selector.select():
                 if key.fileobj is self._requests:
-                    byte, descriptors, *_ = socket.recv_fds(self._requests, 1, 3)
+                    byte, descriptors, *_ = socket.recv_fds(self._requests, 1, 4)
                     if not byte:
                         self._end()
                     if self._fork(descriptors):
@@ -204,7 +213,7 @@ class _Served:
 
     def _fork(self, descriptors: list[int]) -> bool:
         """Fork; true in the new process, whose standard input and output are those that were sent."""
-        stdin, stdout, line = descriptors
+        stdin, stdout, line, *memory = descriptors
         pid = os.fork()
         if pid == 0:
             signal.set_wakeup_fd(-1)
@@ -214,6 +223,8 @@ class _Served:
                 end.close()
             os.dup2(stdin, 0)
             os.dup2(stdout, 1)
+            if memory:
+                self.memory = os.dup(memory[0])
         else:
             kept = self._lines[pid] = socket.socket(fileno=os.dup(line))
             self._selector.register(kept, selectors.EVENT_READ, pid)
@@ -256,8 +267,10 @@ def main() -> None:
     from . import process_main
 
     process_main.load()
-    _Served().serve()
-    process_main.main()
+    gc.freeze()  # a collection would write to all objects, and so copy the memory that forked processes share
+    served = _Served()
+    served.serve()
+    process_main.main(served.memory)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
 from .limits import SECONDS
+from .memory import SHARED, SharedImages, slot_size
 from .nursery import FORKS, NURSERY, Forked
 
 PIPE_SIZE = 1 << 20
@@ -43,7 +44,8 @@ class DecodingJob(TypedDict, total=False):
     path: Required[str]  # video file, or folder of the images
     files: list[tuple[int, str]]  # of images: frame number and file
     start: int  # of a video: first frame
-    waits: bool  # of a video: its first frame comes later, on standard input
+    waits: bool  # of a video: its first frame, and the size of slots in shared memory, come later, on standard input
+    slot: int  # of messages: size of slots in shared memory, 0: there is none
     stop: int | None  # of a video: frame before which it ends; None: its end
     store: Required[str]  # png, jpeg, raw or none; of images also keep
     quality: Required[int]  # of JPEG
@@ -61,6 +63,7 @@ class Header(TypedDict, total=False):
     p: float | None  # its time in the file [ns]
     k: str  # how its data are stored
     s: tuple[int, ...]  # shape of raw data
+    m: int  # slot of shared memory that they are in; without it they follow
     end: list[dict[str, Any]]  # losses
     error: str
 
@@ -72,12 +75,14 @@ class Delivered:
     index: int
     pos_ns: int | None
     kind: str  # png, jpeg, raw or none
-    data: bytes | bytearray  # a bytearray if raw
+    data: bytes | bytearray | Image  # a bytearray, or an image in shared memory, if raw
     shape: tuple[int, ...] = ()
 
     @property
     def image(self) -> Image:
         """The decoded image of a `raw` frame."""
+        if isinstance(self.data, np.ndarray):
+            return self.data
         return np.frombuffer(self.data, np.uint8).reshape(self.shape)
 
 
@@ -101,10 +106,14 @@ class Decoder:
     bars: tuple[int, int, int, int] = (0, 0, 0, 0)
     losses: list[Loss] = field(default_factory=list)
     death: str = ""
+    shared: SharedImages | None = field(default=None, repr=False)
 
     def begin(self, start: int) -> None:
         """Tell a video that `waits` its first frame."""
-        self._write(b"%d\n" % start)
+        size = slot_size(*self.size) if self.shared is not None else 0
+        if self.shared is not None and size:
+            self.shared.cut(size)
+        self._write(b"%d %d\n" % (start, size))
 
     def image_of(self, data: bytes, where: str) -> Image:
         """The image in compressed bytes, by a decoder of `messages`.
@@ -112,7 +121,8 @@ class Decoder:
         Raises:
             InputError: it cannot be decoded; if the process has ended, because of it.
         """
-        self._write(struct.pack(">I", len(data)), data)
+        freed = self._freed()
+        self._write(struct.pack(">IB", len(data), len(freed)), freed, data)
         try:
             message = self._receive()
         except InputError as error:
@@ -120,7 +130,11 @@ class Decoder:
         if message is None:
             raise InputError(f"{where}: the decoder {self._death()}")
         header, payload = message
-        return np.frombuffer(payload, np.uint8).reshape(header["s"])
+        return payload if isinstance(payload, np.ndarray) else np.frombuffer(payload, np.uint8).reshape(header["s"])
+
+    def _freed(self) -> bytes:
+        """Slots of shared memory that the process may use again."""
+        return self.shared.freed() if self.shared is not None and self.shared.size else b""
 
     def _write(self, *parts: bytes) -> None:
         pipe: IO[bytes] = self.process.stdin  # type: ignore[assignment]
@@ -160,11 +174,16 @@ class Decoder:
                 with suppress(OSError):
                     pipe.close()
         self.process.wait()
+        if self.shared is not None:
+            self.shared.close()
 
     def delivered(self) -> Iterator[Delivered]:
         """The frames in order; InputError where none can be used, a loss where the decoder dies on the way."""
         last = None
         while True:
+            freed = self._freed()
+            if freed:
+                self._write(freed)
             message = self._receive()
             if message is None:
                 if last is None:
@@ -183,7 +202,7 @@ class Decoder:
             kind = header.get("k", "raw" if "s" in header else "none")
             yield Delivered(last, None if pos is None else round(pos), kind, payload, tuple(header.get("s", ())))
 
-    def _receive(self) -> tuple[Header, bytes | bytearray] | None:
+    def _receive(self) -> tuple[Header, bytes | bytearray | Image] | None:
         """The next message, None if the process died; InputError if it reports one."""
         pipe: IO[bytes] = self.process.stdout  # type: ignore[assignment]
         head = pipe.read(8)
@@ -192,6 +211,8 @@ class Decoder:
         text, size = struct.unpack(">II", head)
         header: Header = json.loads(pipe.read(text))
         payload: bytes | bytearray
+        if "m" in header and self.shared is not None:
+            return header, self.shared.image(header["m"], tuple(header["s"]))
         if "s" in header:  # an image, which may be drawn upon
             payload = bytearray(size)
             received = pipe.readinto(payload)  # type: ignore[attr-defined]
@@ -223,7 +244,15 @@ def start_decoder(job: DecodingJob) -> Decoder:
     """
     with suppress(FileNotFoundError):  # the folder was taken away: absolute paths still work
         job = {**job, "cwd": str(Path.cwd())}
-    process = _start()
+    shared = SharedImages() if FORKS and SHARED and (job.get("waits") or job.get("slot")) else None
+    if shared is not None and job.get("slot"):
+        shared.cut(job["slot"])
+    try:
+        process = _start(shared)
+    except BaseException:
+        if shared is not None:
+            shared.close()
+        raise
     pipe: IO[bytes] = process.stdin  # type: ignore[assignment]
     if PIPE_SIZE_OPTION is not None:
         with suppress(OSError):
@@ -232,10 +261,10 @@ def start_decoder(job: DecodingJob) -> Decoder:
     with suppress(BrokenPipeError):
         pipe.write(json.dumps(job).encode() + b"\n")
         pipe.flush()
-    return Decoder(Path(job["path"]), process)
+    return Decoder(Path(job["path"]), process, shared=shared)
 
 
-def _start() -> subprocess.Popen[bytes] | Forked:
+def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | Forked:
     """A process that waits for its job."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OPENCV_FFMPEG_", "OPENCV_LOG"))}
     # -P and an explicit path: the process must find this very package, whatever the working folder holds.
@@ -243,7 +272,7 @@ def _start() -> subprocess.Popen[bytes] | Forked:
     environment["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and nothing is computed
     environment["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
     if FORKS:
-        return NURSERY.fork(environment)
+        return NURSERY.fork(environment, None if shared is None else shared.file)
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "occlog.io.frames.process_main"],
         stdin=subprocess.PIPE,

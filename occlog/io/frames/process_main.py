@@ -17,15 +17,19 @@ import sys
 import tempfile
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 from occlog.errors import InputError
 from occlog.records.losses import Loss
 
 from .limits import Clock, allow_pixels, lower_limits
+from .memory import Slots
 
 if TYPE_CHECKING:
+    from io import BufferedReader
+
     from occlog.records.frames import Image
 
     from .process import DecodingJob, Header
@@ -68,8 +72,8 @@ def load() -> None:
     from . import decode, folder  # noqa: F401
 
 
-def main() -> None:
-    """Do the job on standard input."""
+def main(memory: int | None = None) -> None:
+    """Do the job on standard input; `memory` is what is shared with whoever gave it."""
     out = os.fdopen(os.dup(1), "wb")
     log = Log()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
@@ -78,7 +82,7 @@ def main() -> None:
         os.chdir(job["cwd"])
     losses: list[Loss] = []
     try:
-        _run(job, out, log, losses)
+        _run(job, out, log, losses, memory)
         send(out, {"end": [asdict(loss) for loss in losses]})
     except InputError as error:
         send(out, {"error": str(error)})
@@ -91,20 +95,20 @@ def main() -> None:
     os._exit(0)  # nothing is left to do, and decoders may hang in their clean-up
 
 
-def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> None:
     lower_limits()
     import cv2
 
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     if job["kind"] == "video":
-        _video(job, out, log, losses)
+        _video(job, out, log, losses, memory)
     elif job["kind"] == "messages":
-        _messages(out, log)
+        _messages(job, out, log, memory)
     else:
         _images(job, out, log, losses)
 
 
-def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> None:
     from .decode import CAPTURE_OPTIONS, decode, examine
     from .sizes import size_changes
 
@@ -121,21 +125,37 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> Non
         line = sys.stdin.buffer.readline()
         if not line:
             return
-        start, sizes = int(line), None  # frames of another size were told of, and left out, when it was ingested
+        start, size = map(int, line.split())
+        sizes = None  # frames of another size were told of, and left out, when it was ingested
+        slots = _slots(memory, size)
     else:
-        start, sizes = job["start"], size_changes(video.path)
+        start, sizes, slots = job["start"], size_changes(video.path), None
         news()  # what was written about packets will be written again
-    for picture in decode(video, start, job["stop"], losses.append, sizes):
-        _deliver(job, out, picture.index, picture.pos_ns, picture.image)
+    width, height = video.size
+    target = None if slots is None else partial(slots.target, (height, width, 3))
+    for picture in decode(video, start, job["stop"], losses.append, sizes, target):
+        _deliver(job, out, picture.index, picture.pos_ns, picture.image, slots)
 
 
-def _messages(out: BinaryIO, log: Log) -> None:
-    """Images that come on standard input, each after its length; an answer to each."""
+def _slots(memory: int | None, size: int) -> Slots | None:
+    """Slots of the shared memory; those that are free again come on standard input."""
+    if memory is None or not size:
+        return None
+    return Slots(memory, size, cast("BufferedReader", sys.stdin.buffer).read1)
+
+
+def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> None:
+    """Images that come on standard input, each after its length and the slots that are free; an answer to each."""
     from .codec import decode_image, image_size
 
     clock = Clock()
-    while head := sys.stdin.buffer.read(4):
-        data = sys.stdin.buffer.read(*struct.unpack(">I", head))
+    slots = _slots(memory, job.get("slot", 0))
+    while head := sys.stdin.buffer.read(5):
+        length, free = struct.unpack(">IB", head)
+        freed = sys.stdin.buffer.read(free)
+        if slots is not None:
+            slots.free(freed)
+        data = sys.stdin.buffer.read(length)
         clock.go_on()
         width, height = image_size(data) or (0, 0)
         allow_pixels(width * height)
@@ -152,7 +172,16 @@ def _messages(out: BinaryIO, log: Log) -> None:
         if said:
             send(out, {"error": f"the decoder met damage ({said.replace(': ', ' ')})"})
         else:
-            send(out, {"s": image.shape}, bytes_of(image))
+            _send_image(out, {}, image, slots)
+
+
+def _send_image(out: BinaryIO, header: Header, image: Image, slots: Slots | None) -> None:
+    """Send an image through shared memory, or after its header where it does not fit."""
+    slot = None if slots is None else slots.deliver(image)
+    if slot is None:
+        send(out, {**header, "s": image.shape}, bytes_of(image))
+    else:
+        send(out, {**header, "s": image.shape, "m": slot})
 
 
 def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
@@ -202,7 +231,9 @@ def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> Image:
     raise InputError(f"{job['path']}: not one image can be decoded ({reason})")
 
 
-def _deliver(job: DecodingJob, out: BinaryIO, index: int, pos_ns: float, image: Image) -> None:
+def _deliver(
+    job: DecodingJob, out: BinaryIO, index: int, pos_ns: float, image: Image, slots: Slots | None = None
+) -> None:
     from .codec import encode_image
 
     header: Header = {"i": index, "p": pos_ns if pos_ns == pos_ns else None}
@@ -210,7 +241,7 @@ def _deliver(job: DecodingJob, out: BinaryIO, index: int, pos_ns: float, image: 
     if store == "none":
         send(out, header)
     elif store == "raw":
-        send(out, {**header, "s": image.shape}, bytes_of(image))
+        _send_image(out, header, image, slots)
     else:
         kind = "jpeg" if store == "jpeg" else "png"
         send(out, {**header, "k": kind}, encode_image(image, kind, job["quality"]))

@@ -1,0 +1,138 @@
+"""Memory that a decoding process shares with the one that asks: images come through it without being copied.
+
+It is cut into slots of one image each.  A slot belongs to the decoder until an image in it is delivered, then to the
+image, and to the decoder again when nobody holds the image any more.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import sys
+import weakref
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+
+from occlog.errors import InputError
+from occlog.records.frames import Image
+
+SHARED = sys.platform == "linux"
+"""Whether there is memory without a name that can be given to another process."""
+SMALLEST, LARGEST = 2**18, 2**25
+"""Sizes of images that go through it [bytes]: a pipe is as quick for smaller ones; 3840 x 2160 px take 25 million."""
+FEWEST, MOST = 3, 8
+"""Slots: at least one that is decoded into, one that waits, and one that is looked at."""
+AHEAD = 2**23
+"""Size of all slots, where they are more than the fewest [bytes]."""
+
+
+def slot_size(width: int, height: int) -> int:
+    """Size of a slot for images of so many pixels [bytes], 0 where a pipe is better or memory cannot be shared."""
+    size = 3 * width * height
+    return size if SHARED and SMALLEST <= size <= LARGEST else 0
+
+
+class SharedImages:
+    """The side of the process that asks.
+
+    Attributes:
+        file: descriptor of the memory, for the decoding process.
+        size: of a slot [bytes], 0 as long as there are none.
+    """
+
+    def __init__(self) -> None:
+        """Memory without slots."""
+        self.file = os.memfd_create("images", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        self.size = self._slots = 0
+        self._held: set[int] = set()
+        self._freed: deque[int] = deque()
+
+    def cut(self, size: int) -> None:
+        """Make the slots, once; the memory keeps its size from then on, whatever the other process does."""
+        import fcntl
+
+        self.size, self._slots = size, min(max(AHEAD // size, FEWEST), MOST)
+        os.ftruncate(self.file, self._slots * size)
+        fcntl.fcntl(self.file, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
+        self._memory = mmap.mmap(self.file, self._slots * size)
+
+    def image(self, slot: int, shape: tuple[int, ...]) -> Image:
+        """The image in a slot: itself, or a copy where the decoder would be left without a slot.
+
+        Raises:
+            InputError: there is no such slot, or no such image fits into it.
+        """
+        count = int(np.prod(shape))
+        if not (0 <= slot < self._slots and 0 < count <= self.size) or slot in self._held:
+            raise InputError("the decoder delivered what is no image")
+        image = np.frombuffer(self._memory, np.uint8, count, slot * self.size).reshape(shape)
+        self._held.add(slot)
+        if len(self._held) - len(self._freed) >= self._slots:
+            self._freed.append(slot)
+            return image.copy()
+        # A finalizer may run in the midst of anything, so it only takes a note
+        weakref.finalize(image, self._freed.append, slot).atexit = False
+        return image
+
+    def freed(self) -> bytes:
+        """Numbers of slots that the decoder is to have again; none as long as it has more than half of them."""
+        if 2 * len(self._held) < self._slots:
+            return b""
+        slots = bytes(self._freed.popleft() for _ in range(len(self._freed)))
+        self._held.difference_update(slots)
+        return slots
+
+    def close(self) -> None:
+        """Let go of the memory; images in it stay as they are."""
+        if self.file >= 0:
+            with suppress(OSError):
+                os.close(self.file)
+            self.file = -1
+
+
+class Slots:
+    """The side of the decoding process."""
+
+    def __init__(self, file: int, size: int, wait: Callable[[], bytes]) -> None:
+        """Use the slots of a memory.
+
+        Args:
+            file: descriptor of the memory.
+            size: of a slot [bytes].
+            wait: gives the numbers of slots that are free again, at least one; none: nobody listens any more.
+        """
+        count = os.fstat(file).st_size // size
+        self._memory, self._size, self._wait = mmap.mmap(file, count * size), size, wait
+        self._free = list(range(count))
+
+    def free(self, slots: bytes) -> None:
+        """Take slots back."""
+        self._free.extend(slots)
+
+    def target(self, shape: tuple[int, ...]) -> Image | None:
+        """An image of that shape in the next free slot, to be decoded into; None where it does not fit.
+
+        Raises:
+            BrokenPipeError: nobody listens any more.
+        """
+        count = int(np.prod(shape))
+        if count > self._size:
+            return None
+        while not self._free:
+            slots = self._wait()
+            if not slots:
+                raise BrokenPipeError
+            self.free(slots)
+        return np.frombuffer(self._memory, np.uint8, count, self._free[0] * self._size).reshape(shape)
+
+    def deliver(self, image: Image) -> int | None:
+        """Number of the slot that an image is in now; None where it does not fit into one."""
+        target = self.target(image.shape)
+        if target is None:
+            return None
+        if image.ctypes.data != target.ctypes.data:
+            np.copyto(target, image)
+        return self._free.pop(0)
