@@ -34,11 +34,15 @@ MINUTES = (20, 60)
 """The shorter one is of nearly as many rows as are read at a time, so that all that is held at once is held in both."""
 MADE = Provenance("benchmark")
 CHUNK = re.compile(r"^Chunk\(\S+\) with \d+ rows \(.*?\) - (\S+) - data columns: \[(.*)\]$")
-RAW = "McapMessage:data"
+DRAWN = {
+    "EncodedImage:blob", "VideoStream:sample", "Pinhole:image_from_camera", "Points3D:positions", "Scalars:scalars",
+    "TextLog:text", "Transform3D:translation",
+}  # fmt: skip
+"""The components that Rerun's views draw, or that place others in space, of those that come of such files."""
 
 
-def shown_by_rerun(rerun: str, path: Path) -> tuple[set[str], set[str]]:
-    """Topics that Rerun draws, and those of whose messages it knows the fields, so that a layout can plot them.
+def shown_by_rerun(rerun: str, path: Path) -> set[str]:
+    """Entities of which Rerun draws something, each named as the topic `/NAME`.
 
     Args:
         rerun: its program.
@@ -53,22 +57,17 @@ def shown_by_rerun(rerun: str, path: Path) -> tuple[set[str], set[str]]:
         found = CHUNK.match(line.strip())
         if found is not None:
             columns.setdefault(found[1], set()).update(found[2].split())
-    drawn, known = set(), set()
-    for topic, names in columns.items():
-        # What a file says of a channel is in these; fields of messages that Rerun does not draw end in `:message`
-        told = {name for name in names if not name.startswith(("McapChannel:", "McapSchema:", "McapStatistics:"))}
-        if any(not name.endswith(":message") and name != RAW for name in told):
-            drawn.add(topic)
-        elif any(name.endswith(":message") for name in told):
-            known.add(topic)
-    return drawn, known
+    return {entity for entity, names in columns.items() if names & DRAWN}
 
 
-def shares(rerun: str, path: Path) -> tuple[float, float, Collection[str]]:
-    """Share of the topics of a file that Rerun draws, the share that it draws or knows, and the others."""
-    topics = {topic.name for topic in open_recording(path).topics}
-    drawn, known = shown_by_rerun(rerun, path)
-    return len(topics & drawn) / len(topics), len(topics & (drawn | known)) / len(topics), topics - drawn - known
+def shares(rerun: str, path: Path) -> tuple[float, Collection[str]]:
+    """Share of the topics of a file that Rerun draws, and the others.
+
+    Topics whose names differ in a slash before them are one: Rerun makes one entity of them.
+    """
+    topics = {f"/{topic.name.removeprefix('/')}" for topic in open_recording(path).topics}
+    drawn = shown_by_rerun(rerun, path)
+    return len(topics & drawn) / len(topics), topics - drawn
 
 
 def fill(folder: Path, seconds: int) -> None:
@@ -143,11 +142,10 @@ def _of_the_room(rerun: str, folder: Path) -> dict[str, float]:
     )
     parts = {}
     recording = room / "recording.mcap"
-    for name in ("recording", "rerun", "foxglove"):
+    for name in ("recording", "viewers", "rerun", "foxglove"):
         path = recording if name == "recording" else folder / f"{name}.mcap"
         if name != "recording":
             words = ["export", str(folder / "room"), "--recording", str(recording), "--to", name, "-o", str(path), "-q"]
             subprocess.run([*occlog, *words], check=True, capture_output=True)
-        drawn, known, _ = shares(rerun, path)
-        parts |= {f"{name}: share that Rerun draws": drawn, f"{name}: share drawn or with known fields": known}
+        parts[f"{name}: share of topics that Rerun draws"] = shares(rerun, path)[0]
     return parts
