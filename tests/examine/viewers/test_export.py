@@ -275,6 +275,21 @@ def as_bytes(rows: list[tuple[int, Any]]) -> list[tuple[int, bytes]]:
     return [(t_ns, m if isinstance(m, bytes) else m.SerializeToString(deterministic=True)) for t_ns, m in rows]
 
 
+def test_points_stand_where_lines_and_areas_are(shown: dict[str, Any]) -> None:
+    drawn = [t for t, schema in shown["schemas"].items() if schema.name == "foxglove.SceneUpdate"]
+    wanted = {"/plan", "/static_shadows", "/targets", "/truth", "/selected", "/shadows", "/sight_lines/east"}
+    assert wanted <= set(drawn)
+    for topic in drawn:
+        for (t_ns, update), (at_ns, message) in zip(shown["foxglove"][topic], shown["rerun"][topic], strict=True):
+            points, _ = cloud(message)
+            assert (t_ns, bool(update.entities)) == (at_ns, bool(len(points))), topic
+            corners = [places(line.points) for entity in update.entities for line in entity.lines]
+            corners += [places(fill_.points) for entity in update.entities for fill_ in entity.triangles]
+            if corners:  # each corner of what is drawn has a point, dashes and areas as well
+                away = [np.linalg.norm(points - corner, axis=1).min() for corner in np.concatenate(corners)]
+                assert max(away) < 0.05, topic
+
+
 def test_clouds_over_images_fall_on_the_ellipses(shown: dict[str, Any]) -> None:
     points, _ = cloud(shown["rerun"]["/camera/east/image/annotations"][0][1])
     u, v = (points[:, :2] / points[:, 2:] * CAMERA.focal_px + CAMERA.principal_px).T
