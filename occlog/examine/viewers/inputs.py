@@ -99,9 +99,7 @@ class Inputs:
     def targets(self) -> set[int]:
         """Every identity that is followed."""
         kinds: tuple[type[Tracks] | type[ViewTracks], ...] = (Tracks, ViewTracks)
-        found = (
-            rows for kind in kinds if self.has(kind) for rows in self.tables[kind.NAME].rows(kind, at_once=ROWS)
-        )
+        found = (rows for kind in kinds if self.has(kind) for rows in self.tables[kind.NAME].rows(kind, at_once=ROWS))
         return {target for rows in found for target in np.unique(rows.target_id).tolist()}
 
 
