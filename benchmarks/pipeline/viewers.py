@@ -29,7 +29,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
 
 NAME = "viewers"
-SUMMARY = "peak memory of an export for viewers: an hour to 20 minutes, five people, two cameras, 10 Hz"
+SUMMARY = "peak memory of an export for viewers: an hour to 20 minutes, five people, two cameras, 10 Hz; and eight"
 LIMIT = 1.10
 ROOT = Path(__file__).resolve().parents[2]
 PEOPLE = 5
