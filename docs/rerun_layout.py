@@ -1,10 +1,10 @@
-"""Makes the layout that Rerun opens files of `occlog export --to rerun` with, which only its SDK can write.
+"""Makes the layout that Rerun opens files of `occlog export` with, which only its SDK can write.
 
     pip install rerun-sdk==0.41.0
     python -m docs.rerun_layout
 
-It is package data: nobody who looks at a file needs the SDK.  Numbers of protobuf messages are plotted where a layout
-names their fields, so the layout names those of the first identities.
+It is package data: nobody who looks at a file needs the SDK.  A plot of an identity would show every number that a
+file has of it, so the layout names the main one, of the first identities.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ APPLICATION = "occlog"
 """Application of the recordings that the layout is for, as `occlog view` tells Rerun."""
 TARGETS = 6
 """Identities from 0 of which numbers are plotted."""
-PLOTS = {"Error": ("errors", "Errors", ("error",)), "Effective samples": ("diagnostics", "Diagnostics", ("ess",))}
+PLOTS = {"Error": "errors", "Effective samples": "diagnostics"}
 
 
 def main() -> None:
@@ -28,9 +28,9 @@ def main() -> None:
             name=title,
             origin="/",
             contents=[f"/{source}/{target}" for target in range(TARGETS)],
-            overrides={f"/{source}/{target}": [_line(message, field) for field in fields] for target in range(TARGETS)},
+            overrides={f"/{source}/{target}": _line(target) for target in range(TARGETS)},
         )
-        for title, (source, message, fields) in PLOTS.items()
+        for title, source in PLOTS.items()
     ]
     space = rrb.Spatial3DView(name="In space", origin="/", contents="/**")
     log = rrb.TextLogView(name="Log", origin="/log")
@@ -43,18 +43,17 @@ def main() -> None:
     layout.save(APPLICATION, str(OUT))
 
 
-def _line(message: str, field: str) -> object:
-    """A line of one field of a message of protobuf."""
+def _line(target: int) -> object:
+    """The line of a target: its main number."""
     import rerun as rr
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
     mapping = VisualizerComponentMapping(
         target="Scalars:scalars",
         source_kind=ComponentSourceKind.SourceComponent,
-        source_component=f"occlog.{message}:message",
-        selector=f".{field}",
+        source_component="Scalars:scalars",
     )
-    return rr.SeriesLines(names=field).visualizer(mappings=[mapping])
+    return rr.SeriesLines(names=f"target {target}").visualizer(mappings=[mapping])
 
 
 if __name__ == "__main__":

@@ -92,12 +92,17 @@ class Opened:
         """Whether the input holds rows of a table."""
         return self.table == table.NAME if self.recording is None else self.recording.has(table)
 
-    def rows(self, table: type[T], *, remedy: str = REMEDY) -> Iterator[T]:
-        """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none."""
+    def rows(self, table: type[T], *, remedy: str = REMEDY, at_once: int | None = None) -> Iterator[T]:
+        """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none.
+
+        Chunks of a Parquet table have `at_once` rows at most; None: as many as its groups of rows are written with.
+        """
         self.require(table, remedy=remedy)
         if self.foreign is not None:
             return self.foreign.rows(table)
-        return iter_table(self.path, table) if self.recording is None else self.recording.tables(table)
+        if self.recording is not None:
+            return self.recording.tables(table)
+        return iter_table(self.path, table) if at_once is None else iter_table(self.path, table, at_once)
 
     def read(self, table: type[T]) -> T:
         """All rows of a table; InputError where the input holds none."""

@@ -88,6 +88,13 @@ def test_rows_stream_in_chunks(tmp_path: Path) -> None:
         assert sum(chunks) in (N, 2 * N)
 
 
+def test_rows_stream_in_chunks_as_large_as_asked_for(tmp_path: Path) -> None:
+    opened = open_input(table(tmp_path / "t.parquet", rows=10))
+    chunks = list(opened.rows(Truth, at_once=4))
+    assert max(map(len, chunks)) == 4
+    assert np.concatenate([chunk.t_ns for chunk in chunks]).tolist() == truth(10).t_ns.tolist()
+
+
 def test_the_unit_is_that_of_the_table_or_of_the_recordings_scene(tmp_path: Path) -> None:
     assert open_input(table(tmp_path / "t.parquet", unit="ft")).length_unit == "ft"
     feet = recording(tmp_path / "feet.mcap", scene_from_yaml(FEET, "scene"))

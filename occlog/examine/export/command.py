@@ -12,7 +12,7 @@ from occlog.cli.plugged import PluggedCommand, chosen_in
 from occlog.errors import UsageError
 from occlog.plugins.loading import EXPORTER
 
-from .formats import FORMATS, FOXGLOVE, format_of
+from .formats import FORMATS, FOXGLOVE, RERUN, VIEWERS, format_of
 
 LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" for name, f in FORMATS.items())
 
@@ -60,7 +60,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
 )
 @click.option("--scene", type=options.INPUT, default=None, help="Scene file, for sizes of images (coco) and viewers.")
 @click.option("--recording", type=options.INPUT, default=None, help="Viewers: images and scene, if not in the folder.")
-@click.option("--layout", type=options.PATH, default=None, help="foxglove: also write the layout of panels to import.")
+@click.option("--layout", type=options.PATH, default=None, help="Viewers, not rerun: also write the layout to import.")
 @click.option(
     "--quality",
     type=click.IntRange(1, 100),
@@ -100,8 +100,8 @@ def command(
     if name is not None and name in FORMATS and FORMATS[name].viewer:
         named = {"--table": table, "--target": targets, "--camera": camera, "--origin": origin}
         _refuse(named, f"format {name} shows everything; leave it out")
-        if name != FOXGLOVE:
-            _refuse({"--layout": layout}, f"format {name} takes none; {FOXGLOVE} does")
+        if name == RERUN:
+            _refuse({"--layout": layout}, f"format {name} takes none; {VIEWERS} and {FOXGLOVE} do")
         from occlog.examine.viewers.run import HEIGHT, QUALITY, Request, run_viewers
 
         show = Request(file, output, name, recording, scene, layout, quality or QUALITY, height or HEIGHT, overwrite)

@@ -10,8 +10,8 @@ PLACE_TABLES = ("tracks", "truth")
 IMAGE_TABLES = ("view_tracks", "truth_boxes", "boxes", "views")
 
 
-FOXGLOVE, RERUN = "foxglove", "rerun"
-"""Formats for viewers."""
+VIEWERS, FOXGLOVE, RERUN = "viewers", "foxglove", "rerun"
+"""Formats for viewers: for all of them, and smaller ones for some."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,9 @@ FORMATS: dict[str, Format] = {
     "geojson": Format((".geojson",), PLACE_TABLES, "a line for each target, in longitude and latitude"),
     "coco": Format((".json",), IMAGE_TABLES, "COCO's images, annotations and categories"),
     "trc": Format((".trc",), PLACE_TABLES, "OpenSim's table of markers, one a target"),
-    FOXGLOVE: Format((".mcap",), (), "a run or a recording to look at in Foxglove and Lichtblick", viewer=True),
-    RERUN: Format((), (), "the same for Rerun, which draws points where those draw lines", viewer=True),
+    VIEWERS: Format((".mcap",), (), "a run or a recording to look at in Foxglove, Lichtblick and Rerun", viewer=True),
+    FOXGLOVE: Format((), (), "the same without what Foxglove and Lichtblick do not need", viewer=True),
+    RERUN: Format((), (), "the same without what Rerun does not draw", viewer=True),
 }
 """Every format by the name that `--to` takes."""
 

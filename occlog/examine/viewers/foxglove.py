@@ -10,6 +10,7 @@ from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Point2_pb2 import Point2
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
@@ -39,6 +40,7 @@ def scene_update(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
     for thing in things:
         entity = message.entities.add(frame_id=frame, id=thing.name)
         entity.timestamp.FromNanoseconds(t_ns)
+        entity.lifetime.SetInParent()  # until it is deleted
         for line in thing.lines:
             _add_line(entity, line)
         for column in thing.columns:
@@ -55,6 +57,12 @@ def _colour(place: object, colour: Rgba) -> None:
     place.r, place.g, place.b, place.a = colour  # type: ignore[attr-defined]
 
 
+def _place(pose: Pose, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
+    pose.position.SetInParent()  # the schema wants it said even at the origin
+    pose.position.x, pose.position.y, pose.position.z = x, y, z
+    pose.orientation.w = 1.0
+
+
 def _points(points: Floats) -> list[Point3]:
     return [Point3(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
@@ -62,16 +70,15 @@ def _points(points: Floats) -> list[Point3]:
 def _add_line(entity: SceneEntity, line: Line) -> None:
     kind = LinePrimitive.Type.LINE_LIST if line.dashed else LinePrimitive.Type.LINE_STRIP
     part = entity.lines.add(type=kind, thickness=line.width, scale_invariant=True)
-    part.pose.orientation.w = 1.0
+    _place(part.pose)
     part.points.extend(_points(dashes(line.points, DASH) if line.dashed else line.points))
     _colour(part.color, line.colour)
 
 
 def _add_column(entity: SceneEntity, column: Column) -> None:
     part = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
-    part.pose.orientation.w = 1.0
     x, y, z = column.foot.tolist()
-    part.pose.position.x, part.pose.position.y, part.pose.position.z = x, y, z + 0.5 * column.height
+    _place(part.pose, x, y, z + 0.5 * column.height)
     part.size.x = part.size.y = column.width
     part.size.z = column.height
     _colour(part.color, column.colour)
@@ -79,22 +86,22 @@ def _add_column(entity: SceneEntity, column: Column) -> None:
 
 def _add_fill(entity: SceneEntity, fill: Fill) -> None:
     part = entity.triangles.add()
-    part.pose.orientation.w = 1.0
+    _place(part.pose)
     part.points.extend(_points(fill.corners))
     _colour(part.color, fill.colour)
 
 
 def _add_text(entity: SceneEntity, text: Text) -> None:
     part = entity.texts.add(billboard=True, font_size=text.size, scale_invariant=False, text=text.words)
-    part.pose.orientation.w = 1.0
-    x, y, z = text.at.tolist()
-    part.pose.position.x, part.pose.position.y, part.pose.position.z = x, y, z
+    _place(part.pose, *text.at.tolist())
     _colour(part.color, text.colour)
 
 
 def image_annotations(things: Sequence[Thing], t_ns: int) -> bytes:
     """A `foxglove.ImageAnnotations` of lines and words over an image, in its pixels, their centres at whole numbers."""
     message = ImageAnnotations()
+    if "timestamp" in ImageAnnotations.DESCRIPTOR.fields_by_name:  # since 0.4 of the schemas
+        message.timestamp.FromNanoseconds(t_ns)
     for line in (line for thing in things for line in thing.lines):
         kind = PointsAnnotation.Type.LINE_LIST if line.dashed else PointsAnnotation.Type.LINE_STRIP
         part = message.points.add(type=kind, thickness=line.width)
@@ -103,6 +110,7 @@ def image_annotations(things: Sequence[Thing], t_ns: int) -> bytes:
         # There pixels begin at whole numbers
         part.points.extend([Point2(x=x, y=y) for x, y in (ends + 0.5).tolist()])
         _colour(part.outline_color, line.colour)
+        part.fill_color.SetInParent()  # none
     for text in (text for thing in things for text in thing.texts):
         words = message.texts.add(text=text.words, font_size=text.size)
         words.timestamp.FromNanoseconds(t_ns)

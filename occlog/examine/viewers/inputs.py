@@ -38,6 +38,8 @@ from occlog.settings import METRES
 
 T = TypeVar("T", bound=Table)
 RECORDING = "recording.mcap"
+ROWS = 8192
+"""Rows of a table that are held at once: of several tables, each up to three times while one chunk follows another."""
 SHOWN: tuple[type[Table], ...] = (
     Truth,
     Diagnostics,
@@ -91,13 +93,13 @@ class Inputs:
         """Rows of a table, those of one time and sensor together; none where there are none."""
         if not self.has(table):
             return
-        for rows in whole_times(self.tables[table.NAME].rows(table)):
+        for rows in whole_times(self.tables[table.NAME].rows(table, at_once=ROWS)):
             yield from alike(rows)
 
     def targets(self) -> set[int]:
         """Every identity that is followed."""
         kinds: tuple[type[Tracks] | type[ViewTracks], ...] = (Tracks, ViewTracks)
-        found = (rows for kind in kinds if self.has(kind) for rows in self.tables[kind.NAME].rows(kind))
+        found = (rows for kind in kinds if self.has(kind) for rows in self.tables[kind.NAME].rows(kind, at_once=ROWS))
         return {target for rows in found for target in np.unique(rows.target_id).tolist()}
 
 

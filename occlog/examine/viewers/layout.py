@@ -20,6 +20,8 @@ PLOTS = (
     ("tracks", ("x", "y")),
 )
 """Numbers that are plotted, the first two of which there are topics."""
+TRANSFORMS = {"showLabel": False, "labelSize": 0, "lineWidth": 0, "axisScale": 0.5, "enablePreloading": True}
+"""Sensors have names in the plan; lines from each to the origin hide more than they show."""
 Node = str | dict[str, object]
 
 
@@ -75,7 +77,8 @@ def _space(topics: Mapping[str, str], scene: Scene | None) -> dict[str, object]:
     shown: dict[str, object] = {
         t: {"visible": not t.startswith("/shadows")} for t, s in topics.items() if s == "foxglove.SceneUpdate"
     }
-    shown |= {t: {"visible": True, "distance": 1} for t in topics if t.endswith("/calibration")}
+    cone = {"visible": True, "distance": 1, "planarProjectionFactor": 1}
+    shown |= {t: cone for t in topics if t.endswith("/calibration")}
     middle, size = np.zeros(2), 10.0
     if scene is not None and (scene.room is not None or scene.cameras or scene.arrays):
         corners = METRES.get(scene.length_unit, 1.0) * scene.surroundings
@@ -96,7 +99,7 @@ def _space(topics: Mapping[str, str], scene: Scene | None) -> dict[str, object]:
             "near": 0.1,
             "far": 5000,
         },
-        "scene": {"transforms": {"labelSize": 0}},
+        "scene": {"transforms": TRANSFORMS},
         "layers": {},
     }
 
@@ -109,7 +112,13 @@ def _image(camera: str, topics: Mapping[str, str]) -> dict[str, object]:
     layers = [topic for topic in topics if topic.startswith(f"{base}/image/")]
     tracked = f"{base}/image/annotations" in layers
     mode["annotations"] = {t: {"visible": t.endswith("/annotations") or not tracked} for t in layers}
-    return {"imageMode": mode, "topics": {}, "layers": {}, "synchronize": False}
+    return {
+        "imageMode": mode,
+        "scene": {"transforms": TRANSFORMS},
+        "topics": {},
+        "layers": {},
+        "synchronize": False,
+    }
 
 
 def _plots(topics: Mapping[str, str]) -> list[list[str]]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from occlog.errors import OutputError, UsageError
-from occlog.examine.export.formats import FOXGLOVE, RERUN
+from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
 from occlog.records.losses import Loss
 
 from .command import OTHERS, PROGRAMS
@@ -101,13 +101,13 @@ def find_viewer(named: str | None, *, started: bool, takes: str | None = None) -
     Raises:
         UsageError: it is not installed; how to get one.
     """
-    programs = {name: kind for name, kind in PROGRAMS.items() if takes in (None, kind)}
+    programs = {name: kind for name, kind in PROGRAMS.items() if takes in (None, VIEWERS, kind)}
     if named is not None:
         found = shutil.which(named)
         if found is None and started:
             raise UsageError(f"--viewer {named}: no such program; {_others()}")
         kind = PROGRAMS.get(Path(named).stem.lower()) or (RERUN if "rerun" in named.lower() else FOXGLOVE)
-        if takes not in (None, kind):
+        if takes not in (None, VIEWERS, kind):
             raise UsageError(f"--viewer {named}: the file is made for {takes}; view the run that it was made of")
         return found or named, kind
     for name, kind in programs.items():

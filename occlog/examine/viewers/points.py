@@ -54,6 +54,7 @@ def _message(parts: Sequence[tuple[Floats, Rgba]], t_ns: int, frame: str) -> byt
         at += len(points)
     message = PointCloud(frame_id=frame, point_stride=PLACED.itemsize, data=packed.tobytes())
     message.timestamp.FromNanoseconds(t_ns)
+    message.pose.position.SetInParent()
     message.pose.orientation.w = 1.0
     for n, name in enumerate("xyz"):
         message.fields.add(name=name, offset=4 * n, type=PackedElementField.NumericType.FLOAT32)

@@ -20,13 +20,13 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from occlog.cli import options
 from occlog.errors import InputError
-from occlog.examine.export.formats import FOXGLOVE, RERUN
+from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.frames.codec import check_image, encode_image, image_kind, image_size
 from occlog.io.open import losses_of
 from occlog.io.recording.reader import linked_videos
-from occlog.io.recording.writer import RecordingWriter
+from occlog.io.recording.writer import PROTOBUF, ROS2, RecordingWriter
 from occlog.records.frames import Frame
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera
@@ -36,6 +36,7 @@ from .inputs import Inputs, find_inputs, note_strangers
 from .layout import foxglove_layout
 from .moments import LAYERS, Drawn, Moment, Numbers, Over, Said, Story
 from .plan import plan, static_shadows
+from .plotted import DEFINITION, MAIN, SCHEMA, main_columns, main_numbers
 from .points import image_cloud, point_cloud
 from .sensors import camera_calibration, frame_transforms, smaller_camera, world_of
 from .shapes import Thing, smaller
@@ -54,7 +55,8 @@ class Request:
     Attributes:
         input: run folder, recording or table.
         output: the MCAP file.
-        viewer: `foxglove`: scenes and annotations; `rerun`: clouds of points, which is what Rerun draws of these.
+        viewer: `foxglove`: scenes and annotations; `rerun`: clouds of points, which is what Rerun draws of these;
+            `viewers`: both.
         recording: None: that of the folder.
         scene: scene file; None: that of the recording.
         layout: where to write the layout for Foxglove; None: nowhere.
@@ -64,7 +66,7 @@ class Request:
 
     input: Path
     output: Path
-    viewer: str = FOXGLOVE
+    viewer: str = VIEWERS
     recording: Path | None = None
     scene: Path | None = None
     layout: Path | None = None
@@ -130,9 +132,11 @@ class _Sink:
 
     def __init__(self, out: RecordingWriter, inputs: Inputs, request: Request) -> None:
         self._out, self._inputs, self._request = out, inputs, request
+        self._lines, self._points = request.viewer != RERUN, request.viewer != FOXGLOVE
         self._world = world_of(inputs.scene)
         self._cameras = {} if inputs.scene is None else {c.name: c for c in inputs.scene.cameras}
         self._calibrated: set[str] = set()
+        self._plotted: dict[str, tuple[str, ...]] = {}  # by topic its columns
         self.topics: dict[str, str] = {}
         self.losses: list[Loss] = []
         self.frames = 0
@@ -151,21 +155,37 @@ class _Sink:
     def write(self, moment: Moment) -> None:
         """Write one moment."""
         if isinstance(moment, Drawn):
-            if self._request.viewer == RERUN:
-                data = point_cloud(moment.things, moment.t_ns, self._world)
-                self._message(moment.topic, PointCloud, moment.t_ns, data)
-            else:
+            if self._lines:
                 data = scene_update(moment.things, moment.t_ns, self._world)
                 self._message(moment.topic, SceneUpdate, moment.t_ns, data)
+            if self._points:
+                data = point_cloud(moment.things, moment.t_ns, self._world)
+                self._message(self._second(moment.topic), PointCloud, moment.t_ns, data)
         elif isinstance(moment, Over):
             self._over(moment)
         elif isinstance(moment, Numbers):
-            series, data = moment.series, moment.series.message(moment.values)
-            self._add(moment.topic, series.schema, lambda: series.descriptors, moment.t_ns, data)
+            self._numbers(moment)
         else:
             message = Log(level=_LEVELS[moment.warns], message=moment.words, name=moment.source)
             message.timestamp.FromNanoseconds(moment.t_ns)
             self._message("/log", Log, moment.t_ns, message.SerializeToString(deterministic=True))
+
+    def _second(self, topic: str) -> str:
+        """The topic of what Rerun draws.
+
+        Where lines are written, too, it has the same name without the slash before it: Rerun takes both for one.
+        """
+        return topic.removeprefix("/") if self._lines else topic
+
+    def _numbers(self, moment: Numbers) -> None:
+        series = moment.series
+        if self._lines:
+            data = series.message(moment.values)
+            self._add(moment.topic, series.schema, lambda: series.descriptors, moment.t_ns, data)
+        if self._points and series.name in MAIN:
+            names = self._plotted.setdefault(moment.topic, main_columns(series, moment.values))
+            data = main_numbers(series, names, moment.values)
+            self._add(self._second(moment.topic), SCHEMA, DEFINITION.encode, moment.t_ns, data, ROS2)
 
     def _over(self, moment: Over) -> None:
         frame = moment.frame
@@ -191,10 +211,11 @@ class _Sink:
 
     def _layer(self, topic: str, frame: Frame, things: list[Thing], camera: Camera | None) -> None:
         """Write what one layer has over a frame; nothing, too, once it had something."""
-        if self._request.viewer != RERUN:
+        if self._lines:
             self._message(topic, ImageAnnotations, frame.t_ns, image_annotations(things, frame.t_ns))
-        elif camera is not None and camera.placed:
-            self._message(topic, PointCloud, frame.t_ns, image_cloud(things, frame.t_ns, frame.sensor, camera))
+        if self._points and camera is not None and camera.placed:
+            data = image_cloud(things, frame.t_ns, frame.sensor, camera)
+            self._message(self._second(topic), PointCloud, frame.t_ns, data)
 
     def _image(self, frame: Frame) -> tuple[bytes, str, tuple[int, int], float]:
         """Compressed bytes, their kind, width and height, and how much smaller than recorded; JPEG of what is coded."""
@@ -218,6 +239,14 @@ class _Sink:
 
         self._add(topic, schema.DESCRIPTOR.full_name, descriptors, t_ns, data)
 
-    def _add(self, topic: str, schema: str, descriptors: Callable[[], bytes], t_ns: int, data: bytes) -> None:
+    def _add(
+        self,
+        topic: str,
+        schema: str,
+        described: Callable[[], bytes],
+        t_ns: int,
+        data: bytes,
+        coded: tuple[str, str] = PROTOBUF,
+    ) -> None:
         self.topics[topic] = schema
-        self._out.message(topic, schema, descriptors, t_ns, data)
+        self._out.message(topic, schema, described, t_ns, data, coded)

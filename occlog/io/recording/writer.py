@@ -29,6 +29,8 @@ METADATA = "occlog"
 VIDEO_METADATA = "occlog.video/"
 FORMAT = "recording/1"
 VIDEO_FRAME = "occlog.VideoFrame"
+PROTOBUF, ROS2 = ("protobuf", "protobuf"), ("cdr", "ros2msg")
+"""How messages are coded, and the language of their schemas, by MCAP's registry of well-known encodings."""
 VIDEO_FRAME_SCHEMA = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": VIDEO_FRAME,
@@ -119,13 +121,22 @@ class RecordingWriter:
             self._sequence[topic] = sequence + 1
             self._add(self._channel(topic, name, "json"), t_ns, data, sequence)
 
-    def message(self, topic: str, schema: str, descriptors: Callable[[], bytes], t_ns: int, data: bytes) -> None:
-        """Add a message of protobuf; `descriptors` makes the set that describes it, once for each schema."""
+    def message(
+        self,
+        topic: str,
+        schema: str,
+        described: Callable[[], bytes],
+        t_ns: int,
+        data: bytes,
+        coded: tuple[str, str] = PROTOBUF,
+    ) -> None:
+        """Add a message; `described` makes what its schema says, once for each, in the language that `coded` names."""
+        encoding, language = coded
         if schema not in self._schemas:
-            self._register(schema, "protobuf", descriptors())
+            self._register(schema, language, described())
         sequence = self._sequence.get(topic, 0)
         self._sequence[topic] = sequence + 1
-        self._add(self._channel(topic, schema, "protobuf"), t_ns, data, sequence)
+        self._add(self._channel(topic, schema, encoding), t_ns, data, sequence)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Add a file."""

@@ -1,4 +1,4 @@
-"""`occlog export --to foxglove | rerun`: what messages say, by the published schemas, against the rows they show."""
+"""`occlog export` for viewers: what messages say, by the published schemas, against the rows they show."""
 
 from __future__ import annotations
 
@@ -23,20 +23,17 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.schema import build_file_descriptor_set
+from viewer_runs import CAMERA, MADE, NS, fill, scene, view_tracks
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.examine.viewers.plotted import SCHEMA
 from occlog.io.files.parquet import write_table
-from occlog.io.files.provenance import Provenance
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.records.people import Events, PeopleTracks, PeopleViews
-from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
-from occlog.records.tables import Bearings, Boxes, Diagnostics, Doa, Occluders, Truth
+from occlog.records.tables import Boxes, Occluders
 from occlog.report.drawing.style import target_colour
 
-MADE = Provenance("test")
-NS = 10**9
 SCHEMAS: dict[str, Any] = {
     kind.DESCRIPTOR.full_name: kind
     for kind in (
@@ -47,81 +44,18 @@ DRAWN_BY_RERUN = {
     "foxglove.CameraCalibration", "foxglove.CompressedImage", "foxglove.FrameTransforms", "foxglove.Log",
     "foxglove.PointCloud",
 }  # fmt: skip
-CAMERA = Camera(
-    "east", np.array([6.0, 1.0, 2.5]), camera_rotation(np.pi, -0.2, 0.0), np.array([60.0, 62.0]),
-    np.array([31.5, 23.5]),
-    image_size=(64, 48), fov=1.2,
-)  # fmt: skip
-
-
-def scene(unit: str = "m") -> Scene:
-    room = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0], [0.0, 5.0]])
-    pillar = Occluder("pillar", np.array([[1.0, 3.0], [1.5, 3.0], [1.5, 3.5], [1.0, 3.5]]), 2.0)
-    array = MicrophoneArray("world", np.array([3.0, 0.1, 1.0]))
-    return Scene((CAMERA,), (array,), (pillar,), room=room, length_unit=unit)
-
-
-def tracks() -> PeopleTracks:
-    """Targets 3 and 7 at two times; nobody sees 7 at the second, and its identity is in doubt."""
-    zero = {name: [0.0] * 4 for name in ("vx", "vy")}
-    return PeopleTracks.of(
-        t_ns=[NS, NS, 2 * NS, 2 * NS], target_id=[3, 7, 3, 7], x=[2.0, 1.0, 2.5, 1.0], y=[1.0, 2.0, 1.0, 2.5],
-        cov_xx=[0.04] * 4, cov_xy=[0.0] * 4, cov_yy=[0.01] * 4, **zero,
-        existence=[1.0] * 4, height=[1.8, np.nan, 1.8, np.nan], width=[0.4] * 4,
-        seen_by=["east", "east", "east", ""], doubt=["", "", "", "unseen"],
-    )  # fmt: skip
-
-
-def view_tracks() -> PeopleViews:
-    nothing = {"likeness": [np.nan] * 2, "ess": [np.nan] * 2, "counterpart": [""] * 2, "neighbours": [""] * 2}
-    return PeopleViews.of(
-        t_ns=[NS] * 2, sensor=["east"] * 2, frame=[0] * 2, target_id=[3, 7], x_px=[20.0, 40.0], y_px=[25.0, 20.0],
-        a_px=[4.0, 3.0], b_px=[10.0, 8.0], rho=[0.0] * 2, cov_xx_px=[1.0] * 2, cov_xy_px=[0.0] * 2, cov_yy_px=[1.0] * 2,
-        mode=["box", "floor"], helpers=[""] * 2, event=[""] * 2, **nothing,
-    )  # fmt: skip
-
-
-def diagnostics() -> Diagnostics:
-    return Diagnostics.of(
-        t_ns=[NS, 2 * NS], target_id=[3, 3], ess=[80.5, np.nan], log_likelihood=[-1.0, -2.0], n_looked=[1, 1],
-        n_seen=[1, 0], fallback=["", "restart"], cameras=["east", "east"], n_offered=[1, 1], selected=["east", ""],
-        predicted_mse=[np.nan, np.nan], seen_by=["east", ""], doubt=["", ""],
-    )  # fmt: skip
-
-
-def bearings() -> Bearings:
-    nothing = {name: [np.nan] * 3 for name in ("u_px", "sigma_px", "score")}
-    return Bearings.of(
-        t_ns=[NS, NS, 2 * NS], sensor=["east"] * 3, target_id=[3, 7, 7], seen=[True, True, False],
-        bearing=[np.pi - 1e-9, 2.9, np.nan], sigma=[0.01, 0.01, np.nan], **nothing,
-    )  # fmt: skip
-
-
-def fill(folder: Path, unit: str = "m", broken: bool = False) -> Path:
-    """A run folder with a recording of two frames and all tables."""
-    made, image = scene(unit), np.full((48, 64, 3), 90, dtype=np.uint8)
-    png = cv2.imencode(".png", image)[1].tobytes()
-    with RecordingWriter(folder / "recording.mcap", made, MADE) as out:
-        out.image("east", NS, 0, png, "png")
-        out.image("east", 2 * NS, 1, png[:-30] if broken else png, "png")
-        role = ["target", "occluder"]
-        out.table(Truth.of(t_ns=[NS] * 2, target_id=[3, 9], role=role, x=[2.1, 5.0], y=[1.0, 4.0], z=[np.nan] * 2))
-        none = {n: [np.nan] for n in ("elevation", "sigma_azimuth", "sigma_elevation", "confidence")}
-        out.table(Doa.of(t_ns=[NS], sensor=["world"], source_id=[-1], azimuth=[0.5 * np.pi], **none))
-    events = Events.of(t_ns=[NS], target_id=[7], kind=["doubt"], other_id=[3], probability=[0.25])
-    for table in (tracks(), view_tracks(), diagnostics(), bearings(), events):
-        write_table(folder / f"{table.NAME}.parquet", table, MADE, length_unit=unit)
-    return folder
 
 
 def read(path: Path) -> tuple[dict[str, list[tuple[int, Any]]], dict[str, Any]]:
-    """Decoded messages (time, message) and schemas by topic."""
+    """Messages (time, message) and schemas by topic; those of ROS 2 as their bytes."""
     messages: dict[str, list[tuple[int, Any]]] = {}
     schemas: dict[str, Any] = {}
+    factory = DecoderFactory()
     with path.open("rb") as file:
-        for schema, channel, message, decoded in make_reader(
-            file, decoder_factories=[DecoderFactory()], validate_crcs=True
-        ).iter_decoded_messages():
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            assert schema is not None
+            decode = factory.decoder_for(channel.message_encoding, schema)
+            decoded = message.data if decode is None else decode(message.data)
             messages.setdefault(channel.topic, []).append((message.log_time, decoded))
             schemas[channel.topic] = schema
             if schema.name in SCHEMAS:  # the published message reads the bytes, and knows every field
@@ -132,9 +66,9 @@ def read(path: Path) -> tuple[dict[str, list[tuple[int, Any]]], dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Messages of both formats of one folder, and the layout."""
+    """Messages of the formats for some viewers of one folder, and the layout."""
     folder = fill(tmp_path_factory.mktemp("viewers"))
-    layout = ["--layout", str(folder / "layout.json")]
+    layout = ["--layout", str(folder / "layout.json"), "--to", "foxglove"]
     assert run(["export", str(folder), "-o", str(folder / "f.mcap"), "-q", *layout]) == ExitCode.DONE
     assert run(["export", str(folder), "-o", str(folder / "r.mcap"), "--to", "rerun", "-q"]) == ExitCode.DONE
     foxglove, schemas = read(folder / "f.mcap")
@@ -161,14 +95,14 @@ def cloud(message: Any) -> tuple[np.ndarray, np.ndarray]:
 def test_every_message_has_the_published_schema(shown: dict[str, Any]) -> None:
     for schemas in (shown["schemas"], shown["points"]):
         for topic, schema in schemas.items():
-            assert schema.encoding == "protobuf", topic
+            assert schema.encoding == ("ros2msg" if schema.name == SCHEMA else "protobuf"), topic
             if schema.name.startswith("foxglove."):
                 published = build_file_descriptor_set(SCHEMAS[schema.name])
                 assert {f.name: f for f in FileDescriptorSet.FromString(schema.data).file} == {
                     f.name: f for f in published.file
                 }
             else:
-                assert schema.name.startswith("occlog."), topic
+                assert schema.name == SCHEMA or schema.name.startswith("occlog."), topic
 
 
 def test_frames_of_reference_are_those_of_the_transforms(shown: dict[str, Any]) -> None:
@@ -314,12 +248,46 @@ def test_world_tracks_are_projected_where_nothing_was_tracked_in_images(tmp_path
 
 def test_rerun_gets_what_it_draws_alone(shown: dict[str, Any]) -> None:
     names = {schema.name for schema in shown["points"].values()}
-    assert names == DRAWN_BY_RERUN | {"occlog.Tracks", "occlog.Diagnostics"}
+    assert names == DRAWN_BY_RERUN | {SCHEMA}
     assert set(shown["rerun"]) == set(shown["foxglove"])
     points, colours = cloud(shown["rerun"]["/targets"][0][1])
     assert {f"#{bytes(c[:3]).hex()}" for c in colours} == {target_colour(0), target_colour(1)}
     near = np.linalg.norm(points[:, None, :2] - [[2.0, 1.0], [1.0, 2.0]], axis=2).min(axis=1)
     assert near.max() < 0.5
+
+
+def test_the_file_for_all_viewers_holds_what_those_for_some_hold(shown: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "all.mcap"
+    layout = ["--layout", str(tmp_path / "layout.json")]
+    assert run(["export", str(shown["in"]), "-o", str(path), "-q", *layout]) == ExitCode.DONE
+    both, _ = read(path)
+    lines = {topic: rows for topic, rows in both.items() if topic.startswith("/")}
+    assert {t: as_bytes(rows) for t, rows in lines.items()} == {t: as_bytes(r) for t, r in shown["foxglove"].items()}
+    for topic, rows in shown["rerun"].items():
+        twin = both.get(topic.removeprefix("/"), lines[topic])
+        assert as_bytes(twin) == as_bytes(rows), topic
+    # Rerun makes one entity of two topics that differ in a slash; the other viewers show those that a layout names
+    assert {f"/{topic.removeprefix('/')}" for topic in both} == set(shown["rerun"])
+    assert json.loads((tmp_path / "layout.json").read_text()) == shown["layout"]
+
+
+def as_bytes(rows: list[tuple[int, Any]]) -> list[tuple[int, bytes]]:
+    return [(t_ns, m if isinstance(m, bytes) else m.SerializeToString(deterministic=True)) for t_ns, m in rows]
+
+
+def test_points_stand_where_lines_and_areas_are(shown: dict[str, Any]) -> None:
+    drawn = [t for t, schema in shown["schemas"].items() if schema.name == "foxglove.SceneUpdate"]
+    wanted = {"/plan", "/static_shadows", "/targets", "/truth", "/selected", "/shadows", "/sight_lines/east"}
+    assert wanted <= set(drawn)
+    for topic in drawn:
+        for (t_ns, update), (at_ns, message) in zip(shown["foxglove"][topic], shown["rerun"][topic], strict=True):
+            points, _ = cloud(message)
+            assert (t_ns, bool(update.entities)) == (at_ns, bool(len(points))), topic
+            corners = [places(line.points) for entity in update.entities for line in entity.lines]
+            corners += [places(fill_.points) for entity in update.entities for fill_ in entity.triangles]
+            if corners:  # each corner of what is drawn has a point, dashes and areas as well
+                away = [np.linalg.norm(points - corner, axis=1).min() for corner in np.concatenate(corners)]
+                assert max(away) < 0.05, topic
 
 
 def test_clouds_over_images_fall_on_the_ellipses(shown: dict[str, Any]) -> None:
@@ -420,7 +388,7 @@ def test_a_damaged_image_is_a_loss(tmp_path: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--target", "3"], "--target: format foxglove shows everything"),
+        (["--target", "3"], "--target: format viewers shows everything"),
         (["--to", "rerun", "--layout", "x.json"], "--layout: format rerun takes none"),
         (["--to", "csv", "--quality", "50"], "--quality: is for viewers' formats only"),
     ],

@@ -65,7 +65,7 @@ def test_a_file_that_was_made_for_a_viewer_is_opened_as_it_is(
     path = table.parent / "made.mcap"
     program(table.parent, "rerun")
     monkeypatch.setenv("PATH", f"{program(table.parent, 'lichtblick').parent}:/bin:/usr/bin")
-    assert run(["export", str(table), "-o", str(path), "-q"]) == ExitCode.DONE
+    assert run(["export", str(table), "--to", "foxglove", "-o", str(path), "-q"]) == ExitCode.DONE
     before = path.read_bytes()
     assert run(["view", str(path)]) == ExitCode.DONE  # not in Rerun, which is looked for first
     assert (table.parent / "said").read_text().split() == [str(path)]
@@ -74,6 +74,15 @@ def test_a_file_that_was_made_for_a_viewer_is_opened_as_it_is(
     assert "the file is made for foxglove" in capsys.readouterr().err
     assert run(["export", str(path), "--to", "rerun", "-o", str(table.parent / "again.mcap")]) == ExitCode.USAGE
     assert "is made for foxglove already" in capsys.readouterr().err
+
+
+def test_a_file_that_was_made_for_all_viewers_is_opened_in_any(table: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = table.parent / "made.mcap"
+    assert run(["export", str(table), "-o", str(path), "-q"]) == ExitCode.DONE
+    for name in ("lichtblick", "rerun"):
+        monkeypatch.setenv("PATH", f"{program(table.parent, name).parent}:/bin:/usr/bin")
+        assert run(["view", str(path), "--viewer", name]) == ExitCode.DONE
+        assert (table.parent / "said").read_text().split()[-1] == str(path)
 
 
 def test_it_says_how_to_get_a_viewer(
