@@ -11,6 +11,7 @@ does.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +43,13 @@ def step_of(motion: Motion, dt: float) -> tuple[float, float, Floats]:
 
 
 def end_covariance(information: Floats, prior: Floats, motion: Motion, dt: float) -> Floats:
-    """Covariance of the place at the last step of each way.
+    """(N, 2, 2) covariance of the place at the last step of each way; arguments as of `covariances_along`."""
+    *_, last = covariances_along(information, prior, motion, dt)
+    return last
+
+
+def covariances_along(information: Floats, prior: Floats, motion: Motion, dt: float) -> Iterator[Floats]:
+    """Covariance of the place at each step of each way.
 
     Args:
         information: (3, N, T) xx, xy, yy of the Fisher information of each step about the place.
@@ -50,8 +57,8 @@ def end_covariance(information: Floats, prior: Floats, motion: Motion, dt: float
         motion: of the target.
         dt: between steps [s].
 
-    Returns:
-        (N, 2, 2).
+    Yields:
+        (N, 2, 2), for each of T steps.
     """
     n, steps = information.shape[1:]
     a, b, q = step_of(motion, dt)
@@ -66,7 +73,7 @@ def end_covariance(information: Floats, prior: Floats, motion: Motion, dt: float
         if t:
             P = F @ P @ F.T + Q
         P = _updated(P, *information[:, :, t])
-    return np.asarray(P[:, :2, :2])
+        yield np.asarray(P[:, :2, :2])
 
 
 def _updated(P: Floats, xx: Floats, xy: Floats, yy: Floats) -> Floats:
