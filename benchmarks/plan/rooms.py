@@ -184,7 +184,7 @@ def ideal_errors(plan: Planned, runs: Sequence[Run]) -> Floats:
 
 def _information(scene: Scene, run: Run) -> Floats:
     """(3, T) xx, xy, yy of the Fisher information of what was seen in a run about each place."""
-    at = {sensor.name: np.asarray(sensor.position[:2]) for sensor in (*scene.cameras, *scene.arrays)}
+    at = {c.name: c.ground for c in scene.cameras} | {a.name: a.position[:2] for a in scene.arrays}
     seen = run.bearings.take(run.bearings.seen)
     step = np.searchsorted(run.truth.t_ns, seen.t_ns)
     off = _places(run.truth)[step] - np.array([at[str(name)] for name in seen.sensor])
