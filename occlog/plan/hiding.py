@@ -13,26 +13,27 @@ def hide_behind_crowd(
     seen: Bools,
     ways: Floats,
     origin: Floats,
-    crowd: Floats,
+    people: Floats,
     first: Ints,
+    own: Ints,
     diameter: float,
     least_share: float,
 ) -> None:
     """Set `seen` to false, in place, where a disc stands between sensor and target.
 
     A disc hides the target if its centre is in the rectangle from the sensor to the target, as wide as the disc.
-    Discs nearer to the target than a diameter are not there: people keep that distance.
 
     Args:
         seen: (N, T) what the sensor would see without a crowd.
         ways: (N, T, 2) of targets.
         origin: (2,) the sensor.
-        crowd: (K, n, 2) walk of the crowd.
+        people: (K, n, 2) walk of all people.
         first: (N,) step of that walk at which each target's way begins.
+        own: (N,) which of the people the target is, who does not hide itself; -1: none of them.
         diameter: of discs.
         least_share: of the sight line, from the sensor, beyond which it is low enough for heads; 0: everywhere.
     """
-    half, apart2 = 0.5 * diameter, diameter * diameter
+    half = 0.5 * diameter
     for i in range(ways.shape[0]):
         for t in range(ways.shape[1]):
             if not seen[i, t]:
@@ -44,14 +45,13 @@ def hide_behind_crowd(
                 continue
             dx, dy = dx / r, dy / r
             k = first[i] + t
-            for j in range(crowd.shape[1]):
-                px, py = crowd[k, j, 0] - origin[0], crowd[k, j, 1] - origin[1]
+            for j in range(people.shape[1]):
+                if j == own[i]:
+                    continue
+                px, py = people[k, j, 0] - origin[0], people[k, j, 1] - origin[1]
                 if abs(dx * py - dy * px) >= half:
                     continue
                 along = dx * px + dy * py
-                if along <= 0.0 or along >= r or along < least_share * r:
-                    continue
-                ex, ey = crowd[k, j, 0] - x, crowd[k, j, 1] - y
-                if ex * ex + ey * ey >= apart2:
+                if 0.0 < along < r and along >= least_share * r:
                     seen[i, t] = False
                     break

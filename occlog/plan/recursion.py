@@ -1,16 +1,16 @@
 """The expected error of a filter at the end of each way: a recursion of covariances for many targets at a time.
 
-The target's velocity keeps its size and takes a new direction at random, `turns` times a second.  Its mean and
-covariance are those of an Ornstein-Uhlenbeck process of the same rate, and with the noise of a step (`sigma`) the best
-*linear* filter of the true motion is the Kalman filter of that process.  Its covariance is what is computed: of a state
-(x, y, vx, vy), with the information of what is seen at every step.  A filter that knows more of the motion than its
-second moments may be better; none can know where the target wants to go, as the posterior bound of `occlog evaluate`
-does.
+Of the motion the second moments count: those of a velocity that forgets its direction `turns` times a second, an
+Ornstein-Uhlenbeck process, and of the noise of a step (`sigma`).  The best *linear* filter of a motion with these
+moments is the Kalman filter of that process.  Its covariance is what is computed: of a state (x, y, vx, vy), with the
+information of what is seen at every step.  A filter that knows more of the motion than its second moments may be
+better; none can know where the target wants to go, as the posterior bound of `occlog evaluate` does.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +22,10 @@ BLOCK = 1_000_000
 
 
 class Motion(NamedTuple):
-    """The second moments of a walk."""
+    """The second moments of a walk; how they are counted is in `occlog.plan.moments`."""
 
-    speed: float  # length of the velocity, per second
-    turns: float  # new directions a second
+    speed: float  # root mean square of the velocity, per second
+    turns: float  # how often a second the velocity is forgotten
     sigma: float  # noise of the place per axis, gathered in a second
 
 
@@ -42,7 +42,13 @@ def step_of(motion: Motion, dt: float) -> tuple[float, float, Floats]:
 
 
 def end_covariance(information: Floats, prior: Floats, motion: Motion, dt: float) -> Floats:
-    """Covariance of the place at the last step of each way.
+    """(N, 2, 2) covariance of the place at the last step of each way; arguments as of `covariances_along`."""
+    *_, last = covariances_along(information, prior, motion, dt)
+    return last
+
+
+def covariances_along(information: Floats, prior: Floats, motion: Motion, dt: float) -> Iterator[Floats]:
+    """Covariance of the place at each step of each way.
 
     Args:
         information: (3, N, T) xx, xy, yy of the Fisher information of each step about the place.
@@ -50,8 +56,8 @@ def end_covariance(information: Floats, prior: Floats, motion: Motion, dt: float
         motion: of the target.
         dt: between steps [s].
 
-    Returns:
-        (N, 2, 2).
+    Yields:
+        (N, 2, 2), for each of T steps.
     """
     n, steps = information.shape[1:]
     a, b, q = step_of(motion, dt)
@@ -66,7 +72,7 @@ def end_covariance(information: Floats, prior: Floats, motion: Motion, dt: float
         if t:
             P = F @ P @ F.T + Q
         P = _updated(P, *information[:, :, t])
-    return np.asarray(P[:, :2, :2])
+        yield np.asarray(P[:, :2, :2])
 
 
 def _updated(P: Floats, xx: Floats, xy: Floats, yy: Floats) -> Floats:

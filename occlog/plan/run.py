@@ -199,7 +199,7 @@ def _summary(request: PlanRequest, planned: Planned, table: PlanMap, rankings: R
     summary: dict[str, object] = {name: str(path) for name, path in paths.items() if path is not None}
     summary |= {
         "sensors": len(sensors_of(planned.scene)),
-        "people": planned.walked.crowd.shape[1],
+        "people": planned.walked.people.shape[1] - 1,
         "places": len(table),
         f"rmse_{unit}": rmse,
         f"rmse_error_{unit}": float(np.sqrt(np.sum((weight * table.rmse * table.rmse_error) ** 2))) / rmse,

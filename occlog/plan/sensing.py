@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Bools, Floats
 from occlog.core.bounds.in_plane import bearing_information, camera_information
 from occlog.core.bounds.in_space import direction_information, ground_information
 from occlog.core.numerics.seeds import Stage, generator
@@ -17,17 +17,9 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene
 
 from .config import PlanConfig
 from .hiding import hide_behind_crowd
+from .walks import Walked
 
 Sensor = Camera | MicrophoneArray
-
-
-class Walked(NamedTuple):
-    """N targets on their ways, and the crowd."""
-
-    ways: Floats  # (N, T, 2)
-    crowd: Floats  # (K, n, 2)
-    first: Ints  # (N,) step of the crowd's walk at which each way begins
-    dt: float  # between two steps [s]
 
 
 class Told(NamedTuple):
@@ -57,13 +49,14 @@ def plain_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig)
     seen: Bools = in_view(*planar_offsets(xy, sensor.ground, sensor.yaw), sensor.fov, sensor.range)
     seen[seen] = ~behind_walls(sensor.ground, xy[seen], scene.blockers(sensor.ground))
     seen = np.ascontiguousarray(seen.reshape(n, steps))
-    if walked.crowd.shape[1]:
+    if walked.people.shape[1]:
         hide_behind_crowd(
             seen,
             walked.ways,
             np.ascontiguousarray(sensor.ground, dtype=np.float64),
-            walked.crowd,
+            walked.people,
             walked.first,
+            walked.own,
             config.diameter,
             low_share(sensor, config),
         )

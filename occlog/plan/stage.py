@@ -14,12 +14,13 @@ from occlog.records.plans import PlanMap
 from occlog.records.scene import Scene
 
 from .config import PlanConfig
+from .moments import moments_of
 from .recursion import Motion, end_covariance, square_error_in_room
-from .sensing import Sensor, Told, Walked, detection_of, plain_view, rate_of, told_by
-from .walks import Cells, cells_of, crowd_walk, nearest_cell, stretches, turns_per_second, walks_to
+from .sensing import Sensor, Told, detection_of, plain_view, rate_of, told_by
+from .walks import Cells, Visits, Walked, cells_of, nearest_cell, people_walk, visits_of, ways_to
 
 SNAPSHOTS = 200
-"""Moments of the crowd at each place from which the probabilities of being seen are counted."""
+"""Visits of each place from which the probabilities of being seen are counted."""
 
 
 MOST = 5_000_000
@@ -32,6 +33,7 @@ class Planned(NamedTuple):
     scene: Scene
     cells: Cells
     weight: Floats  # (C,) sums to 1
+    visits: Visits
     walked: Walked
     told: dict[str, Told]  # by sensor
     prior: Floats  # (2, 2) covariance of a place in the room
@@ -53,7 +55,7 @@ def prepare(
     Args:
         scene: with a room and sensors.
         config: who walks about.
-        seed: of the crowd.
+        seed: of the walks.
         also: sensors that may be added: the steps suit their rates too.
         paths: (P, 2) places that weigh the floor by how many of them there are; None: evenly.
 
@@ -71,18 +73,19 @@ def prepare(
             f"plan: {len(cells.xy)} places x {config.draws} draws x {steps} steps are {size}, must be at most {MOST}; "
             "take fewer cells or draws, or a shorter window_s"
         )
-    ways = walks_to(cells, scene, config, dt, steps, seed)
-    crowd = crowd_walk(scene, config, dt, steps, seed)
-    walked = Walked(ways, crowd, stretches(len(ways), crowd, steps, seed), dt)
+    people = people_walk(scene, config, dt, steps, seed)
+    visits = visits_of(cells, people, steps)
+    walked = ways_to(visits, people, config.draws, steps, dt)
     assert scene.room is not None
     return Planned(
         scene=scene,
         cells=cells,
         weight=_weights(cells, paths),
+        visits=visits,
         walked=walked,
         told={sensor.name: told_by(sensor, scene, walked, config, seed) for sensor in own},
         prior=polygon_covariance(scene.room),
-        motion=Motion(config.speed, turns_per_second(cells, config), config.sigma),
+        motion=moments_of(people, dt),
         config=config,
         seed=seed,
     )
@@ -147,16 +150,10 @@ def plan_map(planned: Planned) -> PlanMap:
 
 
 def _seen_by(planned: Planned) -> tuple[Floats, Floats]:
-    """(C,) probabilities that no sensor, and exactly one, reports a target that stands at a place."""
-    count, crowd = len(planned.cells.xy), planned.walked.crowd
-    moments = SNAPSHOTS if crowd.shape[1] else 1
-    still = Walked(
-        ways=np.ascontiguousarray(np.repeat(planned.cells.xy, moments, axis=0)[:, None]),
-        crowd=crowd,
-        first=np.tile(np.linspace(0, len(crowd) - 1, moments).astype(np.int64), count),
-        dt=planned.walked.dt,
-    )
-    none, one = np.ones(count * moments), np.zeros(count * moments)
+    """(C,) probabilities that no sensor, and exactly one, reports a target that comes to a place."""
+    count, walked = len(planned.cells.xy), planned.walked
+    still = ways_to(planned.visits, walked.people, SNAPSHOTS, 1, walked.dt)
+    none, one = np.ones(len(still.own)), np.zeros(len(still.own))
     for sensor in sensors_of(planned.scene):
         p = detection_of(sensor) * plain_view(sensor, planned.scene, still, planned.config)[:, 0]
         none, one = none * (1.0 - p), one * (1.0 - p) + none * p

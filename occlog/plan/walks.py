@@ -1,8 +1,8 @@
-"""How a target comes to each place of the floor, and the crowd about it meanwhile.
+"""How people walk about a room, and what of that leads each of them to each place of the floor.
 
-Both walk as in `occlog simulate`: to random places, around static occluders.  The target walks alone for long, and what
-it went before each of its visits to a place is a way; the crowd walks by itself, and each way meets a stretch of that.
-That people get out of the target's way is left out, but for those who would stand in it.
+All walk as in `occlog simulate`: to random places, around static occluders and out of each other's way.  Any of them
+may be the target, whom the others hide: who comes close to it, and how long two who meet stand in each other's way, is
+part of the walk.
 """
 
 from __future__ import annotations
@@ -20,20 +20,36 @@ from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import ground, motion_in_a_step
-from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, populate, walk
+from occlog.simulate.world.waypoints import CANDIDATES, Draws, populate, walk
 
 from .config import MOST_PEOPLE, PlanConfig
 
-WALKERS, ALONE = 8, 60_000
-"""Walks alone from which ways are taken, and the steps of each."""
-TINY = 1e-6
-"""Diameter of one who walks alone, in sides of a cell."""
+WALKED = 480_000
+"""Steps from which ways are taken, of all people together."""
+CROSSINGS = 2
+"""Times in which one could cross the room that people walk before it counts, and at least after that."""
 CHUNK = 4096
 """Steps for which random numbers are drawn at a time."""
 FINE = 2000
 """Cells from which the area of the free floor is counted."""
-SETTLE, WALKED = 200, 3000
-"""Steps that the crowd walks before it counts, and after that."""
+
+
+class Walked(NamedTuple):
+    """N targets on their ways, and all people meanwhile; the targets are of them."""
+
+    ways: Floats  # (N, T, 2)
+    people: Floats  # (K, n, 2) the walk of all
+    first: Ints  # (N,) step of that walk at which each way begins
+    own: Ints  # (N,) which of the people the target is; -1: none of them
+    dt: float  # between two steps [s]
+
+
+class Visits(NamedTuple):
+    """When somebody is at the places of the floor: those of cell k are rows begin[k] to begin[k + 1]."""
+
+    step: Ints  # (V,) of the walk
+    own: Ints  # (V,) who
+    begin: Ints  # (C + 1,)
 
 
 class Cells(NamedTuple):
@@ -77,42 +93,37 @@ def _numbers(low: Floats, high: Floats, size: float) -> Ints:
     return np.asarray(np.maximum(1, np.rint((high - low) / size)), dtype=np.int64)
 
 
-def walks_to(cells: Cells, scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
-    """(C * draws, steps, 2) ways of targets that are in a cell at the last step; draws of a cell in turn.
+def people_walk(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
+    """(K, n, 2) places of everybody, the target among them, K steps of `dt`.
 
-    They are stretches of one long walk, spread over all visits of the cell.  A cell that the walk never came to takes
-    those of the nearest one that it came to, moved there.
+    There are `WALKED` steps of all people that have `steps` - 1 before them.
+
+    Raises:
+        InputError: they do not fit into the room.
     """
-    alone = WorldConfig(
+    n = crowd_size(scene, config) + 1
+    world = WorldConfig(
         step_s=dt,
-        diameter=TINY * float(cells.size.min()),
+        targets=0,
+        occluders=n,
+        diameter=config.diameter,
         speed=config.speed,
         sigma=config.sigma,
         redirect=config.redirect,
     )
-    long = np.concatenate(
-        [_walk(ground(scene, 0.0), alone, 1, ALONE, seed, walker)[:, 0] for walker in range(1, WALKERS + 1)]
-    )
-    last = np.arange(len(long))
-    last = last[last % ALONE >= steps - 1]
-    cell = nearest_cell(cells, long[last])
-    order = np.argsort(cell, kind="stable")
-    begin = np.searchsorted(cell[order], np.arange(len(cells.xy) + 1))
-    visits = np.diff(begin)
-    visited = np.flatnonzero(visits)
-    ways = np.empty((len(cells.xy), config.draws, steps, 2))
-    spread = (np.arange(config.draws) + 0.5) / config.draws
-    for k, place in enumerate(cells.xy):
-        near = k if visits[k] else visited[np.argmin(np.sum((cells.xy[visited] - place) ** 2, axis=1))]
-        ends = last[order[begin[near] + (spread * visits[near]).astype(np.int64)]]
-        ways[k] = long[ends[:, None] + np.arange(1 - steps, 1)] + (place - cells.xy[near])
-    return np.ascontiguousarray(ways.reshape(-1, steps, 2))
-
-
-def nearest_cell(cells: Cells, xy: Floats) -> Ints:
-    """(P,) number of the cell whose middle is nearest to each place; it holds the place, where a cell does."""
-    tree = KDTree(cells.xy)
-    return np.asarray(tree.query(xy)[1], dtype=np.int64)
+    floor, motion, rng = ground(scene, 0.0), motion_in_a_step(world), generator(seed, Stage.PLAN, 0)
+    try:
+        state = populate(n, floor, world.diameter, rng)
+    except ValueError as error:
+        raise InputError(f"plan: {error}; use fewer or smaller people, or a larger room") from error
+    across = math.ceil(CROSSINGS * float(np.hypot(*np.ptp(floor.room, axis=0))) / (config.speed * dt))
+    count = across + steps - 1 + max(-(-WALKED // n), across)
+    path = np.empty((count, n, 2))
+    for first in range(0, count, CHUNK):
+        shape = (min(CHUNK, count - first), n)
+        draws = Draws(rng.standard_normal((*shape, 2)), rng.random(shape), rng.random((*shape, CANDIDATES, 2)))
+        state, path[first : first + CHUNK], _ = walk(state, floor, motion, draws)
+    return np.ascontiguousarray(path[across:])
 
 
 def crowd_size(scene: Scene, config: PlanConfig) -> int:
@@ -130,54 +141,32 @@ def crowd_size(scene: Scene, config: PlanConfig) -> int:
     return number
 
 
-def crowd_walk(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
-    """(K, n, 2) places of n people who walk about, K steps of `dt`; K is at least `steps`.
+def visits_of(cells: Cells, people: Floats, steps: int) -> Visits:
+    """When somebody who has walked `steps` steps is in each cell, in the order of time.
 
-    Raises:
-        InputError: they do not fit into the room.
+    A cell that nobody ever came to has the visits of the nearest one that somebody came to.
     """
-    n = crowd_size(scene, config)
-    if n == 0:
-        return np.empty((steps, 0, 2))
-    world = WorldConfig(
-        step_s=dt,
-        targets=0,
-        occluders=n,
-        diameter=config.diameter,
-        speed=config.speed,
-        sigma=config.sigma,
-        redirect=config.redirect,
-    )
-    floor = ground(scene, 0.0)
-    return np.ascontiguousarray(_walk(floor, world, n, SETTLE + steps + WALKED, seed, 0)[SETTLE:])
+    n = people.shape[1]
+    cell = nearest_cell(cells, people[steps - 1 :].reshape(-1, 2))
+    order = np.argsort(cell, kind="stable")
+    begin = np.searchsorted(cell[order], np.arange(len(cells.xy) + 1))
+    visited = np.flatnonzero(np.diff(begin))
+    near = visited[KDTree(cells.xy[visited]).query(cells.xy)[1]]
+    rows = np.concatenate([order[begin[k] : begin[k + 1]] for k in near])
+    counts = np.diff(begin)[near]
+    return Visits(rows // n + steps - 1, rows % n, np.concatenate([[0], np.cumsum(counts)]))
 
 
-def _walk(floor: Ground, world: WorldConfig, n: int, steps: int, seed: int, item: int) -> Floats:
-    """(steps, n, 2) places of n objects that walk to random places."""
-    rng = generator(seed, Stage.PLAN, 0, item)
-    try:
-        state = populate(n, floor, world.diameter, rng)
-    except ValueError as error:
-        raise InputError(f"plan: {error}; use fewer or smaller people, or a larger room") from error
-    path = np.empty((steps, n, 2))
-    for first in range(0, steps, CHUNK):
-        shape = (min(CHUNK, steps - first), n)
-        draws = Draws(rng.standard_normal((*shape, 2)), rng.random(shape), rng.random((*shape, CANDIDATES, 2)))
-        state, path[first : first + CHUNK], _ = walk(state, floor, motion_in_a_step(world), draws)
-    return path
+def ways_to(visits: Visits, people: Floats, draws: int, steps: int, dt: float) -> Walked:
+    """Ways of `steps` steps that end with visits, `draws` for each cell in turn, spread over all visits of the cell."""
+    spread = (np.arange(draws) + 0.5) / draws
+    chosen = (visits.begin[:-1, None] + spread * np.diff(visits.begin)[:, None]).astype(np.int64).ravel()
+    own, first = visits.own[chosen], visits.step[chosen] - (steps - 1)
+    ways = people[first[:, None] + np.arange(steps), own[:, None]]
+    return Walked(np.ascontiguousarray(ways), people, first, own, dt)
 
 
-def stretches(draws: int, crowd: Floats, steps: int, seed: int) -> Ints:
-    """(draws,) first step of a stretch of the crowd's walk for each draw."""
-    return generator(seed, Stage.PLAN, 1).integers(0, len(crowd) - steps + 1, draws)
-
-
-def turns_per_second(cells: Cells, config: PlanConfig) -> float:
-    """How often a walker takes a new heading: on arrival, at places spread over the floor, and by chance.
-
-    Random waypoints are the mean distance of two places apart.
-    """
-    some = cells.xy[:: max(1, len(cells.xy) // 500)]
-    apart = np.hypot(*(some[:, None] - some).transpose(2, 0, 1))
-    mean = float(apart.sum()) / max(len(some) * (len(some) - 1), 1)
-    return -math.log1p(-config.redirect) + config.speed / max(mean, float(cells.size.max()))
+def nearest_cell(cells: Cells, xy: Floats) -> Ints:
+    """(P,) number of the cell whose middle is nearest to each place; it holds the place, where a cell does."""
+    tree = KDTree(cells.xy)
+    return np.asarray(tree.query(xy)[1], dtype=np.int64)

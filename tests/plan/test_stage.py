@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.plan import rooms
+from occlog.array_types import Floats
 from occlog.core.occlusion.blocking_shares import shares
 from occlog.core.occlusion.priors import polygon_priors
 from occlog.core.sight.camera import rotation_from_angles
@@ -18,8 +19,9 @@ from occlog.plan.candidates import add_greedily, along_walls, rank_candidates, r
 from occlog.plan.config import PlanConfig
 from occlog.plan.hiding import hide_behind_crowd
 from occlog.plan.recursion import Motion, end_covariance, square_error_in_room, step_of
-from occlog.plan.sensing import Walked, low_share, plain_view, told_by
+from occlog.plan.sensing import low_share, plain_view, told_by
 from occlog.plan.stage import Planned, expected_error, plan_map, prepare
+from occlog.plan.walks import Walked
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 
 ROOM = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]])
@@ -50,6 +52,12 @@ def planned(*sensors: Camera, people: int = 0, config: PlanConfig = SMALL) -> Pl
     return prepare(Scene(cameras=sensors, room=ROOM), replace(config, people=people), seed=1)
 
 
+def lonely(ways: Floats) -> Walked:
+    """Targets among nobody."""
+    none = np.zeros(len(ways), dtype=np.int64)
+    return Walked(ways, np.empty((ways.shape[1], 0, 2)), none, none - 1, 0.1)
+
+
 def told_of(plan: Planned, sensor: Camera | MicrophoneArray):
     return told_by(sensor, plan.scene, plan.walked, plan.config, plan.seed)
 
@@ -57,7 +65,7 @@ def told_of(plan: Planned, sensor: Camera | MicrophoneArray):
 def test_two_arrays_at_right_angles_tell_a_circle_as_wide_as_their_noise_at_that_distance():
     west = MicrophoneArray("west", np.array([-4.0, 0.0, 0.9]), sigma=0.05)
     south = MicrophoneArray("south", np.array([0.0, -4.0, 0.9]), sigma=0.05)
-    walked = Walked(np.zeros((1, 1, 2)), np.empty((1, 0, 2)), np.zeros(1, dtype=np.int64), 0.1)
+    walked = lonely(np.zeros((1, 1, 2)))
     scene = Scene(arrays=(west, south), room=ROOM)
     total = sum(told_by(s, scene, walked, SMALL, 0).information for s in (west, south))
     found = end_covariance(total, 1e8 * np.eye(2), Motion(1.2, 0.4, 0.05), 0.1)[0]
@@ -66,7 +74,7 @@ def test_two_arrays_at_right_angles_tell_a_circle_as_wide_as_their_noise_at_that
 
 def test_one_array_tells_nothing_along_its_sight_line():
     west = MicrophoneArray("west", np.array([-4.0, 0.0, 0.9]), sigma=0.05)
-    walked = Walked(np.zeros((1, 1, 2)), np.empty((1, 0, 2)), np.zeros(1, dtype=np.int64), 0.1)
+    walked = lonely(np.zeros((1, 1, 2)))
     total = told_by(west, Scene(arrays=(west,), room=ROOM), walked, SMALL, 0).information
     alone = end_covariance(total, 1e8 * np.eye(2), Motion(1.2, 0.4, 0.05), 0.1)[0]
     assert alone[0, 0] == pytest.approx(1e8)
@@ -139,7 +147,7 @@ def test_a_crowd_hides_as_often_as_the_exact_shares_say():
     moments, n, place = 4000, 6, np.array([4.0, 3.5])
     crowd = rng.uniform(0.0, 6.0, (moments, n, 2))
     ways = np.broadcast_to(place, (moments, 1, 2)).copy()
-    walked = Walked(ways, crowd, np.arange(moments), 0.1)
+    walked = Walked(ways, crowd, np.arange(moments), np.full(moments, -1), 0.1)
     # Without the discs that would stand in the target itself, which are drawn anew
     near = np.hypot(*(crowd - place).transpose(2, 0, 1)) < SMALL.diameter
     while near.any():
@@ -162,7 +170,7 @@ def test_a_crowd_hides_as_often_as_the_exact_shares_say():
     assert seen.all(axis=0).mean() == pytest.approx(both, abs=4.0 * math.sqrt(both * (1.0 - both) / moments))
 
 
-def test_a_camera_above_heads_is_hidden_from_by_people_near_the_target_alone():
+def test_a_camera_above_heads_is_hidden_from_by_people_near_the_target_lonely():
     high = camera("high", 0.0, 0.0, 45.0, z=3.0)
     config = replace(SMALL, height=1.8, z=0.9)
     assert low_share(high, config) == pytest.approx(1.2 / 2.1)
@@ -171,7 +179,8 @@ def test_a_camera_above_heads_is_hidden_from_by_people_near_the_target_alone():
     for along, hidden in ((0.5, False), (0.6, True), (0.8, True)):
         seen, ways = np.ones((1, 1), dtype=np.bool_), np.full((1, 1, 2), 4.0)
         crowd = np.full((1, 1, 2), 4.0 * along)
-        hide_behind_crowd(seen, ways, np.zeros(2), crowd, np.zeros(1, dtype=np.int64), 0.5, 1.2 / 2.1)
+        zero = np.zeros(1, dtype=np.int64)
+        hide_behind_crowd(seen, ways, np.zeros(2), crowd, zero, zero - 1, 0.5, 1.2 / 2.1)
         assert bool(seen[0, 0]) is not hidden
 
 
@@ -258,9 +267,9 @@ def test_paths_weigh_the_floor():
 
 
 def test_the_simulated_filter_is_as_far_off_as_was_expected(monkeypatch: pytest.MonkeyPatch):
-    """Two runs of 40 s in a room that is seen well; the error bar of what is found is 8 %."""
+    """Six runs of 40 s in a room that is seen well, and the sight of 60 more; the error bar of the ratio is 4 %."""
     monkeypatch.setattr(rooms, "STEPS", 400)
-    room = rooms.Room(Scene(cameras=CORNERS[:3], room=ROOM), people=2)
-    plan = prepare(room.scene, replace(PlanConfig.in_unit("m"), people=2, cells=100), seed=0)
-    found = math.sqrt(np.mean([rooms.found_error(room, seed)[0] for seed in (0, 1)]))
-    assert expected_error(plan, list(plan.told.values())) == pytest.approx(found, rel=0.2)
+    found = rooms.compare(rooms.Room(Scene(cameras=CORNERS[:3], room=ROOM), people=2), runs=6, ideal=60)
+    assert found["error"] < 0.06 * found["found"]
+    assert found["expected"] == pytest.approx(found["by_sight"], rel=0.1)
+    assert found["ratio"] == pytest.approx(1.0, abs=0.25)
