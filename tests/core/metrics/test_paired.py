@@ -1,6 +1,8 @@
-"""The paired bootstrap over stretches of time against closed forms, and its rate of false alarms."""
+"""Paired comparisons against closed forms and enumeration, and their rate of false alarms."""
 
 from __future__ import annotations
+
+from itertools import product
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from occlog.core.metrics.paired import (
     FEWEST,
     MANY_RECORDINGS,
     MOST,
+    Parts,
     autocorrelation_time,
     compare,
 )
@@ -62,6 +65,52 @@ def test_recordings_of_normal_differences_give_the_interval_of_student() -> None
     assert found.low == pytest.approx(found.difference - half, abs=0.12 * half)
     assert found.high == pytest.approx(found.difference + half, abs=0.12 * half)
     assert found.p == pytest.approx(stats.ttest_1samp(shift, 0).pvalue, abs=0.015)
+
+
+def test_p_is_that_of_all_exchanges_of_recordings() -> None:
+    rng = np.random.default_rng(3)
+    runs = [
+        [np.column_stack([rng.binomial(1, 0.7 + d, 40), rng.uniform(0.5, 1.5, 40)]) for _ in range(MANY_RECORDINGS)]
+        for d in (0.0, 0.05)
+    ]
+    found = compare(*runs, mean, rng)
+    a, b = (np.array([x.sum(axis=0) for x in run]) for run in runs)
+    differences = []
+    for swap in product((False, True), repeat=MANY_RECORDINGS):
+        swapped = np.array(swap)[:, None]
+        differences.append(mean(np.where(swapped, a, b).sum(axis=0)) - mean(np.where(swapped, b, a).sum(axis=0)))
+    # The figure itself of all 256 exchanges, for which `compare` takes its slope
+    assert found.difference == differences[0]
+    for chance, hits in (
+        (found.above(0.0), np.array(differences) >= found.difference - 1e-12),
+        (found.below(0.0), np.array(differences) <= found.difference + 1e-12),
+    ):
+        assert chance == pytest.approx(hits.mean(), abs=2 / 256)
+
+
+def test_verdict_and_interval_do_not_contradict_each_other() -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(60):
+        a, b = ([counted(rng.exponential(size=9) + d) for _ in range(9)] for d in (0.0, 0.5))
+        found = compare(a, b, mean, rng)
+        assert (found.p <= 0.05) == (not found.low <= 0.0 <= found.high)
+        assert found.below(found.high + 1e-6) <= 0.025 < found.below(found.high - 1e-6)
+        assert found.above(found.low - 1e-6) <= 0.025 < found.above(found.low + 1e-6)
+
+
+def test_groups_take_the_place_of_stretches_of_few_recordings() -> None:
+    rng = np.random.default_rng(5)
+    a, b = counted(rng.normal(size=600)), counted(rng.normal(0.3, 1, 600))
+    parts = Parts(a.reshape(30, 20, 2).sum(axis=1), b.reshape(30, 20, 2).sum(axis=1), np.full(30, 20.0))
+    found = compare([a], [b], mean, rng, lasting=True, groups=parts)
+    assert (found.groups, found.recordings, found.stretches) == (True, False, 30)
+    shift = (parts.b - parts.a)[:, 0] / 20
+    assert found.difference == pytest.approx(shift.mean())
+    assert found.p == pytest.approx(stats.ttest_1samp(shift, 0).pvalue, abs=0.01)
+    few = Parts(*(x[: FEWEST - 1] for x in parts))
+    assert np.isnan(compare([a], [b], mean, rng, lasting=True, groups=few).p)
+    many = [a] * MANY_RECORDINGS, [b] * MANY_RECORDINGS
+    assert not compare(*many, mean, rng, lasting=True, groups=parts).groups
 
 
 def test_standard_error_of_an_ar1_process() -> None:
