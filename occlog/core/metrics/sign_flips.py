@@ -46,8 +46,9 @@ def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator)
     parts = np.column_stack([differences, weights])
     found = []
     for first in range(0, DRAWS, PER_DRAW):
-        taken = rng.random((min(PER_DRAW, DRAWS - first), count)) < 0.5
-        taken[~taken.any(axis=1)] = True  # of N > `ALL` parts none: less often than once in 2^N
+        size = min(PER_DRAW, DRAWS - first), -(-count // 8)
+        taken = np.unpackbits(rng.integers(0, 256, size, dtype=np.uint8), axis=1, count=count)
+        taken[~taken.any(axis=1)] = 1  # none of N > `ALL` parts: once in 2^N draws
         found.append(taken @ parts)
     sums = np.concatenate(found)
     return np.sort(sums[:, 0] / sums[:, 1])
