@@ -26,9 +26,8 @@ from benchmarks.track._compare_crowd_runs import FRAMES, STRETCH, frames_of, tra
 from benchmarks.track._crowd_cases import DEGREES
 from occlog.array_types import Floats
 from occlog.core.metrics.frame_pairs import Frames
-from occlog.core.metrics.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, PLACE, frame_sums
-from occlog.core.metrics.group_sums import group_sums, groups_of
-from occlog.core.metrics.paired import Difference, Parts, compare
+from occlog.core.metrics.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
+from occlog.core.metrics.paired import Difference, compare
 
 ALPHA = 0.01
 SHOWN = ("idf1", "hota", "mota", "pairs_rmse")
@@ -60,7 +59,6 @@ class Crowd:
         self._folder = folder
         self.frames = cache(self._frames)
         self.sums = cache(self._sums)
-        self.groups = cache(self._groups)
 
     def _frames(self, run: Run) -> Frames:
         return frames_of(tracks(run.tracker, run.level, run.seed, self._folder, run.moved), run.stretch)
@@ -68,21 +66,11 @@ class Crowd:
     def _sums(self, run: Run) -> Floats:
         return frame_sums(self.frames(run), FRAMES if run.stretch is None else STRETCH)
 
-    def compared(self, pairs: list[Pair], figure: str, *, groups: bool = False) -> Difference:
+    def compared(self, pairs: list[Pair], figure: str) -> Difference:
         """The later runs beside the first ones, recording by recording."""
         a, b = ([self.sums(run) for run in side] for side in zip(*pairs, strict=True))
-        parts = self._parts(pairs) if groups else None
         rng = np.random.default_rng(0)
-        return compare(a, b, FIGURES[figure], rng, lasting=figure in LASTING, groups=parts)
-
-    def _groups(self, pair: Pair) -> tuple[Floats, Floats]:
-        frames = [self.frames(run) for run in pair]
-        a, b = (group_sums(each, groups) for each, groups in zip(frames, groups_of(*frames), strict=True))
-        return a, b
-
-    def _parts(self, pairs: list[Pair]) -> Parts:
-        a, b = (np.concatenate(side) for side in zip(*map(self.groups, pairs), strict=True))
-        return Parts(a, b, (a + b)[:, [PLACE["objects"], PLACE["estimates"]]].sum(axis=1))
+        return compare(a, b, FIGURES[figure], rng, lasting=figure in LASTING)
 
 
 Draw = Callable[[np.random.Generator, list[int], int], list[Pair]]
@@ -154,9 +142,7 @@ def found(
     every: list[list[Difference]] = []
     for k, own in enumerate(seeds):
         rng = np.random.default_rng([count, k])
-        every.append(
-            [crowd.compared(draw(rng, own, count), figure, groups=count < 8) for _ in range(-(-pairs // len(seeds)))]
-        )
+        every.append([crowd.compared(draw(rng, own, count), figure) for _ in range(-(-pairs // len(seeds)))])
     loss = float(np.mean([sign * each.difference for own in every for each in own]))
     margin = 0.0 if effect is None else loss - effect
 
@@ -190,9 +176,6 @@ def measured(crowd: Crowd, count: int, pairs: int) -> dict[str, Found]:
     for n in (10, 20):
         for figure in SHOWN:
             add(f"null, same boxes, {n} of 20 s, {figure}", same_boxes("moved"), figure, n, third, pairs)
-    for n in (1, 2, 4):
-        draw = other_boxes("jipda", whole=True)
-        add(f"null, groups of people, {n} of 100 s, idf1", draw, "idf1", n, groups, pairs // 5)
     for whole, length, sizes in ((False, 20, (10, 20, 40, 60)), (True, 100, (8, 10, 12, 16))):
         for n in sizes:
             for name, kind in (("same", same_boxes), ("other", other_boxes)):

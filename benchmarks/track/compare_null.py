@@ -19,9 +19,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.metrics.frame_pairs import Frames, Objects, of_points
-from occlog.core.metrics.frame_sums import FIGURES, LASTING, PLACE, frame_sums
-from occlog.core.metrics.group_sums import group_sums, groups_of
-from occlog.core.metrics.paired import MANY_RECORDINGS, Parts, compare
+from occlog.core.metrics.frame_sums import FIGURES, LASTING, frame_sums
+from occlog.core.metrics.paired import compare
 
 NAME = "compare-null"
 SUMMARY = "paired comparisons of runs that do not differ: share of false alarms at 1 % to what may be (1.5 %)"
@@ -43,18 +42,17 @@ SHOWN = ("idf1", "hota", "mota", "pairs_rmse")
 class Shape(NamedTuple):
     """Recordings of a comparison, and of how many they are drawn."""
 
-    count: int
+    taken: int
     seconds: int
     known: int
 
 
 SHAPES = {
-    "one of 5 min": Shape(1, 300, 4),
-    "four of 60 s": Shape(4, 60, 8),
     "eight of 30 s": Shape(8, 30, 20),
     "ten of 30 s": Shape(10, 30, 20),
     "twelve of 30 s": Shape(12, 30, 20),
     "twenty of 30 s": Shape(20, 30, 20),
+    "four of 60 s": Shape(4, 60, 4),
 }
 
 
@@ -116,17 +114,6 @@ def sums(run: Run) -> Floats:
     return kept("frames", run, lambda: frame_sums(made(run), run[1] * HZ))
 
 
-@cache
-def grouped(a: Run, b: Run) -> Floats:
-    """(2, groups, k) what each group of people adds to the figures of two runs."""
-    pair = made(a), made(b)
-    return kept(
-        "groups",
-        (*a, *b),
-        lambda: np.stack([group_sums(*each) for each in zip(pair, groups_of(*pair), strict=True)]),
-    )
-
-
 def kept(kind: str, key: tuple[float, ...], make: Callable[[], Floats]) -> Floats:
     """A value of the folder that keeps runs; it is made if it is not there."""
     if CACHE is None:
@@ -143,17 +130,13 @@ def kept(kind: str, key: tuple[float, ...], make: Callable[[], Floats]) -> Float
 def pair(shape: Shape, later: float, runs: list[int], rng: np.random.Generator) -> dict[str, tuple[float, ...]]:
     """Difference, p and p of being worse of each figure, of two runs on the same recordings."""
     both: list[tuple[Run, Run]] = []
-    for recording in rng.permutation(shape.known)[: shape.count].tolist():
+    for recording in rng.permutation(shape.known)[: shape.taken].tolist():
         a, b = rng.permutation(runs)[:2].tolist()
         both.append(((recording, shape.seconds, EASY, a), (recording, shape.seconds, later, b)))
     first, second = ([sums(run) for run in side] for side in zip(*both, strict=True))
-    out = {}
+    out: dict[str, tuple[float, ...]] = {}
     for name in SHOWN:
-        parts = None
-        if shape.count < MANY_RECORDINGS and name == "idf1":
-            a, b = np.concatenate([grouped(*each) for each in both], axis=1)
-            parts = Parts(a, b, (a + b)[:, [PLACE["objects"], PLACE["estimates"]]].sum(axis=1))
-        found = compare(first, second, FIGURES[name], rng, lasting=name in LASTING, groups=parts)
+        found = compare(first, second, FIGURES[name], rng, lasting=name in LASTING)
         worse = found.above(0.0) if name == "pairs_rmse" else found.below(0.0)
         out[name] = (found.difference, found.p, worse)
     return out
@@ -163,7 +146,7 @@ def pairs(shape: Shape, later: float, count: int) -> list[list[dict[str, tuple[f
     """So many pairs, in groups that share no runs."""
     groups = [list(range(k, k + TOGETHER)) for k in range(0, RUNS, TOGETHER)]
     each = -(-count // len(groups))
-    seeds = [np.random.default_rng([shape.count, shape.seconds, k]) for k in range(len(groups))]
+    seeds = [np.random.default_rng([shape.taken, shape.seconds, k]) for k in range(len(groups))]
     return [[pair(shape, later, own, rng) for _ in range(each)] for own, rng in zip(groups, seeds, strict=True)]
 
 

@@ -8,11 +8,9 @@ of a part of them they are those of the part within the recording, not of the pa
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Floats
 
 from .clear_mot import CLASSIC, ClearRule, match
 from .frame_pairs import Frames, reaches
@@ -34,58 +32,31 @@ def frame_sums(frames: Frames, cells: int, rule: ClearRule = CLASSIC) -> Floats:
         cells: how many frames there are, empty ones included.
         rule: how CLEAR-MOT pairs.
     """
-    at = frames.frame
-    truth, track = np.repeat(at, np.diff(frames.truth_start)), np.repeat(at, np.diff(frames.track_start))
-    where, _, pairs, belonging = associations(frames)
-    return sums_by_cell(frames, cells, rule, truth, track, Associated(at[where], pairs, belonging))
-
-
-class Associated(NamedTuple):
-    """Pairs of HOTA: (n,) cell of each, (n, A) whether it is a pair at each threshold, and its association there."""
-
-    cell: Ints
-    pairs: Floats
-    belonging: Floats
-
-
-def sums_by_cell(
-    frames: Frames, cells: int, rule: ClearRule, truth: Ints, track: Ints, associated: Associated
-) -> Floats:
-    """(cells, SIZE) what each cell adds; a pair is of the cell of its true row.
-
-    Args:
-        frames: truth and tracks as points.
-        cells: how many cells there are.
-        rule: how CLEAR-MOT pairs.
-        truth: (N,) cell of each true row.
-        track: (M,) cell of each row of tracks.
-        associated: pairs of HOTA.
-    """
     out = np.zeros((cells, SIZE))
+    at = frames.frame
 
     def add(name: str, where: np.ndarray, values: Floats | None = None) -> None:
         out[:, PLACE[name]] += np.bincount(where, values, minlength=cells)
 
-    add("objects", truth)
-    add("estimates", track)
+    add("objects", np.repeat(at, np.diff(frames.truth_start)))
+    add("estimates", np.repeat(at, np.diff(frames.track_start)))
     made = match(frames, rule)
-    add("paired", truth[made.truth])
-    add("switches", truth[made.truth[made.switch]])
+    add("paired", at[made.frame])
+    add("switches", at[made.frame[made.switch]])
     # Errors are of pairs of each frame alone: CLEAR-MOT's keep a track that has gone over to a neighbour
     alone = match(frames, ClearRule(memory=0))
-    add("near", truth[alone.truth])
-    add("squares", truth[alone.truth], alone.distance**2)
+    add("near", at[alone.frame])
+    add("squares", at[alone.frame], alone.distance**2)
     given = identity(frames).track
-    met_by_own = [np.zeros(0, dtype=np.int64)]
     for t in frames.meeting():
         left, right = frames.rows(t)
         met = reaches(frames.compare(t)[1], 0.5)
         own = given[frames.truth[left]][:, None] == frames.track[right][None, :]
-        met_by_own.append(left.start + np.flatnonzero((met & own).any(axis=1)))
-    add("idtp", truth[np.concatenate(met_by_own)])
+        out[at[t], PLACE["idtp"]] += np.count_nonzero(met & own)
+    where, pairs, belonging = associations(frames)
     for a in range(A):
-        out[:, len(COUNTS) + a] = np.bincount(associated.cell, associated.pairs[:, a], minlength=cells)
-        out[:, len(COUNTS) + A + a] = np.bincount(associated.cell, associated.belonging[:, a], minlength=cells)
+        out[:, len(COUNTS) + a] = np.bincount(at[where], pairs[:, a], minlength=cells)
+        out[:, len(COUNTS) + A + a] = np.bincount(at[where], belonging[:, a], minlength=cells)
     return out
 
 

@@ -64,7 +64,7 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
         alphas: (A,) thresholds of similarity in (0, 1).
     """
     # Pair targets and tracks in each frame, once for all thresholds
-    _, _, couple, life, length, similarity = _paired(frames)
+    _, couple, life, length, similarity = _paired(frames)
     tp, loc_a = np.zeros(len(alphas), dtype=np.int64), np.ones(len(alphas))
     ass_a, ass_re, ass_pr = np.zeros(len(alphas)), np.zeros(len(alphas)), np.zeros(len(alphas))
     for a, alpha in enumerate(alphas):
@@ -96,7 +96,7 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
     )
 
 
-def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Ints, Floats, Floats]:
+def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats, Floats]:
     """What each pair adds to HOTA = sqrt(sum of associations / (TP + FN + FP)).
 
     Args:
@@ -104,31 +104,31 @@ def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Ints, F
         alphas: (A,) thresholds of similarity in (0, 1).
 
     Returns:
-        (n,) place of each pair's frame, (n,) its target, (n, A) whether it is a pair at each threshold, (n, A) its
-        TPA / (TPA + FNA + FPA) there, 0 where it is none.
+        (n,) place of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
+        FPA) there, 0 where it is none.
     """
-    frame, target, couple, life, length, similarity = _paired(frames)
+    frame, couple, life, length, similarity = _paired(frames)
     good = (similarity[:, None] >= alphas - EPS).astype(np.float64)
     belonging = np.zeros_like(good)
     for a in range(len(alphas)):
         tpa = np.bincount(couple, good[:, a], minlength=len(life))
         belonging[:, a] = good[:, a] * (tpa / np.maximum(life + length - tpa, 1))[couple]
-    return frame, target, good, belonging
+    return frame, good, belonging
 
 
-def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Ints, Floats]:
+def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
     """Pairs of all frames, and the couples that they are of: each target with each track that it is ever paired with.
 
     Returns:
-        (n,) place of each pair's frame, (n,) its target, (n,) number of its couple; of each couple the rows of its
-        target (TPA + FNA) and of its track (TPA + FPA); (n,) similarity of each pair.
+        (n,) place of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
+        and of its track (TPA + FPA); (n,) similarity of each pair.
     """
     frame, target, track, similarity = _assigned(frames)
     tracks = max(len(frames.track_key), 1)
     couples, couple = np.unique(target * tracks + track, return_inverse=True)
     life = np.bincount(frames.truth, minlength=1)[couples // tracks]
     length = np.bincount(frames.track, minlength=1)[couples % tracks]
-    return frame, target, couple, life, length, similarity
+    return frame, couple, life, length, similarity
 
 
 def _assigned(frames: Frames) -> tuple[Ints, Ints, Ints, Floats]:

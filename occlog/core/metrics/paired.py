@@ -15,8 +15,7 @@ are alike, so that parts are then stretches of frames, each `STRETCHES_APART` ti
 autocorrelation time of u: stretches are nearly independent (blocks as in Carlstein 1986).
 
 Figures of identities are another matter: a target that has become another one stays that to the end, so that no two
-stretches of one recording are independent.  Parts are recordings, or groups of people who share tracks in neither run
-(`group_sums`), or there are none, and nothing is concluded.
+stretches of one recording are independent.  They are decided over recordings only.
 """
 
 from __future__ import annotations
@@ -35,26 +34,13 @@ Metric = Callable[[Floats], Floats]
 """(..., k) sums to (...) a figure."""
 STRETCHES_APART = 5.0
 FEWEST = 20
-"""Fewest stretches of time, or groups, from which anything is concluded."""
+"""Fewest stretches of time from which anything is concluded."""
 MOST = 100
 """Most stretches of all recordings: longer ones are never less independent."""
 MANY_RECORDINGS = 8
 """Fewest recordings that are compared whole: all of them better come about by chance once in 256 times."""
 STEP = 1e-6
 NOT_KNOWN = (float("nan"),) * 4
-
-
-class Parts(NamedTuple):
-    """Parts of all recordings that are nearly independent, other than stretches of time.
-
-    Attributes:
-        a, b: (P, k) what each part adds to the sums of either run.
-        weight: (P,) its size, > 0; as large if the runs are exchanged.
-    """
-
-    a: Floats
-    b: Floats
-    weight: Floats
 
 
 class Difference(NamedTuple):
@@ -66,10 +52,9 @@ class Difference(NamedTuple):
         low, high: confidence interval of the difference; NaN: too few parts.
         se: standard error of the difference; NaN likewise.
         p: probability of a difference at least as large, either way, of runs that do not differ; NaN likewise.
-        stretches: how many parts were compared: recordings, stretches of time or groups.
+        stretches: how many parts were compared, recordings or stretches of time.
         recordings: whether each was a whole recording.
         drawn: (D,) sorted means of subsets of the parts, see `sign_flips`; (0,): nothing was drawn.
-        groups: whether each part was a group, those of `groups`.
     """
 
     a: float
@@ -82,7 +67,6 @@ class Difference(NamedTuple):
     stretches: int
     recordings: bool
     drawn: Floats
-    groups: bool = False
 
     @property
     def least(self) -> float:
@@ -110,7 +94,6 @@ def compare(
     level: float = 0.95,
     *,
     lasting: bool = False,
-    groups: Parts | None = None,
 ) -> Difference:
     """Compare a figure of two runs.
 
@@ -121,7 +104,6 @@ def compare(
         rng: draws subsets where there are too many to take all.
         level: of the confidence interval.
         lasting: what happens in a frame counts to the end of the recording, as exchanges of identities do.
-        groups: what takes the place of stretches of time where recordings are few; None: those, unless it is `lasting`.
 
     Raises:
         ValueError: the runs are not of the same frames.
@@ -134,22 +116,19 @@ def compare(
     slope = _gradient(metric, 0.5 * (total[0] + total[1]))
     added = [(y - x) @ slope for x, y in zip(a, b, strict=True)]
     whole = sum(len(u) > 0 for u in added) >= MANY_RECORDINGS
-    if whole or groups is None:
-        cut = _whole(added) if whole else _stretches(added)
-        parts = np.array([added[r][i:j].sum() for r, i, j in cut])
-        weights = np.array([float(j - i) for _, i, j in cut])
-    else:
-        parts, weights = (groups.b - groups.a) @ slope, groups.weight
-    count, grouped = len(parts), not whole and groups is not None
-    none = Difference(values[0], values[1], difference, *NOT_KNOWN, count, whole, np.zeros(0), grouped)
+    cut = _whole(added) if whole else _stretches(added)
+    count = len(cut)
+    none = Difference(values[0], values[1], difference, *NOT_KNOWN, count, whole, np.zeros(0))
     if difference == 0.0 and not any(u.any() for u in added):
         # Where no frame adds to a difference there is none, and no test is needed
         return none._replace(low=0.0, high=0.0, se=0.0, p=1.0)
-    if not np.isfinite(difference) or not (whole or (count >= FEWEST and (grouped or not lasting))):
+    if not np.isfinite(difference) or (not whole and (lasting or count < FEWEST)):
         return none
-    weights = weights / weights.sum()
+    parts = np.array([added[r][i:j].sum() for r, i, j in cut])
+    weights = np.array([float(j - i) for _, i, j in cut])
+    weights /= weights.sum()
     # Terms of third order, such as come of large differences, go to all parts
-    parts = parts + weights * (difference - parts.sum())
+    parts += weights * (difference - parts.sum())
     means = subset_means(parts, weights, rng)
     low, high = interval(means, level)
     return none._replace(

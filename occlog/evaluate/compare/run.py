@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.metrics.frame_pairs import Frames, of_points
-from occlog.core.metrics.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, PLACE, frame_sums
-from occlog.core.metrics.group_sums import group_sums, groups_of
-from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, Difference, Parts, compare
+from occlog.core.metrics.frame_pairs import of_points
+from occlog.core.metrics.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
+from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, Difference, compare
 from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -34,9 +33,6 @@ LEVEL = 0.05
 """Chance that any verdict of a table is wrong of methods that do not differ."""
 MATCH_M = 1.0
 """A track meets a target this near [m], unless a distance is given."""
-CLEAR_RULE = RULES[ManyConfig().clear_rule]
-GROUPED = frozenset({"idf1"})
-"""Figures that are decided over groups of people where recordings are few."""
 CONDITION = re.compile(r"\s*(\w+)\s+worse(?:\s+by\s+(\S+))?\s*")
 
 
@@ -133,24 +129,11 @@ def run_compare(
         raise UsageError(f"lengths are in {unit!r}: give --match-distance, how near a track is that meets a target")
     limit = MATCH_M / METRES[unit] if match_distance is None else match_distance
     begin_work()
+    sums = [[_sums(runs[m][name], runs[0][name], limit, unit) for name in names] for m in range(len(methods))]
     wanted = [*dict.fromkeys([*(figures or FIGURES), *(c.figure for c in conditions)])]
-    few = len(names) < MANY_RECORDINGS and any(figure in GROUPED for figure in wanted)
-    sums: list[list[Floats]] = []
-    groups: list[Parts | None] = []
-    first: list[Frames] = []
-    for own in runs:
-        given = [_frames(own[name], runs[0][name], limit, unit) for name in names]
-        sums.append([frame_sums(each, cells, CLEAR_RULE) for each, cells in given])
-        first = first or [each for each, _ in given]
-        groups.append(_groups(first, [each for each, _ in given]) if few and sums[1:] else None)
     found = {
         (m, figure): compare(
-            sums[0],
-            sums[m],
-            FIGURES[figure],
-            np.random.default_rng([seed, m, k]),
-            lasting=figure in LASTING,
-            groups=groups[m] if figure in GROUPED else None,
+            sums[0], sums[m], FIGURES[figure], np.random.default_rng([seed, m, k]), lasting=figure in LASTING
         )
         for m in range(1, len(methods))
         for k, figure in enumerate(FIGURES)
@@ -182,8 +165,8 @@ def _unit(run: Run, first: Run) -> str:
     return unit
 
 
-def _frames(run: Run, first: Run, limit: float, unit: str) -> tuple[Frames, int]:
-    """Truth and tracks of a run in the true frames of a recording, and how many frames there are."""
+def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
+    """What each true frame of a recording adds to the figures of a run."""
     tracks, truth = open_input(run.tracks).read(Tracks), open_input(run.truth).read(Truth)
     if run.truth != first.truth and not _same(truth, open_input(first.truth).read(Truth)):
         raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")
@@ -192,17 +175,7 @@ def _frames(run: Run, first: Run, limit: float, unit: str) -> tuple[Frames, int]
         raise InputError(f"{run.truth}: holds no true positions, so there are no frames to compare runs in")
     config = ManyConfig(match_distance=limit)
     places = points_in_true_frames(tracks, truth, times, config, EvaluateConfig().limit_ns, unit)
-    return of_points(places.truth, places.tracks, limit), len(times)
-
-
-def _groups(first: Sequence[Frames], this: Sequence[Frames]) -> Parts:
-    """What groups of people add to the sums of two runs, of all recordings."""
-    both: tuple[list[Floats], list[Floats]] = [], []
-    for frames in zip(first, this, strict=True):
-        for side, each, groups in zip(both, frames, groups_of(*frames), strict=True):
-            side.append(group_sums(each, groups, CLEAR_RULE))
-    a, b = (np.concatenate(side) for side in both)
-    return Parts(a, b, (a + b)[:, [PLACE["objects"], PLACE["estimates"]]].sum(axis=1))
+    return frame_sums(of_points(places.truth, places.tracks, limit), len(times), RULES[config.clear_rule])
 
 
 def _same(a: Truth, b: Truth) -> bool:
@@ -254,8 +227,6 @@ def _why(row: Row, later: int) -> str:
     found = row.found
     if np.isfinite(found.p):
         return f"of {found.stretches} recordings nothing can be shown of {later} methods; take more recordings"
-    if found.groups:
-        return f"{found.stretches} groups of people who share no tracks, fewer than {FEWEST}"
     if row.figure in LASTING:
         return f"identities that were exchanged stay so: that takes {MANY_RECORDINGS} recordings or more"
     return f"{found.stretches} independent stretches of time, fewer than {FEWEST}"

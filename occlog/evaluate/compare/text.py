@@ -46,9 +46,8 @@ def basis(found: Comparison) -> str:
     whole = found.rows[0].found.recordings
     if whole:
         return f"{what}; {count} recordings exchanged, both runs at once; about recordings like these. {LEVEL}."
-    few = f"fewer than {FEWEST} decide nothing; of HOTA fewer than {MANY_RECORDINGS} recordings"
-    parts = "stretches of time exchanged, both runs at once, of IDF1 groups of people"
-    return f"{what}; {parts}; about these recordings alone; {few}. {LEVEL}."
+    few = f"fewer than {FEWEST} independent ones decide nothing; of identities fewer than {MANY_RECORDINGS} recordings"
+    return f"{what}; stretches of time exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
 
 
 def markdown(found: Comparison, methods: Sequence[Path]) -> str:

@@ -13,7 +13,6 @@ from occlog.core.metrics.paired import (
     FEWEST,
     MANY_RECORDINGS,
     MOST,
-    Parts,
     autocorrelation_time,
     compare,
 )
@@ -96,21 +95,6 @@ def test_verdict_and_interval_do_not_contradict_each_other() -> None:
         assert (found.p <= 0.05) == (not found.low <= 0.0 <= found.high)
         assert found.below(found.high + 1e-6) <= 0.025 < found.below(found.high - 1e-6)
         assert found.above(found.low - 1e-6) <= 0.025 < found.above(found.low + 1e-6)
-
-
-def test_groups_take_the_place_of_stretches_of_few_recordings() -> None:
-    rng = np.random.default_rng(5)
-    a, b = counted(rng.normal(size=600)), counted(rng.normal(0.3, 1, 600))
-    parts = Parts(a.reshape(30, 20, 2).sum(axis=1), b.reshape(30, 20, 2).sum(axis=1), np.full(30, 20.0))
-    found = compare([a], [b], mean, rng, lasting=True, groups=parts)
-    assert (found.groups, found.recordings, found.stretches) == (True, False, 30)
-    shift = (parts.b - parts.a)[:, 0] / 20
-    assert found.difference == pytest.approx(shift.mean())
-    assert found.p == pytest.approx(stats.ttest_1samp(shift, 0).pvalue, abs=0.01)
-    few = Parts(*(x[: FEWEST - 1] for x in parts))
-    assert np.isnan(compare([a], [b], mean, rng, lasting=True, groups=few).p)
-    many = [a] * MANY_RECORDINGS, [b] * MANY_RECORDINGS
-    assert not compare(*many, mean, rng, lasting=True, groups=parts).groups
 
 
 def test_standard_error_of_an_ar1_process() -> None:

@@ -132,27 +132,6 @@ def folders(tmp_path: Path, count: int, **methods: float) -> tuple[Path, ...]:
     return tuple(tmp_path / method for method in methods)
 
 
-def test_idf1_of_few_recordings_is_decided_over_groups_of_people(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    paths = folders(tmp_path, 6, old=0.1, new=0.4, again=0.1)
-    more = ("--truth", str(tmp_path / "truths"), "--figure", "idf1", "--figure", "hota")
-    assert compared(paths[0], paths[1], more=(*more, "--json")) == ExitCode.DONE
-    rows = said(capsys)
-    assert rows["idf1"]["verdict"] == "worse"
-    assert rows["idf1"]["stretches"] == 6 * PEOPLE
-    assert rows["idf1"]["low"] < rows["idf1"]["difference"] < rows["idf1"]["high"] < -0.1  # type: ignore[operator]
-    assert rows["hota"]["verdict"] == "not decided"
-    fail = ("--fail-if", "idf1 worse")
-    assert compared(paths[0], paths[1], more=(*more, *fail)) == ExitCode.THRESHOLD
-    assert "of IDF1 groups of people" in capsys.readouterr().out
-    assert compared(paths[0], paths[2], more=(*more, *fail)) == ExitCode.DONE
-    # One recording of four people has four groups
-    one = (paths[0] / "r0", paths[1] / "r0")
-    assert compared(*one, more=("--truth", str(tmp_path / "truths/r0.parquet"), *fail)) == ExitCode.THRESHOLD
-    assert "not decided; 4 groups of people who share no tracks, fewer than 20" in capsys.readouterr().err
-
-
 def test_a_check_of_more_methods_than_its_recordings_can_tell_apart_does_not_pass(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
