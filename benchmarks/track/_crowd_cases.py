@@ -55,9 +55,9 @@ def wildtrack(setting: str, seed: int, work: Path) -> Case | None:
     if not made.exists():
         given = [sys.executable, tool, folder / "boxes_true.csv", "-o", made, *DEGREES[setting], "--seed", str(seed)]
         subprocess.run(given, check=True, capture_output=True)
-    boxes = _columns(made, "frame", "camera", "left", "top", "right", "bottom")
+    boxes = columns(made, "frame", "camera", "left", "top", "right", "bottom")
     boxes[:, 1] -= 1
-    truth = _columns(folder / "truth.csv", "frame", "id", "x", "y")
+    truth = columns(folder / "truth.csv", "frame", "id", "x", "y")
     matrices = np.array([np.loadtxt(folder / "calibration" / f"cam{n}_P.txt") for n in range(1, 8)])
     frames = int(truth[:, 0].max()) + 1
     return Case(f"wildtrack-{setting}", 2.0, (1920, 1080), matrices, boxes, truth, AREA, frames)
@@ -89,7 +89,7 @@ def _matrices(cameras: tuple[object, ...]) -> Floats:
     return np.array(out)
 
 
-def _columns(path: Path, *names: str) -> Floats:
+def columns(path: Path, *names: str) -> Floats:
     with path.open(newline="") as file:
         return np.array([[float(row[name]) for name in names] for row in csv.DictReader(file)])
 

@@ -2,25 +2,31 @@
 
 Made-up trackers of ten people at 10 Hz: they lose a person for some seconds, find some of them again as somebody else,
 and err by noise that stays for a second.  Two runs draw everything anew, but share where it is hard: runs of one kind
-are exchangeable.  `OCCLOG_COMPARE_PAIRS` says how many pairs.
+are exchangeable.  There are `RUNS` runs of each recording, and pairs are drawn of them; the standard error is between
+groups of `TOGETHER` runs, which share none.  `OCCLOG_COMPARE_PAIRS` says how many pairs of each shape there are,
+`OCCLOG_COMPARE_CACHE` names a folder that keeps the runs.
 """
 
 from __future__ import annotations
 
 import os
-from typing import Any
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.metrics.frame_pairs import Objects, of_points
+from occlog.core.metrics.frame_pairs import Frames, Objects, of_points
 from occlog.core.metrics.frame_sums import FIGURES, LASTING, frame_sums
 from occlog.core.metrics.paired import compare
 
 NAME = "compare-null"
 SUMMARY = "paired comparisons of runs that do not differ: share of false alarms at 1 % to what may be (1.5 %)"
 LIMIT = 1.0
-PAIRS = int(os.environ.get("OCCLOG_COMPARE_PAIRS", "200"))
+PAIRS = int(os.environ.get("OCCLOG_COMPARE_PAIRS", "1000"))
+CACHE = os.environ.get("OCCLOG_COMPARE_CACHE")
 PEOPLE, HZ = 10, 10
 ALPHA, MOST = 0.01, 0.015
 LOSS_S, HARD_S, MEMORY_S = 2.0, 15.0, 1.0
@@ -29,12 +35,29 @@ RENAMED = 0.05
 """Share of people who are somebody else when they are found again."""
 EASY, WORSE = 0.010, 0.014
 """Losses a person and second in an easy time."""
-SHAPES = {"one of 5 min": (1, 300), "four of 60 s": (4, 60), "twelve of 30 s": (12, 30)}
-"""Recordings: how many, and how long [s]."""
+RUNS, TOGETHER = 24, 4
+SHOWN = ("idf1", "hota", "mota", "pairs_rmse")
 
 
-def track(hard: np.ndarray, rate: float, rng: np.random.Generator) -> Floats:
-    """What each frame adds to the figures, of one run of a tracker.
+class Shape(NamedTuple):
+    """Recordings of a comparison, and of how many they are drawn."""
+
+    taken: int
+    seconds: int
+    known: int
+
+
+SHAPES = {
+    "eight of 30 s": Shape(8, 30, 20),
+    "ten of 30 s": Shape(10, 30, 20),
+    "twelve of 30 s": Shape(12, 30, 20),
+    "twenty of 30 s": Shape(20, 30, 20),
+    "four of 60 s": Shape(4, 60, 4),
+}
+
+
+def track(hard: np.ndarray, rate: float, rng: np.random.Generator) -> Frames:
+    """Truth and tracks of one run of a tracker.
 
     Args:
         hard: (T,) how much more often people are lost at a time.
@@ -61,7 +84,7 @@ def track(hard: np.ndarray, rate: float, rng: np.random.Generator) -> Floats:
     found = place + noise.transpose(1, 0, 2).reshape(-1, 2)
     seen = there.ravel()
     truth, tracks = Objects(frame, who, place), Objects(frame[seen], name.ravel()[seen], found[seen])
-    return frame_sums(of_points(truth, tracks, 1.0), frames)
+    return of_points(truth, tracks, 1.0)
 
 
 def times(frames: int, rng: np.random.Generator) -> np.ndarray:
@@ -73,33 +96,76 @@ def times(frames: int, rng: np.random.Generator) -> np.ndarray:
     return out
 
 
-def pair(shape: str, rates: tuple[float, float], seed: int) -> dict[str, tuple[float, float, float]]:
-    """Difference, p and p of being worse, of each figure of two runs on the same recordings."""
-    count, seconds = SHAPES[shape]
-    rng = np.random.default_rng(seed)
-    hard = [times(seconds * HZ, rng) for _ in range(count)]
-    runs = [[track(each, rate, rng) for each in hard] for rate in rates]
-    out = {}
-    for name in ("idf1", "mota", "hota", "pairs_rmse"):
-        found = compare(*runs, FIGURES[name], rng, lasting=name in LASTING)
+Run = tuple[int, int, float, int]
+"""Recording, its length [s], rate of losses, number of the run."""
+
+
+@cache
+def made(run: Run) -> Frames:
+    """Truth and tracks of a run."""
+    recording, seconds, rate, number = run
+    hard = times(seconds * HZ, np.random.default_rng([recording, seconds]))
+    return track(hard, rate, np.random.default_rng([recording, seconds, round(1e6 * rate), number]))
+
+
+@cache
+def sums(run: Run) -> Floats:
+    """What each frame of a run adds to the figures."""
+    return kept("frames", run, lambda: frame_sums(made(run), run[1] * HZ))
+
+
+def kept(kind: str, key: tuple[float, ...], make: Callable[[], Floats]) -> Floats:
+    """A value of the folder that keeps runs; it is made if it is not there."""
+    if CACHE is None:
+        return make()
+    path = Path(CACHE) / f"{kind}-{'-'.join(f'{part:g}' for part in key)}.npy"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft = path.with_suffix(".draft.npy")
+        np.save(draft, make())
+        draft.rename(path)
+    return np.asarray(np.load(path))
+
+
+def pair(shape: Shape, later: float, runs: list[int], rng: np.random.Generator) -> dict[str, tuple[float, ...]]:
+    """Difference, p and p of being worse of each figure, of two runs on the same recordings."""
+    both: list[tuple[Run, Run]] = []
+    for recording in rng.permutation(shape.known)[: shape.taken].tolist():
+        a, b = rng.permutation(runs)[:2].tolist()
+        both.append(((recording, shape.seconds, EASY, a), (recording, shape.seconds, later, b)))
+    first, second = ([sums(run) for run in side] for side in zip(*both, strict=True))
+    out: dict[str, tuple[float, ...]] = {}
+    for name in SHOWN:
+        found = compare(first, second, FIGURES[name], rng, lasting=name in LASTING)
         worse = found.above(0.0) if name == "pairs_rmse" else found.below(0.0)
         out[name] = (found.difference, found.p, worse)
     return out
+
+
+def pairs(shape: Shape, later: float, count: int) -> list[list[dict[str, tuple[float, ...]]]]:
+    """So many pairs, in groups that share no runs."""
+    groups = [list(range(k, k + TOGETHER)) for k in range(0, RUNS, TOGETHER)]
+    each = -(-count // len(groups))
+    seeds = [np.random.default_rng([shape.taken, shape.seconds, k]) for k in range(len(groups))]
+    return [[pair(shape, later, own, rng) for _ in range(each)] for own, rng in zip(groups, seeds, strict=True)]
 
 
 def run(repeats: int) -> dict[str, Any]:  # noqa: ARG001
     """Share of false alarms of `idf1 worse`, the worst of all shapes of recordings, to the limit."""
     parts: dict[str, float] = {"pairs of each shape": PAIRS}
     worst = 0.0
-    for number, shape in enumerate(SHAPES):
-        null = [pair(shape, (EASY, EASY), 10**6 * (number + 1) + k) for k in range(PAIRS)]
-        for name in null[0]:
-            alarms = np.array([each[name][2] < ALPHA for each in null])
-            open_ = np.mean([np.isnan(each[name][1]) for each in null])
-            parts[f"{shape}, {name}: false alarms of 'worse' [%]"] = 100 * float(alarms.mean())
-            parts[f"{shape}, {name}: not decided [%]"] = 100 * float(open_)
-            worst = max(worst, float(alarms.mean())) if name == "idf1" else worst
-        lost = [pair(shape, (EASY, WORSE), 10**7 * (number + 1) + k) for k in range(max(PAIRS // 5, 20))]
-        parts[f"{shape}: loss of IDF1 [points]"] = -100 * float(np.mean([each["idf1"][0] for each in lost]))
-        parts[f"{shape}: found [%]"] = 100 * float(np.mean([each["idf1"][2] < ALPHA for each in lost]))
+    for said, shape in SHAPES.items():
+        null = pairs(shape, EASY, PAIRS)
+        for name in SHOWN:
+            alarms = [float(np.mean([each[name][2] < ALPHA for each in own])) for own in null]
+            open_ = np.mean([np.isnan(each[name][1]) for own in null for each in own])
+            parts[f"{said}, {name}: false alarms of 'worse' [%]"] = 100 * float(np.mean(alarms))
+            parts[f"{said}, {name}: +- [%]"] = 100 * float(np.std(alarms, ddof=1) / np.sqrt(len(alarms)))
+            parts[f"{said}, {name}: not decided [%]"] = 100 * float(open_)
+            worst = max(worst, float(np.mean(alarms))) if name == "idf1" else worst
+        if shape.seconds > SHAPES["twelve of 30 s"].seconds:
+            continue
+        lost = [each["idf1"] for own in pairs(shape, WORSE, PAIRS // 4) for each in own]
+        parts[f"{said}: loss of IDF1 [points]"] = -100 * float(np.mean([each[0] for each in lost]))
+        parts[f"{said}: found [%]"] = 100 * float(np.mean([each[2] < ALPHA for each in lost]))
     return {"ratio": worst / MOST, "limit": LIMIT, "parts": parts}

@@ -1,17 +1,18 @@
-"""Whether two runs on the same recordings differ: a paired, studentised bootstrap over stretches of time.
+"""Whether two runs on the same recordings differ: an exact test of paired recordings, or of stretches of time.
 
 Figures such as MOTA are functions g of sums over frames.  A frame of run A and the same frame of run B stay together in
 all that follows, so that what both find hard cancels.
 
     D = g(sum of B) - g(sum of A)
-    u_t = grad g(sum of B) . B_t - grad g(sum of A) . A_t      influence of frame t on D, to first order
+    u_t = grad g(M) . (B_t - A_t),  M half of the sum of both      what frame t adds to D, but for terms of third order
 
-Frames that follow each other are alike, so that stretches of frames are drawn and not frames: each `STRETCHES_APART`
-times as long as the integrated autocorrelation time of u.  Stretches are then nearly independent; their sums of u give
-the standard error of D, and D / se is compared with its distribution when stretches are drawn with replacement (Efron
-and Tibshirani 1993, ch. 12; blocks as in Carlstein 1986).  Where there are `MANY_RECORDINGS` or more, each recording
-is one stretch: what differs between recordings then counts, and a statement is about recordings like these.  With fewer
-it is about these recordings alone.
+M stays where a part of A and the same part of B are exchanged, and u_t turns its sign: of runs that do not differ, all
+exchanges are as probable.  That is tested exactly (`sign_flips`), without an error that is estimated from few parts.
+
+Where there are `MANY_RECORDINGS` or more, each recording is a part: what differs between recordings then counts, and a
+statement is about recordings like these.  With fewer it is about these recordings alone.  Frames that follow each other
+are alike, so that parts are then stretches of frames, each `STRETCHES_APART` times as long as the integrated
+autocorrelation time of u: stretches are nearly independent (blocks as in Carlstein 1986).
 
 Figures of identities are another matter: a target that has become another one stays that to the end, so that no two
 stretches of one recording are independent.  They are decided over recordings only.
@@ -27,6 +28,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 
+from .sign_flips import chance_above, chance_below, interval, subset_means
+
 Metric = Callable[[Floats], Floats]
 """(..., k) sums to (...) a figure."""
 STRETCHES_APART = 5.0
@@ -34,9 +37,8 @@ FEWEST = 20
 """Fewest stretches of time from which anything is concluded."""
 MOST = 100
 """Most stretches of all recordings: longer ones are never less independent."""
-MANY_RECORDINGS = 10
-"""Fewest recordings that are drawn whole."""
-DRAWS = 4999
+MANY_RECORDINGS = 8
+"""Fewest recordings that are compared whole: all of them better come about by chance once in 256 times."""
 STEP = 1e-6
 NOT_KNOWN = (float("nan"),) * 4
 
@@ -47,12 +49,12 @@ class Difference(NamedTuple):
     Attributes:
         a, b: the figure of each run.
         difference: b - a.
-        low, high: confidence interval of the difference; NaN: too few stretches.
+        low, high: confidence interval of the difference; NaN: too few parts.
         se: standard error of the difference; NaN likewise.
         p: probability of a difference at least as large, either way, of runs that do not differ; NaN likewise.
-        stretches: of time that were drawn.
+        stretches: how many parts were compared, recordings or stretches of time.
         recordings: whether each was a whole recording.
-        drawn: (D,) how far differences of drawn stretches were from this one, in their standard errors.
+        drawn: (D,) sorted means of subsets of the parts, see `sign_flips`; (0,): nothing was drawn.
     """
 
     a: float
@@ -66,21 +68,22 @@ class Difference(NamedTuple):
     recordings: bool
     drawn: Floats
 
+    @property
+    def least(self) -> float:
+        """The smallest p that so many parts can give on one side; 0 where there is nothing that could differ."""
+        return 1.0 / (len(self.drawn) + 1) if len(self.drawn) else 0.0
+
     def below(self, margin: float) -> float:
         """Probability of a difference as far below of runs that differ by `margin`; NaN: not known."""
-        return self._chance(margin, -1.0)
+        if len(self.drawn):
+            return chance_below(self.drawn, margin)
+        return float("nan") if np.isnan(self.p) else float(self.difference >= margin)
 
     def above(self, margin: float) -> float:
         """Probability of a difference as far above of runs that differ by `margin`; NaN: not known."""
-        return self._chance(margin, 1.0)
-
-    def _chance(self, margin: float, sign: float) -> float:
-        if not np.isfinite(self.se):
-            return float("nan")
-        away = sign * (self.difference - margin)
-        if self.se == 0.0:
-            return 0.0 if away > 0 else 1.0
-        return _share(sign * self.drawn >= away / self.se)
+        if len(self.drawn):
+            return chance_above(self.drawn, margin)
+        return float("nan") if np.isnan(self.p) else float(self.difference <= margin)
 
 
 def compare(
@@ -98,7 +101,7 @@ def compare(
         a: for each recording (T, k) what each frame adds to the sums, of run A.
         b: the same of run B, of the same frames.
         metric: the figure of sums.
-        rng: draws stretches.
+        rng: draws subsets where there are too many to take all.
         level: of the confidence interval.
         lasting: what happens in a frame counts to the end of the recording, as exchanges of identities do.
 
@@ -110,46 +113,31 @@ def compare(
     total = np.sum([x.sum(axis=0) for x in a], axis=0), np.sum([y.sum(axis=0) for y in b], axis=0)
     values = [float(metric(each)) for each in total]
     difference = values[1] - values[0]
-    slopes = [_gradient(metric, each) for each in total]
-    influence = [y @ slopes[1] - x @ slopes[0] for x, y in zip(a, b, strict=True)]
-    whole = len(a) >= MANY_RECORDINGS
-    cut = _whole(influence) if whole else _stretches(influence)
+    slope = _gradient(metric, 0.5 * (total[0] + total[1]))
+    added = [(y - x) @ slope for x, y in zip(a, b, strict=True)]
+    whole = sum(len(u) > 0 for u in added) >= MANY_RECORDINGS
+    cut = _whole(added) if whole else _stretches(added)
     count = len(cut)
-    none = Difference(
-        values[0], values[1], difference, *NOT_KNOWN, stretches=count, recordings=whole, drawn=np.zeros(0)
-    )
-    if not np.isfinite(difference) or (not whole and (lasting or count < FEWEST)):
+    none = Difference(values[0], values[1], difference, *NOT_KNOWN, count, whole, np.zeros(0))
+    if difference == 0.0 and not any(u.any() for u in added):
         # Where no frame adds to a difference there is none, and no test is needed
-        same = difference == 0.0 and not any(u.any() for u in influence)
-        return none._replace(low=0.0, high=0.0, se=0.0, p=1.0) if same else none
-    parts = [np.array([each[r][i:j].sum(axis=0) for r, i, j in cut]) for each in (a, b)]
-    share = np.array([influence[r][i:j].sum() for r, i, j in cut])
-    se = _error(share[None])[0]
-    if se == 0.0:
-        return none._replace(low=difference, high=difference, se=0.0, p=1.0 if difference == 0.0 else 0.0)
-    drawn = rng.integers(0, count, (DRAWS, count))
-    # How often each stretch is drawn: sums of draws without a copy of every stretch that is drawn
-    times = np.zeros((DRAWS, count))
-    np.add.at(times, (np.arange(DRAWS)[:, None], drawn), 1.0)
-    found = metric(times @ parts[1]) - metric(times @ parts[0])
-    errors = _error(share[drawn])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = (found - difference) / errors
-    t = t[np.isfinite(t)]
-    here = difference / se
-    low, high = np.quantile(t, [0.5 + level / 2, 0.5 - level / 2])
+        return none._replace(low=0.0, high=0.0, se=0.0, p=1.0)
+    if not np.isfinite(difference) or (not whole and (lasting or count < FEWEST)):
+        return none
+    parts = np.array([added[r][i:j].sum() for r, i, j in cut])
+    weights = np.array([float(j - i) for _, i, j in cut])
+    weights /= weights.sum()
+    # Terms of third order, such as come of large differences, go to all parts
+    parts += weights * (difference - parts.sum())
+    means = subset_means(parts, weights, rng)
+    low, high = interval(means, level)
     return none._replace(
-        low=difference - float(low) * se,
-        high=difference - float(high) * se,
-        se=float(se),
-        p=_share(np.abs(t) >= abs(here)),
-        drawn=t,
+        low=low,
+        high=high,
+        se=float(np.sqrt(count / (count - 1) * np.square(parts - weights * difference).sum())),
+        p=min(1.0, 2.0 * min(chance_below(means, 0.0), chance_above(means, 0.0))),
+        drawn=means,
     )
-
-
-def _share(hits: np.ndarray) -> float:
-    """Share of draws, with the one that was observed among them: a test at a level keeps that level."""
-    return float((np.count_nonzero(hits) + 1) / (len(hits) + 1))
 
 
 def _gradient(metric: Metric, at: Floats) -> Floats:
@@ -160,22 +148,18 @@ def _gradient(metric: Metric, at: Floats) -> Floats:
         return np.asarray((metric(at + moves) - metric(at - moves)) / (2 * h))
 
 
-def _error(share: Floats) -> Floats:
-    """Standard error of the sum of stretches, the last axis."""
-    count = share.shape[-1]
-    return np.asarray(np.sqrt(count * share.var(axis=-1, ddof=1)))
+def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
+    return [(r, 0, len(u)) for r, u in enumerate(added) if len(u)]
 
 
-def _whole(influence: Sequence[Floats]) -> list[tuple[int, int, int]]:
-    return [(r, 0, len(u)) for r, u in enumerate(influence)]
-
-
-def _stretches(influence: Sequence[Floats]) -> list[tuple[int, int, int]]:
+def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
     """Recording, first frame and end of each stretch: long beside what is alike, of about one length."""
-    frames = sum(len(u) for u in influence)
-    length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(influence))), -(-frames // MOST))
+    frames = sum(len(u) for u in added)
+    length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MOST))
     out = []
-    for r, u in enumerate(influence):
+    for r, u in enumerate(added):
+        if not len(u):
+            continue
         ends = np.linspace(0, len(u), max(len(u) // length, 1) + 1).round().astype(int)
         out += [(r, int(i), int(j)) for i, j in pairwise(ends)]
     return out

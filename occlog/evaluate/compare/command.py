@@ -43,7 +43,7 @@ from occlog.errors import ExitCode, UsageError
     help="A track meets a target this near.  [default: 1 m]",
 )
 @click.option("--markdown", type=options.PATH, default=None, help="Also write the table as Markdown.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the draws.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of what is drawn at random.")
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
@@ -62,8 +62,8 @@ def command(
     """Compare METHODS, each a table of tracks, a run folder or a folder of run folders, with the first of them.
 
     Tracks are on the ground, of one target or of many, and are compared with the truth and with each other in the same
-    frames.  Differences have confidence intervals, by a bootstrap that draws stretches of time, or recordings where
-    there are ten or more.
+    frames.  Verdicts and confidence intervals are of an exact test, which exchanges recordings of the runs where there
+    are eight or more, and else stretches of time.
 
     \b
       occlog compare run/old run/new --truth hall.mcap

@@ -29,6 +29,8 @@ from .inputs import Run, paired
 
 ALPHA = 0.01
 """Chance of a false alarm of `--fail-if`."""
+LEVEL = 0.05
+"""Chance that any verdict of a table is wrong of methods that do not differ."""
 MATCH_M = 1.0
 """A track meets a target this near [m], unless a distance is given."""
 CONDITION = re.compile(r"\s*(\w+)\s+worse(?:\s+by\s+(\S+))?\s*")
@@ -138,7 +140,8 @@ def run_compare(
         if figure in wanted
     }
     holm = _holm({key: each.p for key, each in found.items()})
-    rows = tuple(Row(*key, each, holm[key], _verdict(key[1], each, holm[key])) for key, each in found.items())
+    known = sum(np.isfinite(each.p) for each in found.values())
+    rows = tuple(Row(*key, each, holm[key], _verdict(key[1], each, holm[key], known)) for key, each in found.items())
     failed = tuple(
         sentence
         for row in rows
@@ -193,19 +196,13 @@ def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
     return out
 
 
-def _verdict(figure: str, found: Difference, holm: float) -> str:
-    if not np.isfinite(holm):
+def _verdict(figure: str, found: Difference, holm: float, rows: int) -> str:
+    """The verdict; `rows` is how many are looked at together."""
+    if not np.isfinite(holm) or 2 * found.least * rows >= LEVEL:
         return "not decided"
-    if holm >= 0.05:
+    if holm >= LEVEL:
         return "no difference shown"
     return "better" if (found.difference < 0) == (figure in LESS_IS_BETTER) else "worse"
-
-
-def _why(row: Row) -> str:
-    """Why a row is not decided."""
-    if row.figure in LASTING:
-        return f"identities that were exchanged stay so: that takes {MANY_RECORDINGS} recordings or more"
-    return f"{row.found.stretches} independent stretches of time, fewer than {FEWEST}"
 
 
 def _failure(condition: Condition, row: Row, later: int) -> str:
@@ -214,8 +211,8 @@ def _failure(condition: Condition, row: Row, later: int) -> str:
     The chance that any of `later` methods fails without being worse is `ALPHA` at most (Bonferroni).
     """
     found, less = row.found, row.figure in LESS_IS_BETTER
-    if not np.isfinite(found.p):
-        return f"{condition}: method {row.method + 1}: not decided; {_why(row)}"
+    if not np.isfinite(found.p) or found.least >= ALPHA / later:
+        return f"{condition}: method {row.method + 1}: not decided; {_why(row, later)}"
     p = found.above(condition.margin) if less else found.below(-condition.margin)
     if p >= ALPHA / later:
         return ""
@@ -223,3 +220,13 @@ def _failure(condition: Condition, row: Row, later: int) -> str:
         f"{condition}: method {row.method + 1} has {found.b:.4g}, the first {found.a:.4g}, "
         f"difference {found.difference:+.3g} (p {p:.2g})"
     )
+
+
+def _why(row: Row, later: int) -> str:
+    """Why a row is not decided beside `later` methods."""
+    found = row.found
+    if np.isfinite(found.p):
+        return f"of {found.stretches} recordings nothing can be shown of {later} methods; take more recordings"
+    if row.figure in LASTING:
+        return f"identities that were exchanged stay so: that takes {MANY_RECORDINGS} recordings or more"
+    return f"{found.stretches} independent stretches of time, fewer than {FEWEST}"

@@ -45,9 +45,9 @@ def basis(found: Comparison) -> str:
         return f"{what}."
     whole = found.rows[0].found.recordings
     if whole:
-        return f"{what}; {count} recordings drawn, both runs at once; about recordings like these. {LEVEL}."
+        return f"{what}; {count} recordings exchanged, both runs at once; about recordings like these. {LEVEL}."
     few = f"fewer than {FEWEST} independent ones decide nothing; of identities fewer than {MANY_RECORDINGS} recordings"
-    return f"{what}; stretches of time drawn, both runs at once; about these recordings alone; {few}. {LEVEL}."
+    return f"{what}; stretches of time exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
 
 
 def markdown(found: Comparison, methods: Sequence[Path]) -> str:

@@ -1,6 +1,8 @@
-"""The paired bootstrap over stretches of time against closed forms, and its rate of false alarms."""
+"""Paired comparisons against closed forms and enumeration, and their rate of false alarms."""
 
 from __future__ import annotations
+
+from itertools import product
 
 import numpy as np
 import pytest
@@ -62,6 +64,37 @@ def test_recordings_of_normal_differences_give_the_interval_of_student() -> None
     assert found.low == pytest.approx(found.difference - half, abs=0.12 * half)
     assert found.high == pytest.approx(found.difference + half, abs=0.12 * half)
     assert found.p == pytest.approx(stats.ttest_1samp(shift, 0).pvalue, abs=0.015)
+
+
+def test_p_is_that_of_all_exchanges_of_recordings() -> None:
+    rng = np.random.default_rng(3)
+    runs = [
+        [np.column_stack([rng.binomial(1, 0.7 + d, 40), rng.uniform(0.5, 1.5, 40)]) for _ in range(MANY_RECORDINGS)]
+        for d in (0.0, 0.05)
+    ]
+    found = compare(*runs, mean, rng)
+    a, b = (np.array([x.sum(axis=0) for x in run]) for run in runs)
+    differences = []
+    for swap in product((False, True), repeat=MANY_RECORDINGS):
+        swapped = np.array(swap)[:, None]
+        differences.append(mean(np.where(swapped, a, b).sum(axis=0)) - mean(np.where(swapped, b, a).sum(axis=0)))
+    # The figure itself of all 256 exchanges, for which `compare` takes its slope
+    assert found.difference == differences[0]
+    for chance, hits in (
+        (found.above(0.0), np.array(differences) >= found.difference - 1e-12),
+        (found.below(0.0), np.array(differences) <= found.difference + 1e-12),
+    ):
+        assert chance == pytest.approx(hits.mean(), abs=2 / 256)
+
+
+def test_verdict_and_interval_do_not_contradict_each_other() -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(60):
+        a, b = ([counted(rng.exponential(size=9) + d) for _ in range(9)] for d in (0.0, 0.5))
+        found = compare(a, b, mean, rng)
+        assert (found.p <= 0.05) == (not found.low <= 0.0 <= found.high)
+        assert found.below(found.high + 1e-6) <= 0.025 < found.below(found.high - 1e-6)
+        assert found.above(found.low - 1e-6) <= 0.025 < found.above(found.low + 1e-6)
 
 
 def test_standard_error_of_an_ar1_process() -> None:

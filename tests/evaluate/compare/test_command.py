@@ -113,13 +113,41 @@ def test_folders_of_runs_are_paired_by_name_and_recordings_are_drawn(
     more = ("--truth", str(truths), "--markdown", str(page), "--figure", "pairs_rmse", "--figure", "hota")
     assert compared(*paths, more=more) == ExitCode.DONE
     told = capsys.readouterr().out
-    assert "400 frames of 10 recordings; 10 recordings drawn" in told
+    assert "400 frames of 10 recordings; 10 recordings exchanged" in told
     assert told.count("  worse\n") == 2
     assert "| pairs_rmse | " in page.read_text()
     assert compared(*paths, more=more) == ExitCode.EXISTS
     (tmp_path / "new/runs/r3/tracks.parquet").unlink()
     assert compared(*paths, more=("--truth", str(truths))) == ExitCode.BAD_INPUT
     assert "holds no run of runs/r3" in capsys.readouterr().err
+
+
+def folders(tmp_path: Path, count: int, **methods: float) -> tuple[Path, ...]:
+    """Run folders of methods that lose such a share of people, on as many recordings, with `truths` beside them."""
+    (tmp_path / "truths").mkdir()
+    for k in range(count):
+        for m, (method, lost) in enumerate(methods.items()):
+            made = write(tmp_path / method / f"r{k}", k, lost=lost, frames=200, tracker=k + 50 * m)
+            (made / "truth.parquet").replace(tmp_path / "truths" / f"r{k}.parquet")
+    return tuple(tmp_path / method for method in methods)
+
+
+def test_a_check_of_more_methods_than_its_recordings_can_tell_apart_does_not_pass(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = folders(tmp_path, 8, first=0.3, b=0.0, c=0.0, d=0.0)
+    more = ("--truth", str(tmp_path / "truths"), "--fail-if", "mota worse", "--figure", "mota", "--json")
+    # All of eight recordings are better by chance once in 256 times: more than a half of 1 %, less than a third
+    assert compared(*paths[:3], more=more) == ExitCode.DONE
+    assert compared(*paths, more=more) == ExitCode.THRESHOLD
+    assert "not decided; of 8 recordings nothing can be shown of 3 methods" in capsys.readouterr().err
+    # Either way it is 2 of 256, and of seven rows together more than 5 %
+    wide = ("--truth", str(tmp_path / "truths"), "--json")
+    for figures, verdict in ((("mota",), "better"), (("mota", "idf1", "hota", "recall"), "not decided")):
+        chosen = tuple(word for name in figures for word in ("--figure", name))
+        capsys.readouterr()
+        assert compared(*paths[:3], more=(*wide, *chosen)) == ExitCode.DONE
+        assert said(capsys)["mota"]["verdict"] == verdict
 
 
 def test_short_recordings_are_not_decided_and_fail_as_that(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
