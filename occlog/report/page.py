@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import resources
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +15,7 @@ from matplotlib.figure import FigureBase
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.metrics_in_words import groups, number
 from occlog.report.content.model import TIME_LABEL, ReportInput
-from occlog.report.drawing.html import template
+from occlog.report.drawing.html import script, template
 from occlog.report.drawing.style import COLOURS, DARK, house_style, label, new_figure, raw_svg
 from occlog.report.drawing.svg import page_svg
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
@@ -43,6 +40,7 @@ from occlog.track.plausibility.verdict import plausible
 from .summary import headline, plural, rms, row_counts, with_bound
 
 WIDTH = 8.4
+SCRIPTS = ("plan.js", "time.js", "replay.js")
 MOST_TARGETS = 6
 """More targets than these are in the tables and the floor plan, but get no figures of their own."""
 
@@ -257,8 +255,6 @@ def _filter(data: ReportInput) -> list[Plot]:
 
 
 def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str:
-    script = resources.files("occlog.report").joinpath("templates/replay.js").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template("report.html.j2").render(
         title=data.title,
         unit=data.unit,
@@ -274,8 +270,7 @@ def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str
         losses=data.losses,
         provenance=_provenance(data.provenance),
         replay=moments,
-        script=Markup(script),
-        digest=digest,
+        script=script(*SCRIPTS),
         light=COLOURS,
         dark=DARK,
     )
