@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from markupsafe import Markup
-from matplotlib.figure import Figure as Canvas
-from matplotlib.figure import FigureBase
 
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.metrics_in_words import groups, number
-from occlog.report.content.model import TIME_LABEL, ReportInput
+from occlog.report.content.model import ReportInput
 from occlog.report.drawing.html import script, template
-from occlog.report.drawing.style import COLOURS, DARK, house_style, label, new_figure, raw_svg
-from occlog.report.drawing.svg import page_svg
+from occlog.report.drawing.plot import Plot
+from occlog.report.drawing.plot import plot as _plot
+from occlog.report.drawing.style import COLOURS, DARK, house_style, label
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
 from occlog.report.plots.filterplot import deviation, draw_filter, has_particles
 from occlog.report.plots.floorplan import (
@@ -45,25 +40,6 @@ MOST_TARGETS = 6
 """More targets than these are in the tables and the floor plan, but get no figures of their own."""
 
 
-@dataclass(frozen=True)
-class Plot:
-    """One figure of the page: the picture, its heading, what it says in words, and where its axis of time lies."""
-
-    heading: str
-    svg: Markup
-    caption: str
-    time: TimeSpan | None = None
-
-
-class TimeSpan(NamedTuple):
-    """The axis of time of a figure: its ends as shares of the width, and their times in the unit of the page."""
-
-    x0: float
-    x1: float
-    t0: float
-    t1: float
-
-
 def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
     """The page of a run as HTML: self-contained, with a script of its own and no other.
 
@@ -83,22 +59,6 @@ def _plots(data: ReportInput) -> list[Plot]:
     out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
     out += [_selection(data, target) for target in selected_targets(data.diagnostics)[:MOST_TARGETS]]
     return out + _filter(data)
-
-
-def _plot(name: str, heading: str, caption: str, size: tuple[float, float], draw: Callable[[FigureBase], None]) -> Plot:
-    canvas: Canvas = new_figure(*size)
-    draw(canvas)
-    svg = Markup(page_svg(raw_svg(canvas), name, heading, caption))
-    return Plot(heading, svg, caption, _time_of(canvas))
-
-
-def _time_of(canvas: Canvas) -> TimeSpan | None:
-    """Where the axis of time of a drawn figure lies; None: it has none."""
-    for axes in canvas.axes:
-        if axes.get_xlabel().startswith(TIME_LABEL):
-            box, (t0, t1) = axes.get_position(), axes.get_xlim()
-            return TimeSpan(round(box.x0, 4), round(box.x1, 4), round(float(t0), 6), round(float(t1), 6))
-    return None
 
 
 def floorplan(data: ReportInput) -> Plot:
