@@ -74,7 +74,9 @@ def _errors(found: Beside) -> Plot | None:
         "lowest how many targets each run has not found."
     )
     size = (WIDTH, 4.6)
-    return plot("errors", "Errors over time", caption, size, lambda f: draw_errors(f, found.time, over, found.unit))
+    return plot(
+        "errors", "Errors over time", caption, size, lambda f: draw_errors(f, found.time, over, found.near, found.unit)
+    )
 
 
 def _lives(found: Beside) -> Plot | None:

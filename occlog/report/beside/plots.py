@@ -22,6 +22,8 @@ MOST_LIVES = 20
 """People who have rows of their own."""
 MOST_PIECES = 300
 """Of one person that are drawn."""
+LEAST = 0.01
+"""Share of the distance at which tracks meet that axes of errors show at least."""
 STYLES: dict[str, Style] = {
     "A": {"color": COLOURS["seen"], "linewidth": 1.2},
     "B": {"color": COLOURS["bound"], "linewidth": 1.2, "linestyle": (0, (5, 1.2))},
@@ -37,19 +39,27 @@ class Life(NamedTuple):
     b: tuple[Piece, ...]
 
 
-def draw_errors(figure: FigureBase, time: TimeAxis, found: OverTime, unit: str) -> None:
-    """Draw errors of both runs, their difference below, and how many targets each has not found, lowest."""
+def draw_errors(figure: FigureBase, time: TimeAxis, found: OverTime, near: float, unit: str) -> None:
+    """Draw errors of both runs, their difference below, and how many targets each has not found, lowest.
+
+    Args:
+        figure: is drawn into.
+        time: axis.
+        found: errors.
+        near: a track meets a target this near: axes show a hundredth of it at least.
+        unit: of lengths.
+    """
     errors, difference, missed = figure.subplots(3, 1, sharex=True, height_ratios=[2.0, 1.2, 1.2])
     both = np.flatnonzero(np.isfinite(found.a))
     t_ns = found.t_ns[both]
     for letter, values in (("A", found.a[both]), ("B", found.b[both])):
         line(errors, time, t_ns, values, label=letter, **STYLES[letter])
-    errors.set_ylim(0.0, sensible_top(found.a[both], found.b[both]))
+    errors.set_ylim(0.0, max(sensible_top(found.a[both], found.b[both]), LEAST * near))
     errors.set_ylabel(f"error [{label(unit)}]")
     change = found.b[both] - found.a[both]
     line(difference, time, t_ns, change, color=COLOURS["ink"], linewidth=0.9)
     difference.axhline(0.0, color=COLOURS["muted"], linewidth=0.8, zorder=1)
-    top = sensible_top(np.abs(change))
+    top = max(sensible_top(np.abs(change)), LEAST * near)
     difference.set_ylim(-top, top)
     difference.set_ylabel("B \N{MINUS SIGN} A")
     for letter, count in (("A", found.missed_a), ("B", found.missed_b)):
