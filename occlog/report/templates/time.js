@@ -194,8 +194,8 @@ const tellWhatIsThere = (plan, tip, lines) => {
         line.textContent = text;
         return line;
       }));
-      tip.style.left = `${Math.min(x + 14, plan.width() - tip.offsetWidth)}px`;
-      tip.style.top = `${y + 14}px`;
+      tip.style.left = `${plan.canvas.offsetLeft + Math.min(x + 14, plan.width() - tip.offsetWidth)}px`;
+      tip.style.top = `${plan.canvas.offsetTop + y + 14}px`;
     }
     plan.hover(found ? found.target : null);
   });
