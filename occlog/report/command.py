@@ -48,6 +48,12 @@ def shared() -> list[click.Parameter]:
 @click.argument("tracks", type=options.INPUT, required=False)
 @options.scene_opt
 @click.option("--truth", type=options.INPUT, default=None, help="True positions: a recording or a table.")
+@click.option(
+    "--png",
+    type=options.PATH,
+    default=None,
+    help="Also write the main figures as a picture; with --frame that frame, drawn over.",
+)
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
@@ -109,6 +115,8 @@ def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
     strict = given.pop("strict")
     if given["output"] is None:
         raise UsageError("no output: give -o (the page)")
+    if given.pop("png") is not None:
+        raise UsageError("--png: of two runs there is a page alone; leave it out")
     config = BesideConfig(**given_settings(BesideConfig, given))
     asked = Asked(**{name: value for name, value in given.items() if not hasattr(config, name)}, config=config)
     found = run_beside(asked)

@@ -16,7 +16,6 @@ from .beside.config import BesideConfig
 PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
 OUTPUT_HELP = "The page: one HTML file that needs nothing else."
 MARKDOWN_HELP = "Also write words and figures as Markdown."
-PNG_HELP = "Also write the main figures as a picture; with --frame that frame, drawn over."
 
 
 def page_options() -> list[click.Option]:
@@ -48,7 +47,6 @@ def page_options() -> list[click.Option]:
             metavar="MB",
             help="How much of the page the images may take; more of them are left out.",
         ),
-        click.Option(["--png"], type=options.PATH, default=None, help=PNG_HELP),
         click.Option(["--markdown"], type=options.PATH, default=None, help=MARKDOWN_HELP),
         click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP),
         click.Option(["--title"], default="Tracking report", show_default=True, help="Heading of the page."),
@@ -71,7 +69,6 @@ def beside_parameters() -> list[click.Parameter]:
 def overlay_options() -> list[click.Option]:
     """Options of tracks that are drawn over a video."""
     return [
-        click.Option(["--png"], type=options.PATH, default=None, help=PNG_HELP),
         click.Option(
             ["--recording"],
             type=options.INPUT,

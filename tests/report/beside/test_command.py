@@ -174,7 +174,7 @@ def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
         (["a", "feet"], ExitCode.BAD_INPUT, "lengths are in ft, those of a/tracks.parquet in m"),
         (["own", "own"], ExitCode.USAGE, "give match_distance"),
         (["a", "later", "--bearings", "a/tracks.parquet"], ExitCode.USAGE, "--bearings is an option of a page"),
-        (["a", "later", "--png", "x.png"], ExitCode.USAGE, "--png is an option of a page"),
+        (["a", "later", "--png", "x.png"], ExitCode.USAGE, "--png: of two runs there is a page alone"),
         (["a", "later", "--tolerance", "0"], ExitCode.USAGE, "0.0"),
         (["a", "later", "third"], ExitCode.USAGE, "third"),
         (["a", "later", "--truth", "a/tracks.parquet"], ExitCode.BAD_INPUT, "holds tracks"),
