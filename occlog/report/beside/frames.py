@@ -10,7 +10,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.core.metrics.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.evaluate.matching.paths import Path as Way
-from occlog.records.tables import PeopleTracks
+from occlog.records.tables import Tracks
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +33,13 @@ class Laid:
         """The places, to be laid against others."""
         return Objects(self.frame, self.label, self.xy)
 
-    def table(self, tracks: PeopleTracks, times: Ints) -> PeopleTracks:
+    def table(self, tracks: Tracks, times: Ints) -> Tracks:
         """The run's table as it is in the frames at these times."""
         own = tracks.take(self.row)
         return replace(own, t_ns=times[self.frame], x=self.xy[:, 0], y=self.xy[:, 1])
 
 
-def common_times(a: PeopleTracks, b: PeopleTracks) -> Ints:
+def common_times(a: Tracks, b: Tracks) -> Ints:
     """(T,) times at which one run or the other has estimates, while both last.
 
     Raises:
@@ -55,7 +55,7 @@ def common_times(a: PeopleTracks, b: PeopleTracks) -> Ints:
     return found
 
 
-def laid(tracks: PeopleTracks, times: Ints) -> Laid:
+def laid(tracks: Tracks, times: Ints) -> Laid:
     """A run's estimates at some times.
 
     At times of its own a person is there who has a row.  At times of the other run alone places are interpolated, over

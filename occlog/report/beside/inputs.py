@@ -12,13 +12,13 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.content import Content, content_of
 from occlog.io.files.parquet import describe
 from occlog.io.open import check_unit, open_input
-from occlog.records.tables import PeopleTracks, Truth
+from occlog.records.tables import PeopleTracks, Tracks, Truth
 from occlog.report.command import Paths, from_folder, read_input
 from occlog.report.content.model import ReportInput
 
 from .stage import same_room, same_rows
 
-MOST_ROWS = 2_000_000
+MOST_ROWS = 1_000_000
 """Estimates of one run that are laid beside another: they are in memory as a whole."""
 
 
@@ -27,7 +27,7 @@ class Run(NamedTuple):
 
     name: str
     file: Path
-    tracks: PeopleTracks
+    tracks: Tracks
     data: ReportInput
 
 
@@ -63,15 +63,17 @@ def open_run(name: str, paths: Paths) -> Run:
     assert file is not None
     opened = open_input(file)
     rows = describe(file)["rows"] if opened.recording is None and opened.foreign is None else 0
-    tracks = opened.read(PeopleTracks) if rows <= MOST_ROWS else None
-    if tracks is None or len(tracks) > MOST_ROWS:
+    data = read_input(paths, name) if rows <= MOST_ROWS else None
+    # Long tables are read in part for a report
+    tracks = None if data is None else opened.read(PeopleTracks) if data.whole else data.tracks
+    if data is None or tracks is None or len(tracks) > MOST_ROWS:
         raise InputError(
             f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MOST_ROWS:,} at most are "
             "laid beside another; name runs of a part of the recording, or compare figures alone (occlog compare)"
         )
     if not len(tracks):
         raise InputError(f"{file}: holds no estimates, so that there is nothing to lay beside another run")
-    return Run(name, file, tracks, read_input(paths, name))
+    return Run(name, file, tracks, data)
 
 
 def check_scenes(a: Run, b: Run) -> None:

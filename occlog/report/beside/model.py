@@ -9,7 +9,7 @@ from occlog.array_types import Ints
 from occlog.errors import UsageError
 from occlog.evaluate.compare.run import Comparison
 from occlog.records.losses import Loss
-from occlog.records.tables import PeopleTracks
+from occlog.records.tables import Tracks
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.settings import METRES
 
@@ -34,7 +34,7 @@ class Side:
 
     name: str
     data: ReportInput
-    tracks: PeopleTracks
+    tracks: Tracks
     laid: Laid
 
 

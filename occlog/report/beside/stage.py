@@ -15,7 +15,7 @@ from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
-from occlog.records.tables import PeopleTracks, Truth
+from occlog.records.tables import Tracks, Truth
 
 from .accuracy import OverTime, Paired, over_time
 from .identities import Followed, by_truth
@@ -34,7 +34,7 @@ def same_rows(a: Table, b: Table) -> bool:
 
 
 def followed_by_truth(
-    a: PeopleTracks, b: PeopleTracks, truth: Truth, near: float, unit: str, lasting_ns: int
+    a: Tracks, b: Tracks, truth: Truth, near: float, unit: str, lasting_ns: int
 ) -> tuple[Followed, Followed, tuple[int, int], OverTime]:
     """What the truth says of both runs, in all true frames.
 
@@ -63,7 +63,7 @@ def followed_by_truth(
     return of_a, of_b, (switches[0], switches[1]), over_time(pairs[0], pairs[1], times)
 
 
-def notes_on_time(a: PeopleTracks, b: PeopleTracks, *, truth: bool) -> Iterator[str]:
+def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
     """What one run has before or after the other has anything."""
     spans = [(int(t.t_ns[0]), int(t.t_ns[-1])) for t in (a, b)]
     step = max(int(np.median(np.diff(np.unique(t.t_ns)))) if len(t) > 1 else 0 for t in (a, b))
