@@ -19,7 +19,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
-from occlog.records.tables import PeopleTracks
+from occlog.records.tables import Errors, PeopleTracks
 from occlog.report.beside import inputs
 from occlog.report.beside.inputs import names_of
 from occlog.report.options import BESIDE, OVERLAY, chosen
@@ -225,10 +225,27 @@ def test_runs_beyond_the_limit_are_refused_and_at_it_they_are_not(
     assert "holds 180 estimates, of a run 179 at most" in capsys.readouterr().err
 
 
-def test_strict_asks_both_runs(tmp_path: Path) -> None:
-    doubtful = tracks(60, seen_by=np.full(180, ""), doubt=np.full(180, "unseen"), existence=np.full(180, 0.9))
-    a, b = write_run(tmp_path / "a", tracks()), write_run(tmp_path / "b", doubtful)
-    assert report(a, b, "-o", tmp_path / "x.html", "--strict", "-q") == ExitCode.DONE  # nothing to judge by
+def test_strict_asks_both_runs(tmp_path: Path, capsys: Any) -> None:
+    a, b = write_run(tmp_path / "a", tracks()), write_run(tmp_path / "b", tracks(60, moved(0, 0, 59, 0.4)))
+    table = tracks(60, moved(0, 0, 59, 0.4))
+    true = tracks()
+    error = table.y - true.y
+    zero = np.zeros(len(error))
+    errors = Errors.of(
+        t_ns=table.t_ns, target_id=table.target_id, x=table.x, y=table.y, truth_x=true.x, truth_y=true.y,
+        error_x=zero, error_y=error, error=np.abs(error), nees=error**2 / 0.0001,
+    )  # fmt: skip
+    write_table(b / "errors.parquet", errors, Provenance("evaluate"))
+    args = ("-o", tmp_path / "x.html", "--overwrite")
+    assert report(a, a, *args, "--strict") == ExitCode.DONE
+    assert report(a, b, *args) == ExitCode.DONE
+    assert "B: warning: the covariances are too small" in capsys.readouterr().err
+    assert report(a, b, *args, "--strict", "--json") == report(b, a, *args, "--strict", "--json") == ExitCode.THRESHOLD
+    said = json.loads(capsys.readouterr().out.splitlines()[0])
+    assert said["plausible"] is False
+    assert [(w["run"], w["code"]) for w in said["warnings"]] == [("b", "nees-large")]
+    assert "B: Not to be believed as they are" not in words(tmp_path / "x.html")  # the runs changed places
+    assert "A: Not to be believed as they are" in words(tmp_path / "x.html")
 
 
 def test_names_are_the_ends_of_paths_that_tell_runs_apart(tmp_path: Path) -> None:
