@@ -10,8 +10,7 @@ from occlog.records.tables import UNLABELLED
 from occlog.report.content.metrics_in_words import groups, number
 from occlog.report.content.model import ReportInput
 from occlog.report.drawing.html import script, template
-from occlog.report.drawing.plot import Plot
-from occlog.report.drawing.plot import plot as _plot
+from occlog.report.drawing.plot import Plot, plot
 from occlog.report.drawing.style import COLOURS, DARK, house_style, label
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
 from occlog.report.plots.filterplot import deviation, draw_filter, has_particles
@@ -84,7 +83,7 @@ def floorplan(data: ReportInput) -> Plot:
         whose = " of those that are drawn lie" if "tracks" in data.whole else ""
         words.append(f"{plural(gone, 'estimate')}{whose} outside the drawing.")
     words += [said] if (said := data.drawn("tracks", "truth")) else []
-    return _plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
+    return plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
 
 
 def _everybody(data: ReportInput) -> list[Plot]:
@@ -105,7 +104,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
     if drawn < len(ids):
         caption += f" The {drawn} identities that are there longest are drawn, of {number(len(ids))}."
     size = (WIDTH, 2.4 + 0.16 * drawn)
-    who = _plot("people", "Who was there", caption, size, lambda f: draw_crowd(f, data, tracks, data.events))
+    who = plot("people", "Who was there", caption, size, lambda f: draw_crowd(f, data, tracks, data.events))
     names = seeing(tracks)
     if not names:
         return [who]
@@ -114,7 +113,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
     if len(names) > MOST_ROWS:
         caption += f" The first {MOST_ROWS} of {len(names)} cameras are drawn."
     size = (WIDTH, 1.15 + 0.27 * min(len(names), MOST_ROWS))
-    seen = _plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, tracks))
+    seen = plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, tracks))
     return [who, seen]
 
 
@@ -141,7 +140,7 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
         caption += f". {said[:-1]}, and the largest errors between them; figures are of all"
     heading = f"Error and bound over time{_whose(data, target)}"
     size = (WIDTH, 5.6 if axes == "xy" else 6.7)
-    return [_plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
+    return [plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
 
 
 def _sight(data: ReportInput, target: int) -> list[Plot]:
@@ -161,7 +160,7 @@ def _sight(data: ReportInput, target: int) -> list[Plot]:
     text = " ".join(words).replace(". m", ". M")
     name, size = f"sight{target}", (WIDTH, 4.6 if len(distance) else 2.9)
     return [
-        _plot(name, f"Track and sight lines{_whose(data, target)}", text, size, lambda f: draw_sight(f, data, target))
+        plot(name, f"Track and sight lines{_whose(data, target)}", text, size, lambda f: draw_sight(f, data, target))
     ]
 
 
@@ -175,7 +174,7 @@ def _visibility(data: ReportInput, target: int) -> Plot:
         caption += f" The first {rows} of {len(sensors(data))} sensors are drawn."
     size = (WIDTH, 1.15 + 0.27 * rows)
     heading = f"What each sensor saw{whose}"
-    return _plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, bearings, target))
+    return plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, bearings, target))
 
 
 def _selection(data: ReportInput, target: int) -> Plot:
@@ -190,7 +189,7 @@ def _selection(data: ReportInput, target: int) -> Plot:
     )
     size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, chosen)), MOST_ROWS))
     heading = f"Selected cameras{_whose(data, target)}"
-    return _plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, diagnostics, target))
+    return plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, diagnostics, target))
 
 
 def _filter(data: ReportInput) -> list[Plot]:
@@ -211,7 +210,7 @@ def _filter(data: ReportInput) -> list[Plot]:
     if doubtful := int(np.count_nonzero(diagnostics.doubt != "")):
         kinds = sorted({kind for text in diagnostics.doubt.tolist() if text for kind in text.split(",")})
         caption += f" Doubtful: {doubtful} of {steps} ({', '.join(kinds)})."
-    return [_plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
+    return [plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
 
 
 def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str:

@@ -113,7 +113,8 @@ def compare(
     slopes = [_gradient(metric, each) for each in total]
     influence = [y @ slopes[1] - x @ slopes[0] for x, y in zip(a, b, strict=True)]
     whole = len(a) >= MANY_RECORDINGS
-    cut = _whole(influence) if whole else _stretches(influence)
+    # Where a run has no figure nothing is decided, but its stretches are cut all the same
+    cut = _whole(influence) if whole else _stretches([np.nan_to_num(u) for u in influence])
     count = len(cut)
     none = Difference(
         values[0], values[1], difference, *NOT_KNOWN, stretches=count, recordings=whole, drawn=np.zeros(0)

@@ -23,6 +23,7 @@ class OverTime:
             none.
         missed_a, missed_b: (T,) targets that a run has not found.
         false_a, false_b: (T,) tracks of a run that are on no target.
+        objects: true targets of all frames together.
     """
 
     t_ns: Ints
@@ -32,6 +33,15 @@ class OverTime:
     missed_b: Ints
     false_a: Ints
     false_b: Ints
+    objects: int
+
+    @property
+    def on_nobody(self) -> tuple[bool, bool]:
+        """Whether a run, A or B, has tracks, but never one that is on a target."""
+        return self._nobody(self.missed_a, self.false_a), self._nobody(self.missed_b, self.false_b)
+
+    def _nobody(self, missed: Ints, false: Ints) -> bool:
+        return bool(false.any()) and int(missed.sum()) == self.objects
 
     @property
     def both(self) -> int:
@@ -67,4 +77,4 @@ def over_time(a: Paired, b: Paired, t_ns: Ints) -> OverTime:
         squares = np.bincount(frame, distance[rows] ** 2, cells)
         with np.errstate(divide="ignore", invalid="ignore"):
             errors.append(np.sqrt(np.where(count > 0, squares / count, np.nan)))
-    return OverTime(t_ns, errors[0], errors[1], missed[0], missed[1], false[0], false[1])
+    return OverTime(t_ns, errors[0], errors[1], missed[0], missed[1], false[0], false[1], len(a[0].truth))

@@ -23,7 +23,7 @@ from .model import AgainstTruth, Beside, Side, lengths_of
 from .page import build_page
 from .pairs import pairs_of
 from .partings import partings_of
-from .stage import followed_by_truth, notes_on_scenes, notes_on_time, same_rows
+from .stage import followed_by_truth, notes_on_scenes, notes_on_time, notes_on_truth, same_rows
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,7 @@ def lay(a: Run, b: Run, truth: tuple[Path, Truth] | None, config: BesideConfig, 
         notes=(
             *notes_on_time(a.tracks, b.tracks, truth=truth is not None),
             *notes_on_scenes(a.data.scene, b.data.scene),
+            *(() if against is None else notes_on_truth(against.over_time, near, a.data.unit)),
         ),
     )
 

@@ -80,6 +80,16 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
         yield said + more
 
 
+def notes_on_truth(found: OverTime, near: float, unit: str) -> Iterator[str]:
+    """Runs that have tracks, none of which is ever on a true target."""
+    for letter, nobody in zip(("A", "B"), found.on_nobody, strict=True):
+        if nobody:
+            yield (
+                f"no track of {letter} is ever within {near:g} {unit} of a true target: is {letter} of the recording "
+                "that the truth is of?"
+            )
+
+
 def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
     """Sensors that one scene alone has, and those that stand elsewhere."""
     if a is None or b is None:

@@ -143,7 +143,11 @@ def sentences(found: Beside) -> list[str]:
         out += _of_figures(found)
     out.append(first_parting(found))
     out.append(of_identities(found))
-    return [*out, *(f"{note[:1].upper()}{note[1:]}." for note in found.notes)]
+    return [*out, *(_sentence(note) for note in found.notes)]
+
+
+def _sentence(note: str) -> str:
+    return f"{note[:1].upper()}{note[1:]}{'' if note.endswith('?') else '.'}"
 
 
 def _of_figures(found: Beside) -> list[str]:

@@ -152,6 +152,24 @@ def test_another_span_of_time_is_told(tmp_path: Path) -> None:
     assert "0.6667" in text  # recall of B: 40 of 60 frames
 
 
+def far_away(frame: np.ndarray, label: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+    """Everybody is somewhere else."""
+    y += 300.0
+
+
+def test_a_run_that_is_on_nobody_is_told_so(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
+    far = write_run(tmp_path / "far", tracks(60, far_away))
+    page = tmp_path / "beside.html"
+    assert report(runs[0], far, "-o", page, "--json", "-q") == ExitCode.DONE
+    said = json.loads(capsys.readouterr().out)
+    assert said["figures"]["recall"]["b"] == 0.0
+    assert "b" not in said["figures"]["pairs_rmse"]
+    assert said["figures"]["pairs_rmse"]["verdict"] == "not decided"
+    assert "No track of B is ever within 1 m of a true target: is B of the recording that the truth is of?" in words(
+        page
+    )
+
+
 def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
     a, b = write_run(tmp_path / "a", tracks()), write_run(tmp_path / "b", tracks(60, moved(0, 20, 29, 0.6)))
     for more, kind in (((), "apart"), (("--tolerance", "0.7"), None), (("--match-distance", "0.55"), "a alone")):
