@@ -92,6 +92,27 @@ def moments(work: Path, to: Path) -> None:
         page.locator("#replay").screenshot(path=to)
 
 
+def beside(work: Path, to: Path) -> None:
+    """Everybody with three cameras and with two, in Chromium; the picture stays as it was where that is missing."""
+    if CHROMIUM is None:
+        sys.stderr.write("docs/pictures/beside.png: stays as it is: no Chromium\n")
+        return
+    occlog(work, "run", "examples/people.yaml", "-o", "three")
+    shutil.copytree(work / "three", work / "two")
+    occlog(
+        work, "track", "three/views.parquet", "--scene", "three/recording.mcap", "--method", "jipda",
+        "--without", "view3", "-o", "two/tracks.parquet", "--events", "two/events.parquet", "--overwrite",
+    )  # fmt: skip
+    for table in ("errors.parquet", "metrics.json"):
+        (work / "two" / table).unlink()
+    occlog(work, "report", "three", "two", "-o", "page.html")
+    with browser() as chromium:
+        page = chromium.new_page(viewport={"width": 1280, "height": 900}, color_scheme="light")
+        page.goto((work / "page.html").as_uri() + "#t=8.3")
+        page.wait_for_timeout(500)
+        page.locator("#replay").screenshot(path=to)
+
+
 def overlay(work: Path, to: Path) -> None:
     """Targets that look alike, with epipolar lines."""
     occlog(work, "simulate", "--scene", "balls", "--seed", "1", "--store", "ffv1", "-o", "balls.mcap")
@@ -133,6 +154,7 @@ PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "lichtblick.png": lichtblick,
     "report.png": report,
     "moments.png": moments,
+    "beside.png": beside,
     "overlay.png": overlay,
     "navigation.png": navigation,
     "plan.png": plan,

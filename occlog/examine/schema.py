@@ -65,6 +65,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.evaluate.mot.config:ManyConfig",
     ),
     "ground": ("occlog.track.images.ground.config:GroundConfig",),
+    "report": ("occlog.report.beside.config:BesideConfig",),
     "navigate": ("occlog.navigate.config:NavigateConfig",),
     "plan": ("occlog.plan.config:PlanConfig",),
 }

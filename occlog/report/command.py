@@ -29,12 +29,17 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound="Table")
 
 
+def shared() -> list[click.Parameter]:
+    """Parameters of all kinds."""
+    return command.params
+
+
 @click.command(
     cls=VariantCommand,
     name="report",
     short_help="Show a run as one offline page and a picture.",
     variants=VARIANTS,
-    choose=chosen,
+    choose=lambda args: chosen(args, shared()),
     default=PAGE,
     shows_default=True,
     what="kind",
@@ -56,10 +61,11 @@ def command(**given: Any) -> int:
     """Show TRACKS and what else is given as one page: floor plan, errors and bound, what each sensor saw.
 
     TRACKS may be a run folder: then everything in it is shown that is not named otherwise.
-    Without TRACKS the scene alone is drawn.
+    Without TRACKS the scene alone is drawn.  Two of them are shown side by side, with their differences.
 
     \b
       occlog report run/ -o report.html --png report.png
+      occlog report run/old run/new -o beside.html --markdown beside.md
       occlog report tracks.parquet --scene scene.yaml --bearings bearings.parquet -o report.html
       occlog report --scene scene.yaml -o scene.html
       occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.webm
@@ -74,6 +80,8 @@ def command(**given: Any) -> int:
         from occlog.report.overlay.pictures import Asked
 
         return options.finish(run_overlay(Asked(**given), quiet=quiet), (), as_json)
+    if "other" in given:
+        return _beside(given, quiet=quiet, as_json=as_json)
     title, strict = given.pop("title"), given.pop("strict")
     if given["output"] is None:
         raise UsageError("no output: give -o (the page), or --recording with --video or --frame")
@@ -93,6 +101,34 @@ def command(**given: Any) -> int:
     summary |= {} if findings is None else figures(findings)
     code = options.finish({k: v for k, v in summary.items() if v is not None}, (), as_json)
     return options.strict_code(code, findings is None or plausible(findings), strict)
+
+
+def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
+    """Two runs side by side, from the values of the options."""
+    from occlog.cli.setting_options import given as given_settings
+    from occlog.track.plausibility.verdict import plausible
+
+    from .beside.config import BesideConfig
+    from .beside.run import Asked, run_beside
+    from .beside.summary import summary_of
+
+    strict = given.pop("strict")
+    if given["output"] is None:
+        raise UsageError("no output: give -o (the page)")
+    if given.pop("png") is not None:
+        raise UsageError("--png: of two runs there is a page alone; leave it out")
+    config = BesideConfig(**given_settings(BesideConfig, given))
+    asked = Asked(**{name: value for name, value in given.items() if not hasattr(config, name)}, config=config)
+    found = run_beside(asked)
+    for whose, loss in found.losses:
+        options.note(f"lost earlier in {whose}: {loss}", quiet)
+    believable = True
+    for letter, side in found.sides:
+        findings = side.data.findings or ()
+        believable = believable and plausible(findings)
+        options.note_findings(((f.code, f"{letter}: {f.severity}", f.sentence) for f in findings), quiet)
+    code = options.finish(summary_of(found, asked), (), as_json)
+    return options.strict_code(code, believable, strict)
 
 
 TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "events", "occluders")

@@ -16,45 +16,45 @@ MOST_LOSSES = 20
 
 def build_markdown(data: ReportInput) -> str:
     """The verdict, what was lost, and all figures; no pictures."""
-    out = [f"# {_text(data.title)}", ""]
+    out = [f"# {plain(data.title)}", ""]
     if data.findings is not None:
         good = plausible(data.findings)
         out += ["**Nothing speaks against these estimates.**" if good else "**Not to be believed as they are:**", ""]
-        out += [f"- **{_text(f.code)}**: {_text(f.sentence)}" for f in data.findings]
+        out += [f"- **{plain(f.code)}**: {plain(f.sentence)}" for f in data.findings]
         out += [""] if data.findings else []
-    out += _table(
+    out += table_lines(
         ("Figure", "Value", "Unit", "Note"), ((f.name, f.value, f.unit, f.note) for f in headline(data)), "lrll"
     )
     if data.losses:
         out += ["## Input that was lost", ""]
         lost = ((loss.source, loss.place, loss.what, str(loss.count or "")) for loss in data.losses[:MOST_LOSSES])
-        out += _table(("Source", "Where", "What", "Items"), lost, "lllr")
+        out += table_lines(("Source", "Where", "What", "Items"), lost, "lllr")
         if len(data.losses) > MOST_LOSSES:
             out += [f"and {len(data.losses) - MOST_LOSSES} more.", ""]
     for group in groups(data.metrics, data.unit):
-        out += [f"## {_text(group.title)}", ""]
+        out += [f"## {plain(group.title)}", ""]
         if group.figures:
             rows = ((f.name, f.value, f.unit, f.note) for f in group.figures)
-            out += _table(("Figure", "Value", "Unit", "Meaning"), rows, "lrll")
+            out += table_lines(("Figure", "Value", "Unit", "Meaning"), rows, "lrll")
         for table in group.breakdowns:
             cells = ((name, *values) for name, values in table.rows)
-            out += _table((table.kind.capitalize(), *table.columns), cells, "l" + "r" * len(table.columns))
+            out += table_lines((table.kind.capitalize(), *table.columns), cells, "l" + "r" * len(table.columns))
     out += ["## Tables read", ""]
-    out += _table(("Table", "Rows", "Time"), ((r.name, r.value, r.note) for r in row_counts(data)), "lrl")
+    out += table_lines(("Table", "Rows", "Time"), ((r.name, r.value, r.note) for r in row_counts(data)), "lrl")
     return "\n".join(out)
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[object]], sides: str) -> list[str]:
+def table_lines(head: Sequence[str], rows: Iterable[Sequence[object]], sides: str) -> list[str]:
     """A table; `sides` says of each column whether it is to the left (l) or the right (r)."""
     lines = [_row(head), "|" + "|".join("---:" if side == "r" else "---" for side in sides) + "|"]
     return [*lines, *(_row(row) for row in rows), ""]
 
 
 def _row(cells: Sequence[object]) -> str:
-    return "| " + " | ".join(_text(cell) for cell in cells) + " |"
+    return "| " + " | ".join(plain(cell) for cell in cells) + " |"
 
 
-def _text(value: object) -> str:
+def plain(value: object) -> str:
     """Text in which nothing is markup, in one line."""
     plain = " ".join(str(value).split())
     return "".join(f"\\{c}" if c in SPECIAL else c for c in plain)

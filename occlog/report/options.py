@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import click
 
 from occlog.cli import options
-from occlog.cli.setting_options import Variant
+from occlog.cli.setting_options import Variant, options_of
 from occlog.cli.values import Finite
 from occlog.ingest.plan import FRAMES
 
-PAGE, OVERLAY = "page", "overlay"
+from .beside.config import BesideConfig
+
+PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
+OUTPUT_HELP = "The page: one HTML file that needs nothing else."
+MARKDOWN_HELP = "Also write words and figures as Markdown."
 
 
 def page_options() -> list[click.Option]:
@@ -25,7 +29,7 @@ def page_options() -> list[click.Option]:
             ["-o", "--output"],
             type=options.PATH,
             default=None,
-            help="The page: one HTML file that needs nothing else.",
+            help=OUTPUT_HELP,
         ),
         table("--bearings", "What each sensor saw: a table or a recording."),
         table("--errors", "Errors written by evaluate."),
@@ -43,9 +47,22 @@ def page_options() -> list[click.Option]:
             metavar="MB",
             help="How much of the page the images may take; more of them are left out.",
         ),
-        click.Option(["--markdown"], type=options.PATH, default=None, help="Also write words and figures as Markdown."),
+        click.Option(["--markdown"], type=options.PATH, default=None, help=MARKDOWN_HELP),
         click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP),
         click.Option(["--title"], default="Tracking report", show_default=True, help="Heading of the page."),
+    ]
+
+
+def beside_parameters() -> list[click.Parameter]:
+    """The second run, and options of two runs side by side."""
+    return [
+        click.Argument(["other"], type=options.INPUT, required=True),
+        click.Option(["-o", "--output"], type=options.PATH, default=None, help=OUTPUT_HELP),
+        *options_of(BesideConfig),
+        click.Option(["--seed"], type=click.IntRange(min=0), default=0, show_default=True, help="Of the draws."),
+        click.Option(["--markdown"], type=options.PATH, default=None, help=MARKDOWN_HELP),
+        click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP),
+        click.Option(["--title"], default="Two runs side by side", show_default=True, help="Heading of the page."),
     ]
 
 
@@ -139,9 +156,42 @@ VARIANTS = {
         overlay_options,
         called="--recording (tracks drawn over its video)",
     ),
+    BESIDE: Variant(
+        "Two runs side by side: differences, where they part, who became another one.",
+        beside_parameters,
+        called="TRACKS OTHER (two runs side by side)",
+    ),
 }
 
 
-def chosen(args: Sequence[str]) -> str | None:
-    """What the arguments ask for: tracks over a video where they name a recording."""
-    return OVERLAY if any(arg == "--recording" or arg.startswith("--recording=") for arg in args) else None
+def chosen(args: Sequence[str], shared: Sequence[click.Parameter]) -> str | None:
+    """What the arguments ask for: tracks over a video where they name a recording, else two runs where they name two.
+
+    Args:
+        args: of the command.
+        shared: parameters that all kinds have.
+    """
+    if any(arg == "--recording" or arg.startswith("--recording=") for arg in args):
+        return OVERLAY
+    known = [*shared, *(param for variant in VARIANTS.values() for param in variant.params())]
+    takes = {name for p in known if isinstance(p, click.Option) and not p.is_flag for name in p.opts}
+    return BESIDE if _names(args, takes) > 1 else None
+
+
+def _names(args: Sequence[str], takes: Collection[str]) -> int:
+    """How many arguments are no options and no values of options; `takes` are options that take a value."""
+    found = skip = 0
+    for place, arg in enumerate(args):
+        if skip:
+            skip = 0
+        elif arg == "--":
+            return found + len(args) - place - 1
+        elif arg.startswith("--"):
+            skip = arg in takes
+        elif arg.startswith("-") and arg != "-":
+            # Short options may stand together (-qo FILE); a value follows at once (-oFILE) or next
+            valued = next((k for k, letter in enumerate(arg[1:], 1) if f"-{letter}" in takes), 0)
+            skip = valued == len(arg) - 1
+        else:
+            found += 1
+    return found

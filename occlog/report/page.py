@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
-from importlib import resources
-from typing import NamedTuple
 
 import numpy as np
-from markupsafe import Markup
-from matplotlib.figure import Figure as Canvas
-from matplotlib.figure import FigureBase
 
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.metrics_in_words import groups, number
-from occlog.report.content.model import TIME_LABEL, ReportInput
-from occlog.report.drawing.html import template
-from occlog.report.drawing.style import COLOURS, DARK, house_style, label, new_figure, raw_svg
-from occlog.report.drawing.svg import page_svg
+from occlog.report.content.model import ReportInput
+from occlog.report.drawing.html import script, template
+from occlog.report.drawing.plot import Plot, plot
+from occlog.report.drawing.style import COLOURS, DARK, house_style, label
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
 from occlog.report.plots.filterplot import deviation, draw_filter, has_particles
 from occlog.report.plots.floorplan import (
@@ -43,27 +34,9 @@ from occlog.track.plausibility.verdict import plausible
 from .summary import headline, plural, rms, row_counts, with_bound
 
 WIDTH = 8.4
+SCRIPTS = ("plan.js", "time.js", "replay.js")
 MOST_TARGETS = 6
 """More targets than these are in the tables and the floor plan, but get no figures of their own."""
-
-
-@dataclass(frozen=True)
-class Plot:
-    """One figure of the page: the picture, its heading, what it says in words, and where its axis of time lies."""
-
-    heading: str
-    svg: Markup
-    caption: str
-    time: TimeSpan | None = None
-
-
-class TimeSpan(NamedTuple):
-    """The axis of time of a figure: its ends as shares of the width, and their times in the unit of the page."""
-
-    x0: float
-    x1: float
-    t0: float
-    t1: float
 
 
 def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
@@ -85,22 +58,6 @@ def _plots(data: ReportInput) -> list[Plot]:
     out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
     out += [_selection(data, target) for target in selected_targets(data.diagnostics)[:MOST_TARGETS]]
     return out + _filter(data)
-
-
-def _plot(name: str, heading: str, caption: str, size: tuple[float, float], draw: Callable[[FigureBase], None]) -> Plot:
-    canvas: Canvas = new_figure(*size)
-    draw(canvas)
-    svg = Markup(page_svg(raw_svg(canvas), name, heading, caption))
-    return Plot(heading, svg, caption, _time_of(canvas))
-
-
-def _time_of(canvas: Canvas) -> TimeSpan | None:
-    """Where the axis of time of a drawn figure lies; None: it has none."""
-    for axes in canvas.axes:
-        if axes.get_xlabel().startswith(TIME_LABEL):
-            box, (t0, t1) = axes.get_position(), axes.get_xlim()
-            return TimeSpan(round(box.x0, 4), round(box.x1, 4), round(float(t0), 6), round(float(t1), 6))
-    return None
 
 
 def floorplan(data: ReportInput) -> Plot:
@@ -126,7 +83,7 @@ def floorplan(data: ReportInput) -> Plot:
         whose = " of those that are drawn lie" if "tracks" in data.whole else ""
         words.append(f"{plural(gone, 'estimate')}{whose} outside the drawing.")
     words += [said] if (said := data.drawn("tracks", "truth")) else []
-    return _plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
+    return plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
 
 
 def _everybody(data: ReportInput) -> list[Plot]:
@@ -147,7 +104,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
     if drawn < len(ids):
         caption += f" The {drawn} identities that are there longest are drawn, of {number(len(ids))}."
     size = (WIDTH, 2.4 + 0.16 * drawn)
-    who = _plot("people", "Who was there", caption, size, lambda f: draw_crowd(f, data, tracks, data.events))
+    who = plot("people", "Who was there", caption, size, lambda f: draw_crowd(f, data, tracks, data.events))
     names = seeing(tracks)
     if not names:
         return [who]
@@ -156,7 +113,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
     if len(names) > MOST_ROWS:
         caption += f" The first {MOST_ROWS} of {len(names)} cameras are drawn."
     size = (WIDTH, 1.15 + 0.27 * min(len(names), MOST_ROWS))
-    seen = _plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, tracks))
+    seen = plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, tracks))
     return [who, seen]
 
 
@@ -183,7 +140,7 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
         caption += f". {said[:-1]}, and the largest errors between them; figures are of all"
     heading = f"Error and bound over time{_whose(data, target)}"
     size = (WIDTH, 5.6 if axes == "xy" else 6.7)
-    return [_plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
+    return [plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
 
 
 def _sight(data: ReportInput, target: int) -> list[Plot]:
@@ -203,7 +160,7 @@ def _sight(data: ReportInput, target: int) -> list[Plot]:
     text = " ".join(words).replace(". m", ". M")
     name, size = f"sight{target}", (WIDTH, 4.6 if len(distance) else 2.9)
     return [
-        _plot(name, f"Track and sight lines{_whose(data, target)}", text, size, lambda f: draw_sight(f, data, target))
+        plot(name, f"Track and sight lines{_whose(data, target)}", text, size, lambda f: draw_sight(f, data, target))
     ]
 
 
@@ -217,7 +174,7 @@ def _visibility(data: ReportInput, target: int) -> Plot:
         caption += f" The first {rows} of {len(sensors(data))} sensors are drawn."
     size = (WIDTH, 1.15 + 0.27 * rows)
     heading = f"What each sensor saw{whose}"
-    return _plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, bearings, target))
+    return plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, bearings, target))
 
 
 def _selection(data: ReportInput, target: int) -> Plot:
@@ -232,7 +189,7 @@ def _selection(data: ReportInput, target: int) -> Plot:
     )
     size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, chosen)), MOST_ROWS))
     heading = f"Selected cameras{_whose(data, target)}"
-    return _plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, diagnostics, target))
+    return plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, diagnostics, target))
 
 
 def _filter(data: ReportInput) -> list[Plot]:
@@ -253,12 +210,10 @@ def _filter(data: ReportInput) -> list[Plot]:
     if doubtful := int(np.count_nonzero(diagnostics.doubt != "")):
         kinds = sorted({kind for text in diagnostics.doubt.tolist() if text for kind in text.split(",")})
         caption += f" Doubtful: {doubtful} of {steps} ({', '.join(kinds)})."
-    return [_plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
+    return [plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
 
 
 def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str:
-    script = resources.files("occlog.report").joinpath("templates/replay.js").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template("report.html.j2").render(
         title=data.title,
         unit=data.unit,
@@ -274,8 +229,7 @@ def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str
         losses=data.losses,
         provenance=_provenance(data.provenance),
         replay=moments,
-        script=Markup(script),
-        digest=digest,
+        script=script(*SCRIPTS),
         light=COLOURS,
         dark=DARK,
     )

@@ -53,7 +53,7 @@ def test_shown_options_exist(file: str, line: str) -> None:
     if isinstance(command, click.Group):
         assert words[2] in command.commands, f"{file}: {line}"
         command = command.commands[words[2]]
-    chosen = command.choose(words) if isinstance(command, VariantCommand) else None
+    chosen = command.choose(words[2:]) if isinstance(command, VariantCommand) else None
     valid = {o for p in params_of(command, chosen) for o in (*p.opts, *p.secondary_opts)} | {"-h", "--help"}
     for word in words[2:]:
         if word.startswith("-") and not re.fullmatch(r"-?[\d.,]*", word):

@@ -116,7 +116,8 @@ def compare(
     slope = _gradient(metric, 0.5 * (total[0] + total[1]))
     added = [(y - x) @ slope for x, y in zip(a, b, strict=True)]
     whole = sum(len(u) > 0 for u in added) >= MANY_RECORDINGS
-    cut = _whole(added) if whole else _stretches(added)
+    # Where a run has no figure nothing is decided, but its stretches are cut all the same
+    cut = _whole(added) if whole else _stretches([np.nan_to_num(u) for u in added])
     count = len(cut)
     none = Difference(values[0], values[1], difference, *NOT_KNOWN, count, whole, np.zeros(0))
     if difference == 0.0 and not any(u.any() for u in added):

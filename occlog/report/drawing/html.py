@@ -1,8 +1,14 @@
-"""Pages from templates, in which every value is escaped."""
+"""Pages from templates, in which every value is escaped, and their one script."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+from importlib import resources
+from typing import NamedTuple
+
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
 
 
 def template(name: str, package: str = "occlog.report", folder: str = "templates") -> Template:
@@ -16,3 +22,17 @@ def template(name: str, package: str = "occlog.report", folder: str = "templates
         keep_trailing_newline=True,
     )
     return environment.get_template(name)
+
+
+class Script(NamedTuple):
+    """A script of a page, with the SHA-256 by which a Content Security Policy allows it and no other."""
+
+    text: Markup
+    digest: str
+
+
+def script(*names: str) -> Script:
+    """The scripts of these names, one after the other, as one."""
+    folder = resources.files("occlog.report").joinpath("templates")
+    text = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in names)
+    return Script(Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())

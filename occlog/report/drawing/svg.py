@@ -8,6 +8,7 @@ colour itself as what is used when there is no style sheet.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from html import escape
 
 from .style import COLOURS
@@ -19,6 +20,7 @@ _NUMBER = re.compile(r"-?\d+\.\d+")
 _GEOMETRY = re.compile(r'\s(d|x|y|transform|width|height|points)="([^"]*)"')
 _ID = re.compile(r'\sid="([^"]*)"')
 _REFERENCE = re.compile(r'(?:url\(#|href="#)([^")]+)')
+_TARGET = re.compile(r'(url\(|xlink:href=")#([^")]+)')
 _NAMES = {value: name for name, value in COLOURS.items()}
 _COLOUR = re.compile("|".join(_NAMES))
 
@@ -54,16 +56,17 @@ def page_svg(raw: str, prefix: str, title: str, description: str) -> str:
 
 def _shrink(text: str, prefix: str) -> str:
     """The tags made short and unique; text between them is left as it is (it may look like a tag's inside)."""
-    used = set(_REFERENCE.findall(text))
+    # Matplotlib makes ids of coordinates to their last bit, which its layout does not keep from one time to the next
+    used = {name: k for k, name in enumerate(dict.fromkeys(_REFERENCE.findall(text)))}
     text = _TAG.sub(lambda m: _tag(m[0], used, prefix), text)
     text = re.sub(r">\s*\n\s*<", ">\n<", text)
     # Groups that only carried an id say nothing any more.
     return re.sub(r"<g>\n<g>\n(<(?:path|text|use)[^\n]*)\n</g>\n</g>", r"\1", text)
 
 
-def _tag(tag: str, used: set[str], prefix: str) -> str:
-    tag = _ID.sub(lambda m: f' id="{prefix}-{m[1]}"' if m[1] in used else "", tag)
-    tag = tag.replace("url(#", f"url(#{prefix}-").replace('xlink:href="#', f'href="#{prefix}-')
+def _tag(tag: str, used: Mapping[str, int], prefix: str) -> str:
+    tag = _ID.sub(lambda m: f' id="{prefix}-{used[m[1]]}"' if m[1] in used else "", tag)
+    tag = _TARGET.sub(lambda m: f"{m[1].replace('xlink:', '')}#{prefix}-{used[m[2]]}", tag)
     tag = _STYLE.sub(lambda m: _attributes(m[1]), tag)
     tag = _GEOMETRY.sub(lambda m: f' {m[1]}="{_numbers(m[2])}"', tag)
     return re.sub(r' transform="rotate\(-0 [^)]*\)"', "", tag)

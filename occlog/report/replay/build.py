@@ -31,6 +31,10 @@ APART = 0.05
 """Peaks of the error are at least this share of the time apart."""
 
 
+Layer = tuple[str, str, bool]
+"""What can be shown: its name, words for it, and whether it is shown at first."""
+
+
 @dataclass(frozen=True)
 class Peak:
     """A large error: of whom, how large, when [s since the start]."""
@@ -56,7 +60,7 @@ class Replay:
     json: str
     words: str
     targets: list[tuple[int, int]]
-    layers: list[tuple[str, str, bool]]
+    layers: list[Layer]
     peaks: list[Peak]
     cameras: list[str]
 
@@ -67,7 +71,27 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
     moments = Moments(data, limits)
     if len(moments.kept) < 2:
         return None
-    sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], limits)
+    tables, every, layers = plan_values(data, moments)
+    values: dict[str, Any] = {
+        "second": data.time.ns_per_unit / NS,
+        "times": packed("f8", moments.seconds),
+        **tables,
+        "events": _events(data),
+        "images": [] if images is None else images.packed(data.time.start_ns),
+    }
+    return Replay(
+        safe_json(values),
+        _words(moments, every, images),
+        [(target, k) for k, target in enumerate(data.targets[:MOST_BOXES])],
+        layers,
+        _peaks(data),
+        [] if images is None else list(images.cameras),
+    )
+
+
+def plan_values(data: ReportInput, moments: Moments) -> tuple[dict[str, Any], int, list[Layer]]:
+    """What a plan is drawn from at each moment; every how manieth one has sight lines; what can be shown."""
+    sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], moments.limits)
     metres = METRES.get(data.unit, 1.0)
     seen, doubts = Words(), Words()
     size, sigma = LARGEST / metres / 255, _sigma_step(data, moments)
@@ -76,9 +100,7 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
     tables = {"tracks": moments.tracks(seen, doubts, size, sigma), "truth": moments.truth()}
     values: dict[str, Any] = {
         "unit": data.unit,
-        "second": data.time.ns_per_unit / NS,
-        "times": packed("f8", moments.seconds),
-        "limits": _rounded(limits),
+        "limits": _rounded(moments.limits),
         "room": None if data.scene is None or data.scene.room is None else _rounded(data.scene.room),
         "occluders": [] if data.scene is None else [_rounded(o.polygon) for o in data.scene.occluders],
         "sensors": sensors,
@@ -95,20 +117,11 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
         "hulls": priors,
         "priorsEvery": priors_every,
         "words": {"seen": seen.all, "doubt": doubts.all},
-        "events": _events(data),
-        "images": [] if images is None else images.packed(data.time.start_ns),
     }
-    return Replay(
-        _safe(values),
-        _words(moments, sight_every if sight else 1, images),
-        [(target, k) for k, target in enumerate(data.targets[:MOST_BOXES])],
-        _layers(tables["truth"], sight, priors, sensors),
-        _peaks(data),
-        [] if images is None else list(images.cameras),
-    )
+    return values, sight_every if sight else 1, _layers(tables["truth"], sight, priors, sensors)
 
 
-def _safe(values: object) -> str:
+def safe_json(values: object) -> str:
     """JSON in which nothing can end the element that it stands in, or begin another."""
     text = json.dumps(values, ensure_ascii=True, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
@@ -171,7 +184,7 @@ def _peaks(data: ReportInput) -> list[Peak]:
     return out
 
 
-def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str, Any]]) -> list[tuple[str, str, bool]]:
+def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str, Any]]) -> list[Layer]:
     cameras = any(s["kind"] == "camera" for s in sensors)
     every = [
         ("names", "names", True, True),

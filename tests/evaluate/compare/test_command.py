@@ -159,6 +159,19 @@ def test_short_recordings_are_not_decided_and_fail_as_that(tmp_path: Path, capsy
     assert "fewer than 20" in told.err
 
 
+def test_a_run_that_meets_nobody_has_no_error_to_be_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a, b = write(tmp_path / "a", 1, frames=200), write(tmp_path / "b", 1, noise=0.0, frames=200)
+    far = read_table(b / "tracks.parquet", Tracks)
+    far.x[:] += 5000.0
+    write_table(b / "tracks.parquet", far, Provenance("track"), overwrite=True)
+    assert compared(a, b, more=("--truth", str(a / "truth.parquet"), "--json")) == ExitCode.DONE
+    rows = said(capsys)
+    assert (rows["pairs_rmse"]["this"], rows["pairs_rmse"]["verdict"]) == (None, "not decided")
+    assert (rows["recall"]["this"], rows["recall"]["difference"]) == (0.0, -1.0)
+
+
 def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     a, b = write(tmp_path / "a", 1, frames=30), write(tmp_path / "b", 2, frames=30)
     truth = ("--truth", str(a / "truth.parquet"))

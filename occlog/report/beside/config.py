@@ -1,0 +1,44 @@
+"""Settings of two runs side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class BesideConfig(Settings):
+    """When two tracks are of one person, and when two runs have parted; lengths in the scene's unit."""
+
+    OWNER: ClassVar[str] = "two runs side by side"
+
+    match_distance: float | None = setting(
+        None,
+        "A track meets a target, or a track of the other run, this near.",
+        unit="length",
+        above=0,
+        people=1.0,
+        option="--match-distance",
+        metavar="LENGTH",
+        shown="1 m",
+    )
+    tolerance: float | None = setting(
+        None,
+        "Runs have parted where their places of one person are farther from each other, or one alone has somebody.",
+        unit="length",
+        above=0,
+        people=0.5,
+        option="--tolerance",
+        metavar="LENGTH",
+        shown="0.5 m",
+    )
+    lasting_s: float = setting(
+        1.0,
+        "A person's track that changes for less than this is counted, but not told.",
+        unit="s",
+        at_least=0,
+        option="--lasting",
+        metavar="SECONDS",
+    )

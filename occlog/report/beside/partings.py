@@ -1,0 +1,174 @@
+"""Where two runs part: the first moment of each kind, how often, and the longest stretches.
+
+Two runs have parted in a frame where one has somebody who has no partner in the other, or where partners are farther
+from each other than a tolerance; and at a moment from which on somebody has another partner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+
+from .frames import Laid
+from .identities import Followed
+from .pairs import Pairs
+
+MOST_STRETCHES = 5
+"""Longest stretches that are told."""
+
+
+class Moment(NamedTuple):
+    """What is to be seen at a moment.
+
+    Attributes:
+        t_ns: when.
+        a, b: identities; None: the run has nobody there.
+        distance: from each other; of somebody without a partner from the nearest one of the other run; NaN: it has
+            nobody then.
+    """
+
+    t_ns: int
+    a: int | None
+    b: int | None
+    distance: float
+
+
+class Kind(NamedTuple):
+    """One way of having parted: the first moment, in how many frames, and how often it happens to anybody."""
+
+    name: str
+    first: Moment | None
+    frames: int
+    rows: int
+
+
+class Stretch(NamedTuple):
+    """Frames after each other in which the runs have parted: from, to, and the moment at which most is apart."""
+
+    start_ns: int
+    end_ns: int
+    worst: Moment
+
+
+@dataclass(frozen=True, eq=False)
+class Partings:
+    """Where two runs part.
+
+    Attributes:
+        kinds: pairs that are too far apart, somebody whom A alone has, and B alone, and other partners.
+        frames: how many frames there are.
+        parted: in how many of them the runs have parted.
+        stretches: the longest, the longest first.
+        farthest: the pair that is farthest apart; None: there are no pairs.
+        apart: (T,) largest distance of partners in each frame, 0 without any.
+        alone: (T,) how many have no partner.
+    """
+
+    kinds: tuple[Kind, ...]
+    frames: int
+    parted: int
+    stretches: tuple[Stretch, ...]
+    farthest: Moment | None
+    apart: Floats
+    alone: Ints
+
+    @property
+    def first(self) -> tuple[str, Moment] | None:
+        """Kind and moment of the first parting; None: they never part."""
+        found = [(kind.name, kind.first) for kind in self.kinds if kind.first is not None]
+        return min(found, key=lambda each: each[1].t_ns, default=None)
+
+
+APART, ONLY_A, ONLY_B, OTHER = "apart", "a alone", "b alone", "another partner"
+"""Names of kinds."""
+
+
+def partings_of(
+    a: Laid, b: Laid, pairs: Pairs, times: Ints, tolerance: float, partners: tuple[Followed, Followed]
+) -> Partings:
+    """Find where two runs part.
+
+    Args:
+        a: run A in common frames.
+        b: run B.
+        pairs: of them.
+        times: (T,) of the frames [ns].
+        tolerance: partners that are farther from each other have parted.
+        partners: tracks of B that follow each one of A, and the other way round.
+    """
+    far = np.flatnonzero(pairs.distance > tolerance)
+    kinds = (
+        _kind(APART, pairs.frame[far], lambda k: _of_pair(a, b, pairs, times, int(far[k]))),
+        _kind(ONLY_A, a.frame[pairs.alone_a], lambda k: _of_one(a, b, times, int(pairs.alone_a[k]), first=True)),
+        _kind(ONLY_B, b.frame[pairs.alone_b], lambda k: _of_one(b, a, times, int(pairs.alone_b[k]), first=False)),
+        _exchanges(a, b, pairs, times, partners),
+    )
+    count = len(times)
+    apart = np.zeros(count)
+    np.maximum.at(apart, pairs.frame, pairs.distance)
+    alone = np.bincount(a.frame[pairs.alone_a], minlength=count) + np.bincount(b.frame[pairs.alone_b], minlength=count)
+    parted = (apart > tolerance) | (alone > 0)
+    farthest = None if not len(pairs.distance) else _of_pair(a, b, pairs, times, int(np.argmax(pairs.distance)))
+    stretches = tuple(_stretch(a, b, pairs, times, each) for each in _longest(parted, times))
+    return Partings(kinds, count, int(parted.sum()), stretches, farthest, apart, alone)
+
+
+def _kind(name: str, frames: Ints, moment: Callable[[int], Moment]) -> Kind:
+    """A kind by the frames of its rows, of which `moment` tells one."""
+    if not len(frames):
+        return Kind(name, None, 0, 0)
+    return Kind(name, moment(int(np.argmin(frames))), len(np.unique(frames)), len(frames))
+
+
+def _exchanges(a: Laid, b: Laid, pairs: Pairs, times: Ints, partners: tuple[Followed, Followed]) -> Kind:
+    """Moments from which on a track has another partner."""
+    found = [(change.t_ns, change.who, change.after) for change in partners[0].changes]
+    found += [(change.t_ns, change.after, change.who) for change in partners[1].changes]
+    if not found:
+        return Kind(OTHER, None, 0, 0)
+    first = min(found)
+    its = (times[pairs.frame] == first[0]) & (a.label[pairs.a] == first[1]) & (b.label[pairs.b] == first[2])
+    row = _of_pair(a, b, pairs, times, int(np.argmax(its)))
+    return Kind(OTHER, row, len({t_ns for t_ns, _, _ in found}), sum(len(each.changes) for each in partners))
+
+
+def _of_pair(a: Laid, b: Laid, pairs: Pairs, times: Ints, k: int) -> Moment:
+    own, other = int(pairs.a[k]), int(pairs.b[k])
+    return Moment(int(times[pairs.frame[k]]), int(a.label[own]), int(b.label[other]), float(pairs.distance[k]))
+
+
+def _of_one(own: Laid, other: Laid, times: Ints, row: int, *, first: bool) -> Moment:
+    """Somebody without a partner, with the distance from the nearest one of the other run."""
+    frame, label = int(own.frame[row]), int(own.label[row])
+    at = slice(*np.searchsorted(other.frame, [frame, frame + 1]))
+    away = np.hypot(*(other.xy[at] - own.xy[row]).T)
+    nearest = float(away.min()) if len(away) else float("nan")
+    return Moment(int(times[frame]), label if first else None, None if first else label, nearest)
+
+
+def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
+    """First and last frame of the longest stretches in which runs have parted."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], parted, [False]]).astype(np.int8)))
+    found = list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
+    found.sort(key=lambda each: (int(times[each[0]] - times[each[1]]), each[0]))
+    return found[:MOST_STRETCHES]
+
+
+def _stretch(a: Laid, b: Laid, pairs: Pairs, times: Ints, frames: tuple[int, int]) -> Stretch:
+    """A stretch with its worst moment: the pair farthest apart, or else the first one without a partner."""
+    inside = np.flatnonzero((pairs.frame >= frames[0]) & (pairs.frame <= frames[1]))
+    lone = [
+        _of_one(own, other, times, int(rows[0]), first=is_a)
+        for own, other, alone, is_a in ((a, b, pairs.alone_a, True), (b, a, pairs.alone_b, False))
+        if len(rows := alone[(own.frame[alone] >= frames[0]) & (own.frame[alone] <= frames[1])])
+    ]
+    ends = int(times[frames[0]]), int(times[frames[1]])
+    if lone:
+        return Stretch(*ends, min(lone, key=lambda each: each.t_ns))
+    worst = int(inside[np.argmax(pairs.distance[inside])])
+    return Stretch(*ends, _of_pair(a, b, pairs, times, worst))

@@ -1,0 +1,54 @@
+"""The summary that `occlog report A B` prints."""
+
+from __future__ import annotations
+
+import math
+
+from occlog.array_types import NS
+from occlog.evaluate.compare.run import Row
+from occlog.track.plausibility.verdict import figures
+
+from . import words
+from .model import Beside
+from .partings import Moment
+from .run import Asked
+
+
+def summary_of(found: Beside, asked: Asked) -> dict[str, object]:
+    """What was written, whether the runs differ, where they part and who became another one."""
+    first, truth = found.partings.first, found.against_truth
+    out: dict[str, object] = {"page": asked.output}
+    out |= {} if asked.markdown is None else {"markdown": asked.markdown}
+    out |= {letter.lower(): side.name for letter, side in found.sides}
+    out |= {"heading": words.heading(found), "same": found.same, "frames": found.partings.frames}
+    out |= {"frames_parted": found.partings.parted, "tolerance": found.tolerance, "length_unit": found.unit}
+    if first is not None:
+        out["first_parting"] = {"kind": first[0], **_moment(found, first[1])}
+    out["changes"] = {letter: len(each.changes) for letter, each in zip("ab", words.followed(found), strict=True)}
+    if truth is not None:
+        out["switches"] = dict(zip("ab", truth.switches, strict=True))
+        out["figures"] = {row.figure: _figure(row) for row in truth.comparison.rows}
+    judged = {letter.lower(): side.data.findings for letter, side in found.sides}
+    told = {letter: figures(said) for letter, said in judged.items() if said is not None}
+    if told:
+        out["plausible"] = all(each["plausible"] for each in told.values())
+        out["warnings"] = [
+            {"run": letter, **warning}
+            for letter, each in told.items()
+            for warning in each["warnings"]  # type: ignore[attr-defined]
+        ]
+    return out
+
+
+def _figure(row: Row) -> dict[str, object]:
+    """What is known of a figure of both."""
+    d = row.found
+    values = {"a": d.a, "b": d.b, "difference": d.difference, "low": d.low, "high": d.high, "p": row.holm}
+    return {name: value for name, value in values.items() if math.isfinite(value)} | {"verdict": row.verdict}
+
+
+def _moment(found: Beside, moment: Moment) -> dict[str, object]:
+    """Values of a moment that are known."""
+    values: dict[str, object] = {"seconds": (moment.t_ns - found.time.start_ns) / NS, "t_ns": moment.t_ns}
+    values |= {name: label for name, label in (("a", moment.a), ("b", moment.b)) if label is not None}
+    return values | ({"distance": moment.distance} if math.isfinite(moment.distance) else {})
