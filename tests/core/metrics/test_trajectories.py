@@ -193,7 +193,7 @@ def test_cut_into_pieces_of_time_it_is_that_of_the_whole_program(seed: int) -> N
     pairs = meetings(frames, 1.0, 2.0)
     sure = sure_stretches(pairs, 1.0, 0.25)
     assert len(sure.first) > 5
-    assert len(list(pieces_of(pairs, sure, 60)[0].blocks())) > 2
+    assert len(list(pieces_of(pairs, sure.pins(pairs), 60).blocks())) > 2
     assert trajectory_gospa(frames, 1.0, 0.5).total == pytest.approx(plain_program(frames, 1.0, 0.5, 2.0), rel=1e-9)
 
 
