@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Bools
 
 from .frame_pairs import Frames
 from .sums import Sum
@@ -80,15 +80,19 @@ class TrajectoryCosts:
         Args:
             frames: truth and tracks.
             first: number of frames before them.
-            over: of each target and of each track whether no row of it is to come; None: nothing is to come.
+            over: of each target and of each track whether no row of it is to come; None: that is not known.
         """
         self._rows += [len(frames.truth), len(frames.track)]
-        self._over = tuple(np.ones(len(side), dtype=np.bool_) for side in self._over) if over is None else over  # type: ignore[assignment]
+        self._over = self._over if over is None else over
         self._tell_sure(meetings(frames, self._cutoff, self._p, first))
         self._solve()
 
     def result(self) -> TrajectoryGospa:
-        """The metric of all frames."""
+        """The metric of all frames, after which none can be added."""
+        targets, tracks = self._over
+        self._over = np.ones_like(targets), np.ones_like(tracks)
+        self._tell_sure(_NO_PAIRS)
+        self._solve()
         half, weight = 0.5 * self._most, self._weight.value
         n, m = self._rows.tolist()
         parts = self._cost.value, half * (n - weight), half * (m - weight), 0.5 * self._switch * self._changes.value
