@@ -256,4 +256,3 @@ def _assign(allowed: Bools, values: Floats, most: bool) -> tuple[Ints, Ints]:
     i, j = linear_sum_assignment(np.where(allowed, values, 0.0), maximize=True)
     good = allowed[i, j]
     return i[good].astype(np.int64), j[good].astype(np.int64)
-

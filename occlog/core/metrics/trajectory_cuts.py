@@ -224,7 +224,8 @@ def pieces_of(pairs: Pairs, pins: Pins, frames: int, over: tuple[Bools, Bools] |
         found.append(np.stack([who, at_mine, whom, at_its, *columns, who, whom, final, kind[kept]]))
     table = np.concatenate(found, axis=1)
     truth, track = (np.unique(table[k : k + 2], axis=1, return_inverse=True)[1].reshape(-1) for k in (0, 2))
-    return Pieces(truth, track, *table[4:14], final=table[14].astype(np.bool_), kind=table[15])
+    begin_to_partner = table[4:14]
+    return Pieces._make([truth, track, *begin_to_partner, table[14].astype(np.bool_), table[15]])
 
 
 _BITS = 31

@@ -263,8 +263,8 @@ def ground_figures(
     own: str,
     wanted: bool,
     path: Path | None = None,
-) -> tuple[Evaluation, dict[str, object]]:
-    """The evaluation with the figures of many targets, and the options behind these.
+) -> tuple[Evaluation, ManyConfig | None]:
+    """The evaluation with the figures of many targets, and the options behind these; None where there are none.
 
     They are given where there are several tracks or targets, where nobody is there, or where they are asked for.
 
@@ -279,17 +279,30 @@ def ground_figures(
     """
     tracks, truth, unit = tables.tracks, tables.truth, tables.scene.length_unit
     if tracks is None or truth is None:
-        return result, {}
+        return result, None
     several = max(len(np.unique(tracks.target_id)), len(np.unique(truth.target_id[truth.role == "target"]))) > 1
     if not (several or told or wanted or not len(truth)):
-        return result, {}
-    many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
-    if many.match_distance is None:
-        line = f"lengths are in {unit}: give --match-distance for the figures of many targets"
-        return replace(result, notes=(*result.notes, line)), {}
+        return result, None
+    many, unknown = many_config(unit, own, told)
+    if many is None:
+        return replace(result, notes=(*result.notes, str(unknown))), None
     made = evaluate_ground(tracks, truth, many, config.limit_ns, unit)
     metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
     apart = line_of_errors_apart(metrics, unit, config.match)
     notes = (*result.notes, *made.notes, *own_notes(path, many.own, _asked(told)), *apart)
     whole = replace(result, metrics=metrics, failures=made.failures, counts=made.counts, notes=notes)
-    return whole, asdict(many)
+    return whole, many
+
+
+def many_config(unit: str, own: str, told: Mapping[str, object]) -> tuple[ManyConfig | None, str | None]:
+    """Options of many targets on the ground; or None, and a line on why there are no figures of them.
+
+    Args:
+        unit: of lengths.
+        own: which target is a track's own, unless that was given.
+        told: options that were given.
+    """
+    many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
+    if many.match_distance is None:
+        return None, f"lengths are in {unit}: give --match-distance for the figures of many targets"
+    return many, None

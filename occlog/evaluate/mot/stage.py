@@ -170,7 +170,7 @@ class ViewFigures:
         self._pooled = _Boxes(targets, tracks, config)
         # Objects of one view alone have no view
         own = [[side[side[:, 0] == v] * [0, 1] for side in self._keys] for v in range(len(views))]
-        self._each = [_Boxes(*sides, config) for sides in own] if len(views) > 1 else []
+        self._each = [_Boxes(theirs, ours, config) for theirs, ours in own] if len(views) > 1 else []
         labels = [np.unique(side[:, 1]) for side in self._keys]
         self._labels = labels
         self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.overlap)
@@ -240,8 +240,8 @@ class _Boxes:
 
     def metrics(self, cells: int, counts: Mapping[str, float], whose: str = "") -> Metrics:
         out = self._failures.metrics(whose) | self._mot.metrics(cells, whose)
-        known = {f"targets{whose}": len(self._keys[0]), f"tracks{whose}": len(self._keys[1])}
-        out |= known | counts if whose else counts | known
+        known: Metrics = {f"targets{whose}": len(self._keys[0]), f"tracks{whose}": len(self._keys[1])}
+        out |= known | dict(counts) if whose else dict(counts) | known
         return out if self._centres is None else out | self._centres.metrics(cells, whose, "px")
 
 
