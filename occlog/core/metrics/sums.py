@@ -98,7 +98,7 @@ def group_medians(blocks: Callable[[], Iterable[tuple[Ints, Floats]]], counts: I
                 mine = above == prefix[group, which]
                 found[which] += np.bincount(place[mine], minlength=groups << digit_bits)
         for which in (0, 1):
-            below = np.cumsum(found[which].reshape(groups, -1), axis=1)
+            below = np.cumsum(found[which].reshape(groups, 1 << digit_bits), axis=1)
             at = np.minimum((below <= left[:, which][:, None]).sum(axis=1), (1 << digit_bits) - 1)
             left[:, which] -= np.where(at > 0, below[np.arange(groups), np.maximum(at - 1, 0)], 0)
             prefix[:, which] = (prefix[:, which] << np.uint64(digit_bits)) | at.astype(np.uint64)
