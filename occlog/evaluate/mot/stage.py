@@ -138,10 +138,11 @@ class Places(NamedTuple):
 def evaluate_views(compared: TruthAndTracks, config: ManyConfig) -> Evaluation:
     """Figures of boxes that have been laid against each other: all views pooled, then each view."""
     found = ViewFigures(compared.views, keys_of(compared.truth), keys_of(compared.tracks), config)
-    found.first(compared)
-    failures = found.second(compared)
+    begin = [0] * len(compared.views)
+    found.first(compared, begin)
+    failures = found.second(compared, begin)
     metrics = found.metrics(compared.frames, compared.counts)
-    notes = (*_left_out(compared.left_out), *found.notes())
+    notes = (*left_out_note(compared.left_out), *found.notes())
     return Evaluation(metrics, failures=failures, notes=notes)
 
 
@@ -175,23 +176,23 @@ class ViewFigures:
         self._labels = labels
         self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.overlap)
 
-    def first(self, part: TruthAndTracks) -> None:
-        """Another part, in the order of time; numbers of its frames are those of the whole."""
+    def first(self, part: TruthAndTracks, begin: Sequence[int]) -> None:
+        """Another part, in the order of time; `begin`: number of frames of each view before it."""
         points = centres_and_limits(part, self._config)
         self._owners.add(points.truth, points.tracks, points.tau, points.times(points.tracks))
-        self._pooled.first(part.truth, part.tracks)
+        self._pooled.first(part.truth, part.tracks, begin)
         for v, each in enumerate(self._each):
-            each.first(of_view(part.truth, v), of_view(part.tracks, v))
+            each.first(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
         if self._each:
             self._across.add(_across_views(part.truth, part.tracks, self._labels))
 
-    def second(self, part: TruthAndTracks) -> Failures:
+    def second(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
         """The same part once more, after all of them have been by; its failures."""
         points = centres_and_limits(part, self._config)
         found = find_failures(points, self._owners)
-        self._pooled.second(part.truth, part.tracks, found, found.frame >= 0)
+        self._pooled.second(part.truth, part.tracks, begin, found, found.frame >= 0)
         for v, each in enumerate(self._each):
-            each.second(of_view(part.truth, v), of_view(part.tracks, v), found, found.view == v)
+            each.second(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1], found, found.view == v)
         return failure_rows(found, points)
 
     def metrics(self, frames: Sequence[int], counts: Mapping[str, float]) -> Metrics:
@@ -226,16 +227,19 @@ class _Boxes:
         self._mot = MotFigures(numbered(of_boxes(empty, empty), targets, tracks), config)
         self._centres = None if config.gospa_px is None else GospaFigures(config, config.gospa_px)
 
-    def _frames_of(self, truth: Objects, tracks: Objects) -> Frames:
-        return numbered(of_boxes(truth, tracks), *self._keys)
+    def _frames_of(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> Frames:
+        found = numbered(of_boxes(truth, tracks), *self._keys)
+        return found._replace(frame=found.frame + np.asarray(begin, dtype=np.int64)[found.view])
 
-    def first(self, truth: Objects, tracks: Objects) -> None:
-        self._mot.first(self._frames_of(truth, tracks))
+    def first(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> None:
+        self._mot.first(self._frames_of(truth, tracks, begin))
         if self._centres is not None and self._config.gospa_px is not None:
             self._centres.add(of_points(centres(truth), centres(tracks), self._config.gospa_px))
 
-    def second(self, truth: Objects, tracks: Objects, found: failure_rates.Failures, own: Bools) -> None:
-        self._mot.second(self._frames_of(truth, tracks))
+    def second(
+        self, truth: Objects, tracks: Objects, begin: Sequence[int], found: failure_rates.Failures, own: Bools
+    ) -> None:
+        self._mot.second(self._frames_of(truth, tracks, begin))
         self._failures.add(found, own, len(truth.frame))
 
     def metrics(self, cells: int, counts: Mapping[str, float], whose: str = "") -> Metrics:
@@ -307,7 +311,8 @@ def _visible(at: Objects, places: Places) -> Floats:
     return np.array([share.get(row, np.nan) for row in rows], dtype=np.float64)
 
 
-def _left_out(names: Sequence[str]) -> list[str]:
+def left_out_note(names: Sequence[str]) -> list[str]:
+    """A line on cameras of the truth that no track is in; none where there is no such camera."""
     return [f"left out: {', '.join(names)}, which the truth knows and no track is in"] if names else []
 
 
