@@ -19,7 +19,7 @@ from occlog.records.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
 
-MOST_ROWS = 1_000_000
+MOST_ROWS = 500_000
 """Rows of targets that are put together at once where a format has one target after another."""
 
 
@@ -144,8 +144,9 @@ def geojson_texts(
             yield from _long_feature(pieces, group[0], origin, length_unit)
         else:
             together = _of_targets(pieces, group)
-            own = {name: np.flatnonzero(together.identity == name) for name in group}
-            yield mark + ", ".join(_feature(name, together, rows, origin, length_unit) for name, rows in own.items())
+            for name in group:
+                yield mark + _feature(name, together, np.flatnonzero(together.identity == name), origin, length_unit)
+                mark = ", "
         mark = ", "
     yield "]}\n"
 
