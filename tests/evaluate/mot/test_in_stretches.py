@@ -92,7 +92,9 @@ def test_an_identity_twice_in_a_frame_is_refused_as_in_whole_tables(
 ) -> None:
     tracks, truth = views(1)
     twice = Boxes.merge([tracks, tracks.take(slice(70, 71))])
-    twice = Boxes(**{c.name: getattr(twice, c.name) for c in Boxes.columns()} | {"box": np.arange(len(twice), dtype=np.int32)})
+    twice = Boxes(
+        **{c.name: getattr(twice, c.name) for c in Boxes.columns()} | {"box": np.arange(len(twice), dtype=np.int32)}
+    )
     said = []
     for rows in (10**6, 4):
         for name, table in (("tracks", twice), ("truth", truth)):
