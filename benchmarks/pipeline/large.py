@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance
-from occlog.records.tables import Tracks, Truth
+from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 
 NAME = "large"
 SUMMARY = "peak memory of evaluate, report, diff, export and info: ten times as many rows to fewer"
@@ -21,6 +21,7 @@ LIMIT = 1.25
 ROWS = int(os.environ.get("OCCLOG_BENCHMARK_ROWS", "400000"))
 """Rows of the shorter tables; more than are drawn whole by `report`."""
 STEP_NS, CHUNK = 10**8, 50_000
+PEOPLE = 50
 
 
 def make(folder: Path, rows: int) -> None:
@@ -41,6 +42,43 @@ def make(folder: Path, rows: int) -> None:
             tracks.write(Tracks.of(**shared, x=x + error[0], y=y + error[1], vx=error[0], vy=error[1], **spread))
 
 
+def make_many(folder: Path, rows: int) -> None:
+    """Tracks of `PEOPLE` people who walk apart and are exchanged now and then, in the world and in two cameras."""
+    random, names = np.random.default_rng(7), np.arange(PEOPLE)
+    made, phase = Provenance("track"), random.uniform(0.0, 2.0 * np.pi, PEOPLE)
+    middle = 3.0 * np.stack([np.arange(PEOPLE) % 7, np.arange(PEOPLE) // 7])
+    with (
+        TableWriter(folder / "many.parquet", Tracks, made) as tracks,
+        TableWriter(folder / "people.parquet", Truth, made) as truth,
+        TableWriter(folder / "boxes.parquet", Boxes, made) as boxes,
+        TableWriter(folder / "true_boxes.parquet", TruthBoxes, made) as true_boxes,
+    ):
+        for start in range(0, rows // PEOPLE, CHUNK // PEOPLE):
+            step = np.arange(start, min(start + CHUNK // PEOPLE, rows // PEOPLE))
+            n, labels = len(step) * PEOPLE, np.empty((len(step), PEOPLE), dtype=np.int32)
+            for t in range(len(step)):
+                if random.random() < 0.002:
+                    i, j = random.integers(0, PEOPLE, 2)
+                    names[[i, j]] = names[[j, i]]
+                labels[t] = names
+            x = (middle[0] + 1.3 * np.cos(0.02 * step[:, None] + phase)).ravel()
+            y = (middle[1] + 1.3 * np.sin(0.017 * step[:, None] + 2.0 * phase)).ravel()
+            t_ns, who = np.repeat(step * STEP_NS, PEOPLE), np.tile(np.arange(PEOPLE, dtype=np.int32), len(step))
+            truth.write(Truth.of(t_ns=t_ns, target_id=who, role=np.full(n, "target"), x=x, y=y, z=np.zeros(n)))
+            order = np.lexsort((labels.ravel(), t_ns))
+            found, off = labels.ravel()[order], random.normal(0.0, 0.15, (2, n))
+            spread = {"cov_xx": np.full(n, 0.0225), "cov_xy": np.zeros(n), "cov_yy": np.full(n, 0.0225)}
+            ours = {"x": x[order] + off[0], "y": y[order] + off[1], "vx": np.zeros(n), "vy": np.zeros(n)}
+            tracks.write(Tracks.of(t_ns=t_ns, target_id=found, **ours, **spread))
+            # Half of the people in each camera, 100 px a metre
+            seen = {"t_ns": t_ns, "sensor": np.where(who < PEOPLE // 2, "a", "b"), "frame": np.repeat(step, PEOPLE)}
+            size = {"width_px": np.full(n, 50.0), "height_px": np.full(n, 80.0), "confidence": np.full(n, np.nan)}
+            place = {"left_px": 100.0 * x, "top_px": 100.0 * y}
+            true_boxes.write(TruthBoxes.of(**seen, box=who, target_id=who, **place, **size))
+            place = {"left_px": 100.0 * (x + 0.5 * off[0]), "top_px": 100.0 * (y + 0.5 * off[1])}
+            boxes.write(Boxes.of(**seen, box=who, target_id=labels.ravel(), **place, **size))
+
+
 def peak_mb(*args: str) -> float:
     """Largest resident set [MB] of an occlog command that must succeed."""
     quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
@@ -54,18 +92,28 @@ def peak_mb(*args: str) -> float:
 def measure(folder: Path, rows: int) -> dict[str, float]:
     """Peak of each command."""
     # In a process of its own: the system counts what a parent has in memory as its child's
-    maker = multiprocessing.get_context("spawn").Process(target=make, args=(folder, rows))
-    maker.start()
-    maker.join()
+    for how in (make, make_many):
+        maker = multiprocessing.get_context("spawn").Process(target=how, args=(folder, rows))
+        maker.start()
+        maker.join()
     tracks, truth, errors = (str(folder / f"{name}.parquet") for name in ("tracks", "truth", "errors"))
     out = {"evaluate": peak_mb("evaluate", tracks, "--truth", truth, "--errors", errors, "--quiet")}
     shown = ("--truth", truth, "--errors", errors, "-o", str(folder / "page.html"))
     out["report"] = peak_mb("report", tracks, *shown)
     out["diff"] = peak_mb("diff", tracks, tracks)
-    for name in ("csv", "tum", "mot3d"):
-        out[f"export {name}"] = peak_mb("export", tracks, "--to", name, "-o", str(folder / f"out.{name}"))
+    for name in ("csv", "tum", "mot3d", "trc", "geojson"):
+        place = ("--origin", "52.5,13.4") if name == "geojson" else ()
+        out[f"export {name}"] = peak_mb("export", tracks, "--to", name, *place, "-o", str(folder / f"out.{name}"))
         (folder / f"out.{name}").unlink()
     out["info"] = peak_mb("info", tracks)
+    many, people, boxes, true_boxes = (
+        str(folder / f"{name}.parquet") for name in ("many", "people", "boxes", "true_boxes")
+    )
+    tables = [f"--{name}={folder / name}.parquet" for name in ("failures", "counts")]
+    out["evaluate of several"] = peak_mb("evaluate", many, "--truth", people, "--match", "optimal", *tables, "--quiet")
+    out["evaluate in images"] = peak_mb("evaluate", boxes, "--truth", true_boxes, "--quiet")
+    out["report of several"] = peak_mb("report", many, "--truth", people, "-o", str(folder / "many.html"))
+    out["export coco"] = peak_mb("export", boxes, "-o", str(folder / "out.json"))
     return out
 
 

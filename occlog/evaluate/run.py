@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +25,10 @@ from occlog.evaluate.bearings.known_places import (
     scene_with,
 )
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.run import ground_figures
+from occlog.evaluate.mot.run import ground_figures, many_config
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import TableWriter, describe, write_table
+from occlog.io.files.parquet import describe, write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
@@ -37,16 +36,15 @@ from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.plugins.chosen import Chosen
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Diagnostics, Doa, Errors, Tracks, Truth
+from occlog.records.tables import Doa, Truth
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
-from occlog.track.plausibility.verdict import Evidence
 
 from .by_plugin import with_plugins
-from .errors.streamed import compare_streams, survey
+from .in_stretches import InStretches, parameters_of
 from .inputs import Paths, in_frames, open_tables, provenance_of, read_tables
 from .stage import Evaluation, evaluate
-from .verdict import AgainstTruth, Made, judge, with_truth
+from .verdict import judge
 
 LONG = 200_000
 """Rows of tracks from which on a recording with their truth is gone through twice, so that memory stays flat."""
@@ -71,8 +69,8 @@ def run_evaluate(
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
     options.check_outputs(paths.inputs, written, paths.overwrite)
-    if frames is None and not plugged and not many_given:
-        found = run_one_target(paths, given)
+    if frames is None and not plugged:
+        found = run_in_stretches(paths, given, many_given)
         if found is not None:
             return found
     t = read_tables(paths, everybody=bool(given.get("held_out")) and paths.views is not None)
@@ -94,13 +92,12 @@ def run_evaluate(
         found=t.found,
         measured=t.measured,
     )
-    own = "label" if config.match == "id" else ("start" if numbered_itself else "best")
     result, many = ground_figures(
         result,
         t,
         config,
         told=many_given,
-        own=own,
+        own=own_targets_by(config, numbered_itself),
         wanted=paths.failures is not None or paths.counts is not None,
         path=paths.tracks,
     )
@@ -123,7 +120,8 @@ def run_evaluate(
         result = replace(result, notes=(*result.notes, f"{less}ratio to it means anything; give --measurements"))
     result = replace(result, notes=_notes(paths, own_numbers, result.notes), findings=findings)
     told_of = {"metrics": [each.provenance(unit) for each in plugged]} if plugged else {}
-    _write(paths, result, unit, config, {**({"many": many} if many else {}), **told_of})
+    parameters = {**parameters_of(paths, config, many), **told_of}
+    _write(paths, result, unit, parameters)
     return result, unit
 
 
@@ -137,19 +135,26 @@ def _configured(paths: Paths, given: Mapping[str, object], unit: str) -> tuple[E
     return config, numbered_itself, own_numbers
 
 
+def own_targets_by(config: EvaluateConfig, numbered_itself: bool) -> str:
+    """Which target is a track's own unless that is given; see `ManyConfig.own`."""
+    return "label" if config.match == "id" else ("start" if numbered_itself else "best")
+
+
 def _notes(paths: Paths, own_numbers: bool, found: tuple[str, ...]) -> tuple[str, ...]:
     """What the user must know of the inputs, about what was found."""
     told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
     return (*((told,) if own_numbers else ()), *found, *other_video(paths.tracks, [paths.truth]))
 
 
-def run_one_target(paths: Paths, given: Mapping[str, object]) -> tuple[Evaluation, str] | None:
-    """The same as `run_evaluate` of one track and one target with nothing beside them but diagnostics, in flat memory.
+def run_in_stretches(
+    paths: Paths, given: Mapping[str, object], many_given: Mapping[str, object]
+) -> tuple[Evaluation, str] | None:
+    """The same as `run_evaluate` of tracks and their truth with nothing beside them but diagnostics, in flat memory.
 
-    None where there is anything else, or another number of them, or short tracks with their truth in a recording.
+    None where there is anything else, or nothing to compare, or short tracks with their truth in a recording.
     """
-    more = (paths.directions, paths.measurements, paths.views, paths.cooperation, paths.write_scene, paths.failures)
-    if paths.tracks is None or paths.truth is None or any(p is not None for p in (*more, paths.counts)):
+    more = (paths.directions, paths.measurements, paths.views, paths.cooperation, paths.write_scene)
+    if paths.tracks is None or paths.truth is None or any(p is not None for p in more):
         return None
     tracks, truth, scene = open_tables(paths)
     if tracks is None or truth is None or not truth.has(Truth) or given.get("held_out"):
@@ -157,37 +162,22 @@ def run_one_target(paths: Paths, given: Mapping[str, object]) -> tuple[Evaluatio
     if truth.recording is not None and not _is_long(tracks):
         return None
     unit = scene.length_unit
-    config, _, own_numbers = _configured(paths, given, unit)
+    config, numbered_itself, own_numbers = _configured(paths, given, unit)
     begin_work()
-    known = survey(tracks.rows(Tracks), truth.rows(Truth))
-    if known.single is None or (config.match == "id" and known.single[0] != known.single[1]):
+    compared = InStretches(tracks, truth, scene, config)
+    if not compared.can:
         return None
-    made = Made.of(tracks.provenance)
-    parameters = asdict(config) | ({"doa_labels": True} if paths.doa_labels else {})
-    against, evidence = AgainstTruth(made, scene), Evidence(rows=known.estimates)
-    with ExitStack() as stack:
-        written: TableWriter | None = None
-        if paths.errors is not None:
-            provenance = provenance_of(paths, parameters)
-            written = stack.enter_context(
-                TableWriter(paths.errors, Errors, provenance, overwrite=paths.overwrite, length_unit=unit)
-            )
-
-        def take(errors: Errors) -> None:
-            against.add(errors)
-            if written is not None:
-                written.write(errors.sorted())
-
-        metrics, note = compare_streams(tracks.rows(Tracks), truth.rows(Truth), known, config, unit, take)
-        metrics |= {"tracks_smoothed": 1.0} if made.smoothed else {}
-        if paths.diagnostics is not None:
-            evidence.rows = 0
-            for part in open_input(paths.diagnostics).rows(Diagnostics):
-                evidence.fared(part)
-        findings = with_truth(evidence, made, against, unknown=known.unknown, metrics=metrics)
-        notes = _notes(paths, own_numbers, () if note is None else (note,))
-    result = Evaluation(metrics, notes=notes, findings=findings)
-    _write(replace(paths, errors=None), result, unit, config, {})
+    many, unknown = None, None
+    if compared.several or many_given or paths.failures is not None or paths.counts is not None:
+        many, unknown = many_config(unit, own_targets_by(config, numbered_itself), many_given)
+    parameters = parameters_of(paths, config, many)
+    asked = None if many_given.get("own") is None else str(many_given["own"])
+    result = compared.evaluate(paths, parameters, many, asked)
+    notes = result.notes if unknown is None else (*result.notes, unknown)
+    result = replace(result, notes=_notes(paths, own_numbers, notes))
+    rest = replace(paths, errors=None)
+    rest = rest if many is None else replace(rest, failures=None, counts=None)  # the others are written already
+    _write(rest, result, unit, parameters)
     return result, unit
 
 
@@ -246,9 +236,8 @@ def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
         raise InputError(f"{tracks}: was made with {names}; make it again with `occlog track --without {names}`")
 
 
-def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig, many: Mapping[str, object]) -> None:
-    parameters = asdict(config) | ({"doa_labels": True} if paths.doa_labels else {})
-    provenance = provenance_of(paths, {**parameters, **many})
+def _write(paths: Paths, result: Evaluation, unit: str, parameters: Mapping[str, object]) -> None:
+    provenance = provenance_of(paths, parameters)
     made = (
         (paths.errors, result.errors),
         (paths.bound, result.bound),

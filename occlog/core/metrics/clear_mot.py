@@ -16,6 +16,7 @@ from occlog.array_types import Bools, Floats, Ints
 
 from .errors import pair_within, ratio
 from .frame_pairs import Frames, reaches
+from .sums import Sum
 
 MOSTLY_TRACKED = 0.8
 MOSTLY_LOST = 0.2
@@ -75,7 +76,8 @@ class ClearMot(NamedTuple):
         fp: track rows not paired.
         fn: true rows not paired.
         switches: pairs of a target with another track than it had last.
-        fragmentations: times that a target, over the frames it is in, is tracked again after a gap.
+        fragmentations: times that a target, over the frames it is in, is tracked again after a gap: stretches of frames
+            in which it is paired, without the first one of each target.
         mota: 1 - (fn + fp + switches) / objects.
         motp: mean distance of the pairs (1 - IoU, or length).
         motp_similarity: mean similarity of the pairs, which TrackEval calls MOTP.
@@ -105,6 +107,41 @@ class ClearMot(NamedTuple):
     tracked: Floats
 
 
+class Matcher:
+    """Pairs targets and tracks one to one in each frame, in order of frames that come in parts."""
+
+    def __init__(self, targets: int, rule: ClearRule = CLASSIC) -> None:
+        """No frame yet; number of all targets, and how they are paired."""
+        self._rule = rule
+        self._held = np.full(targets, -1, dtype=np.int64)
+        self._when = np.zeros(targets, dtype=np.int64)
+
+    def add(self, frames: Frames) -> Matches:
+        """Pairs of some more frames; targets and tracks have the same numbers in all parts."""
+        rule, held, when = self._rule, self._held, self._when
+        parts: list[Matches] = []
+        for t in frames.meeting():
+            left, right = frames.rows(t)
+            truth, track = frames.truth[left], frames.track[right]
+            distance, similarity = frames.compare(t)
+            # Keep: the track that each target had last, if it is remembered and still similar enough
+            last = np.where(frames.frame[t] - when[truth] <= rule.memory, held[truth], -1)
+            kept = last[:, None] == track[None, :]
+            allowed = reaches(similarity, rule.threshold)
+            # Assign the rest
+            i, j = _pair(allowed, distance if rule.most else similarity, kept, rule.most)
+            # Identity switch: a track other than that of the target's last pair
+            paired, now = truth[i], track[j]
+            switch = (held[paired] >= 0) & (held[paired] != now)
+            held[paired], when[paired] = now, frames.frame[t]
+            at = np.full(len(i), t, dtype=np.int64)
+            parts.append(Matches(at, left.start + i, right.start + j, distance[i, j], similarity[i, j], switch))
+        none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+        parts.append(Matches(none, none, none, nothing, nothing, np.zeros(0, dtype=np.bool_)))
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        return Matches(*columns)
+
+
 def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
     """Pair targets and tracks one to one in each frame, in order of frames.
 
@@ -112,29 +149,64 @@ def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
         frames: truth and tracks.
         rule: how they are paired.
     """
-    held = np.full(len(frames.truth_key), -1, dtype=np.int64)
-    when = np.zeros(len(frames.truth_key), dtype=np.int64)
-    parts: list[Matches] = []
-    for t in frames.meeting():
-        left, right = frames.rows(t)
-        truth, track = frames.truth[left], frames.track[right]
-        distance, similarity = frames.compare(t)
-        # Keep: the track that each target had last, if it is remembered and still similar enough
-        last = np.where(frames.frame[t] - when[truth] <= rule.memory, held[truth], -1)
-        kept = last[:, None] == track[None, :]
-        allowed = reaches(similarity, rule.threshold)
-        # Assign the rest
-        i, j = _pair(allowed, distance if rule.most else similarity, kept, rule.most)
-        # Identity switch: a track other than that of the target's last pair
-        paired, now = truth[i], track[j]
-        switch = (held[paired] >= 0) & (held[paired] != now)
-        held[paired], when[paired] = now, frames.frame[t]
-        at = np.full(len(i), t, dtype=np.int64)
-        parts.append(Matches(at, left.start + i, right.start + j, distance[i, j], similarity[i, j], switch))
-    none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
-    parts.append(Matches(none, none, none, nothing, nothing, np.zeros(0, dtype=np.bool_)))
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    return Matches(*columns)
+    return Matcher(len(frames.truth_key), rule).add(frames)
+
+
+class ClearCounts:
+    """Gathers what the CLEAR-MOT figures are made of while frames come by, in the order of time."""
+
+    def __init__(self, targets: int) -> None:
+        """No frame yet; number of all targets."""
+        self._objects = self._estimates = self._tp = self._switches = 0
+        self._distance, self._similarity = Sum(), Sum()
+        self._life, self._paired, self._stretches = np.zeros((3, targets), dtype=np.int64)
+        self._goes_on = np.zeros(targets, dtype=np.bool_)  # the target was paired when it was there last
+
+    def add(self, frames: Frames, made: Matches) -> None:
+        """Count some more frames and their pairs; targets have the same numbers in all parts."""
+        size = len(self._life)
+        self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
+        self._tp, self._switches = self._tp + len(made.truth), self._switches + int(np.count_nonzero(made.switch))
+        self._distance.add(float(np.sum(made.distance)))
+        self._similarity.add(float(np.sum(made.similarity)))
+        self._life += np.bincount(frames.truth, minlength=size)
+        self._paired += np.bincount(frames.truth[made.truth], minlength=size)
+        # Stretches of frames of a target in which it is paired
+        paired = np.zeros(len(frames.truth), dtype=np.bool_)
+        paired[made.truth] = True
+        order = np.argsort(frames.truth, kind="stable")
+        who, there = frames.truth[order], paired[order]
+        same = np.append(False, who[1:] == who[:-1])[: len(who)]
+        before = np.where(same, np.append(False, there[:-1])[: len(who)], self._goes_on[who])
+        self._stretches += np.bincount(who[there & ~before], minlength=size)
+        last = np.append(~same[1:], True)[: len(who)]
+        self._goes_on[who[last]] = there[last]
+
+    def result(self) -> ClearMot:
+        """The figures of all frames."""
+        n, m, tp = self._objects, self._estimates, self._tp
+        known = self._life > 0
+        # Share of each target's frames in which it is paired
+        tracked = self._paired[known] / self._life[known]
+        most, lost = int(np.sum(tracked >= MOSTLY_TRACKED)), int(np.sum(tracked < MOSTLY_LOST))
+        return ClearMot(
+            objects=n,
+            estimates=m,
+            tp=tp,
+            fp=m - tp,
+            fn=n - tp,
+            switches=self._switches,
+            fragmentations=int(np.sum(self._stretches[self._stretches > 0] - 1)),
+            mota=1.0 - ratio(m - tp + n - tp + self._switches, n),
+            motp=ratio(self._distance.value, tp),
+            motp_similarity=ratio(self._similarity.value, tp),
+            recall=ratio(tp, n),
+            precision=ratio(tp, m),
+            mostly_tracked=most,
+            partly_tracked=len(tracked) - most - lost,
+            mostly_lost=lost,
+            tracked=tracked,
+        )
 
 
 def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None = None) -> ClearMot:
@@ -145,32 +217,9 @@ def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None
         rule: how they are paired.
         matches: what `match` gave for the same frames and rule; None: it is called.
     """
-    made = match(frames, rule) if matches is None else matches
-    n, m, tp, switches = len(frames.truth), len(frames.track), len(made.truth), int(np.count_nonzero(made.switch))
-    paired = np.zeros(n, dtype=np.bool_)
-    paired[made.truth] = True
-    # Share of each target's frames in which it is paired
-    life = np.bincount(frames.truth, minlength=len(frames.truth_key))
-    tracked = np.bincount(frames.truth[made.truth], minlength=len(life)) / life
-    most, lost = int(np.sum(tracked >= MOSTLY_TRACKED)), int(np.sum(tracked < MOSTLY_LOST))
-    return ClearMot(
-        objects=n,
-        estimates=m,
-        tp=tp,
-        fp=m - tp,
-        fn=n - tp,
-        switches=switches,
-        fragmentations=_fragmentations(frames.truth, paired),
-        mota=1.0 - ratio(m - tp + n - tp + switches, n),
-        motp=ratio(float(np.sum(made.distance)), tp),
-        motp_similarity=ratio(float(np.sum(made.similarity)), tp),
-        recall=ratio(tp, n),
-        precision=ratio(tp, m),
-        mostly_tracked=most,
-        partly_tracked=len(life) - most - lost,
-        mostly_lost=lost,
-        tracked=tracked,
-    )
+    counts = ClearCounts(len(frames.truth_key))
+    counts.add(frames, match(frames, rule) if matches is None else matches)
+    return counts.result()
 
 
 def _pair(allowed: Bools, values: Floats, kept: Bools, most: bool) -> tuple[Ints, Ints]:
@@ -207,13 +256,3 @@ def _assign(allowed: Bools, values: Floats, most: bool) -> tuple[Ints, Ints]:
     i, j = linear_sum_assignment(np.where(allowed, values, 0.0), maximize=True)
     good = allowed[i, j]
     return i[good].astype(np.int64), j[good].astype(np.int64)
-
-
-def _fragmentations(target: Ints, paired: Bools) -> int:
-    """Number of stretches in which targets are paired, without the first one of each target."""
-    order = np.argsort(target, kind="stable")
-    who, there = target[order], paired[order]
-    starts = there.copy()
-    starts[1:] &= ~(there[:-1] & (who[1:] == who[:-1]))
-    stretches = np.bincount(who[starts])
-    return int(np.sum(stretches[stretches > 0] - 1))

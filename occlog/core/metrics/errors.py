@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from occlog.array_types import Floats
+from occlog.array_types import Floats, Ints
 
 CHI2_95_2D = -2.0 * math.log(0.05)
 """95 % quantile of chi-square with 2 degrees of freedom (5.991)."""
@@ -145,13 +145,23 @@ def pair_tracks(squared_errors: Sequence[Sequence[Floats]]) -> list[tuple[int, i
         Pairs that share at least one time, by track.
     """
     worst = max((float(e.max()) for row in squared_errors for e in row if len(e)), default=0.0)
-    value = 2.0 * worst + 1e-300
-    gain = np.array([[len(e) * value - float(e.sum()) for e in row] for row in squared_errors])
+    shared = np.array([[len(e) for e in row] for row in squared_errors], dtype=np.int64)
+    return pair_by_sums(shared, np.array([[float(e.sum()) for e in row] for row in squared_errors]), worst)
+
+
+def pair_by_sums(shared: Ints, squares: Floats, worst: float) -> list[tuple[int, int]]:
+    """What `pair_tracks` says, of sums of squared errors.
+
+    Args:
+        shared: (K, G) number of times that each track and target share.
+        squares: (K, G) sum of their squared errors.
+        worst: the largest squared error of all.
+    """
+    gain = shared * (2.0 * worst + 1e-300) - squares
     if not gain.size:
         return []
     rows, columns = linear_sum_assignment(gain, maximize=True)
-    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
-    return [(i, j) for i, j in pairs if len(squared_errors[i][j])]
+    return [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if shared[i, j]]
 
 
 def intersection_areas(a: Floats, b: Floats) -> Floats:

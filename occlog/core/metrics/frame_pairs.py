@@ -100,6 +100,26 @@ class Frames(NamedTuple):
         return distance, np.maximum(0.0, 1.0 - distance / (2.0 * self.limit))
 
 
+def numbered(part: Frames, truth_key: Ints, track_key: Ints) -> Frames:
+    """Frames of a part of a recording, with the numbers that targets and tracks have in the whole.
+
+    Args:
+        part: frames that know of their own targets and tracks only.
+        truth_key: (G, 2) view and label of all targets, in rising order.
+        track_key: (K, 2) view and label of all tracks, in rising order.
+
+    Raises:
+        KeyError: a target or a track of the part is none of the whole.
+    """
+    found = []
+    for own, every in ((part.truth_key, truth_key), (part.track_key, track_key)):
+        place = {key: n for n, key in enumerate(map(tuple, every.tolist()))}
+        found.append(np.array([place[key] for key in map(tuple, own.tolist())], dtype=np.int64))
+    return part._replace(
+        truth=found[0][part.truth], track=found[1][part.track], truth_key=truth_key, track_key=track_key
+    )
+
+
 def of_boxes(truth: Objects, tracks: Objects) -> Frames:
     """Frames of boxes (n, 4): left, top, width, height.
 

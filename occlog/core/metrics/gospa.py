@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import Floats, Ints
 
 from .frame_pairs import Frames
+from .sums import Sum
 
 
 class Gospa(NamedTuple):
@@ -46,10 +47,28 @@ class Gospa(NamedTuple):
         Args:
             frames: number of frames to divide by, where some have neither target nor estimate; None: those given.
         """
-        n = max(len(self.frame) if frames is None else frames, 1)
-        names = ("gospa", "localisation", "missed", "false")
-        values = {name: float(np.sum(getattr(self, name))) / n for name in names}
-        return {**values, "power_mean": sum(values[name] for name in names[1:]) ** (1.0 / self.p)}
+        sums = GospaSums(self.p)
+        sums.add(self)
+        return sums.means(len(self.frame) if frames is None else frames)
+
+
+class GospaSums:
+    """Sums over frames that come in parts."""
+
+    def __init__(self, p: float) -> None:
+        """No frame yet; the exponent."""
+        self._p = p
+        self._sums = {name: Sum() for name in ("gospa", "localisation", "missed", "false")}
+
+    def add(self, part: Gospa) -> None:
+        """Some more frames."""
+        for name, found in self._sums.items():
+            found.add(float(np.sum(getattr(part, name))))
+
+    def means(self, frames: int) -> dict[str, float]:
+        """Means over so many frames, as `Gospa.means` has them."""
+        values = {name: found.value / max(frames, 1) for name, found in self._sums.items()}
+        return {**values, "power_mean": sum(list(values.values())[1:]) ** (1.0 / self._p)}
 
 
 def gospa(frames: Frames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> Gospa:

@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import Floats, Ints
 
 from .frame_pairs import EPS, Frames
+from .sums import Sum
 
 ALPHAS: Floats = np.arange(1, 20) / 20.0
 """Thresholds of similarity, 0.05 to 0.95."""
@@ -56,6 +57,98 @@ class Hota(NamedTuple):
         return {name: float(np.mean(getattr(self, name))) for name in names}
 
 
+class Alignment:
+    """How well each target and track agree over all frames, while frames come by."""
+
+    def __init__(self, targets: int, tracks: int) -> None:
+        """No frame yet; number of all targets and tracks."""
+        self._met = np.zeros((targets, tracks))
+        self.life = np.zeros(targets, dtype=np.int64)
+        self.length = np.zeros(tracks, dtype=np.int64)
+
+    def add(self, frames: Frames) -> None:
+        """Some more frames; a frame adds to a pair its similarity over the similarities of both to anything."""
+        for t in frames.meeting():
+            left, right = frames.rows(t)
+            similarity = frames.compare(t)[1]
+            whole = similarity.sum(axis=0)[None, :] + similarity.sum(axis=1)[:, None] - similarity
+            some = whole > EPS
+            share = similarity * some / np.where(some, whole, 1.0)
+            self._met[frames.truth[left][:, None], frames.track[right][None, :]] += share
+        self.life += np.bincount(frames.truth, minlength=len(self.life))
+        self.length += np.bincount(frames.track, minlength=len(self.length))
+
+    def values(self) -> Floats:
+        """(G, K) alignment of each target and track over all frames, 0 to 1: shared rows over rows of either."""
+        either = self.life[:, None] + self.length[None, :] - self._met
+        return np.asarray(self._met / np.where(either > 0, either, 1.0))
+
+
+class HotaCounts:
+    """Counts pairs by couple and threshold while the same frames come by once more, in the same order.
+
+    A couple is a target with a track that it is ever paired with.
+    """
+
+    def __init__(self, known: Alignment, alphas: Floats = ALPHAS) -> None:
+        """No frame yet.
+
+        Args:
+            known: of all frames.
+            alphas: (A,) thresholds of similarity in (0, 1).
+        """
+        self._known, self._alike, self._alphas = known, known.values(), alphas
+        self._couples = np.zeros(0, dtype=np.int64)  # target times number of tracks plus track, rising
+        self._tpa = np.zeros((0, len(alphas)), dtype=np.int64)
+        self._similarity = [Sum() for _ in alphas]
+
+    def add(self, frames: Frames) -> None:
+        """Some more frames."""
+        _, target, track, similarity = _assigned(frames, self._alike)
+        couple = target * max(len(self._known.length), 1) + track
+        both = np.union1d(self._couples, couple)
+        counts = np.zeros((len(both), len(self._alphas)), dtype=np.int64)
+        counts[np.searchsorted(both, self._couples)] = self._tpa
+        place = np.searchsorted(both, couple)
+        for a, alpha in enumerate(self._alphas):
+            # True positives: pairs that are similar enough
+            good = similarity >= alpha - EPS
+            counts[:, a] += np.bincount(place[good], minlength=len(both))
+            self._similarity[a].add(float(np.sum(similarity[good])))
+        self._couples, self._tpa = both, counts
+
+    def result(self) -> Hota:
+        """The figures of all frames."""
+        alphas, tracks = self._alphas, max(len(self._known.length), 1)
+        life, length = self._known.life[self._couples // tracks], self._known.length[self._couples % tracks]
+        tp, loc_a = self._tpa.sum(axis=0), np.ones(len(alphas))
+        ass_a, ass_re, ass_pr = np.zeros(len(alphas)), np.zeros(len(alphas)), np.zeros(len(alphas))
+        for a in range(len(alphas)):
+            if not tp[a]:
+                continue
+            loc_a[a] = self._similarity[a].value / tp[a]
+            # True positive associations of each couple; its figures count once for each of them in the means
+            tpa = self._tpa[:, a].astype(np.float64)
+            ass_a[a] = np.sum(tpa**2 / (life + length - tpa)) / tp[a]  # TPA / (TPA + FNA + FPA)
+            ass_re[a] = np.sum(tpa**2 / life) / tp[a]  # TPA / (TPA + FNA)
+            ass_pr[a] = np.sum(tpa**2 / length) / tp[a]  # TPA / (TPA + FPA)
+        # Detection: N = TP + FN true rows, M = TP + FP rows of tracks
+        n, m = int(self._known.life.sum()), int(self._known.length.sum())
+        det_a, det_re, det_pr = tp / np.maximum(n + m - tp, 1), tp / max(n, 1), tp / max(m, 1)
+        return Hota(
+            alpha=np.asarray(alphas),
+            hota=np.sqrt(det_a * ass_a),
+            det_a=det_a,
+            ass_a=ass_a,
+            loc_a=loc_a,
+            det_re=det_re,
+            det_pr=det_pr,
+            ass_re=ass_re,
+            ass_pr=ass_pr,
+            tp=tp,
+        )
+
+
 def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
     """Compute HOTA and its parts at each threshold.
 
@@ -63,37 +156,9 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
         frames: truth and tracks, with the similarities of `frames`.
         alphas: (A,) thresholds of similarity in (0, 1).
     """
-    # Pair targets and tracks in each frame, once for all thresholds
-    _, couple, life, length, similarity = _paired(frames)
-    tp, loc_a = np.zeros(len(alphas), dtype=np.int64), np.ones(len(alphas))
-    ass_a, ass_re, ass_pr = np.zeros(len(alphas)), np.zeros(len(alphas)), np.zeros(len(alphas))
-    for a, alpha in enumerate(alphas):
-        # True positives: pairs that are similar enough
-        good = similarity >= alpha - EPS
-        tp[a] = np.count_nonzero(good)
-        if not tp[a]:
-            continue
-        loc_a[a] = np.mean(similarity[good])
-        # True positive associations of each couple; its figures count once for each of them in the means
-        tpa = np.bincount(couple[good], minlength=len(life)).astype(np.float64)
-        ass_a[a] = np.sum(tpa**2 / (life + length - tpa)) / tp[a]  # TPA / (TPA + FNA + FPA)
-        ass_re[a] = np.sum(tpa**2 / life) / tp[a]  # TPA / (TPA + FNA)
-        ass_pr[a] = np.sum(tpa**2 / length) / tp[a]  # TPA / (TPA + FPA)
-    # Detection: N = TP + FN true rows, M = TP + FP rows of tracks
-    n, m = len(frames.truth), len(frames.track)
-    det_a, det_re, det_pr = tp / np.maximum(n + m - tp, 1), tp / max(n, 1), tp / max(m, 1)
-    return Hota(
-        alpha=np.asarray(alphas),
-        hota=np.sqrt(det_a * ass_a),
-        det_a=det_a,
-        ass_a=ass_a,
-        loc_a=loc_a,
-        det_re=det_re,
-        det_pr=det_pr,
-        ass_re=ass_re,
-        ass_pr=ass_pr,
-        tp=tp,
-    )
+    counts = HotaCounts(_aligned(frames), alphas)
+    counts.add(frames)
+    return counts.result()
 
 
 def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats, Floats]:
@@ -117,27 +182,32 @@ def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats,
 
 
 def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
-    """Pairs of all frames, and the couples that they are of: each target with each track that it is ever paired with.
+    """Pairs of all frames, and the couples that they are of.
 
     Returns:
         (n,) place of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
         and of its track (TPA + FPA); (n,) similarity of each pair.
     """
-    frame, target, track, similarity = _assigned(frames)
+    known = _aligned(frames)
+    frame, target, track, similarity = _assigned(frames, known.values())
     tracks = max(len(frames.track_key), 1)
     couples, couple = np.unique(target * tracks + track, return_inverse=True)
-    life = np.bincount(frames.truth, minlength=1)[couples // tracks]
-    length = np.bincount(frames.track, minlength=1)[couples % tracks]
-    return frame, couple, life, length, similarity
+    return frame, couple, known.life[couples // tracks], known.length[couples % tracks], similarity
 
 
-def _assigned(frames: Frames) -> tuple[Ints, Ints, Ints, Floats]:
+def _aligned(frames: Frames) -> Alignment:
+    """The alignment of whole tables."""
+    out = Alignment(len(frames.truth_key), len(frames.track_key))
+    out.add(frames)
+    return out
+
+
+def _assigned(frames: Frames, alike: Floats) -> tuple[Ints, Ints, Ints, Floats]:
     """Frames, targets, tracks and similarities of the pairs of all frames, four arrays (n,).
 
     In each frame the assignment has the largest sum of similarity times alignment, so that of two tracks
     that are as near the one that agrees with the target over all frames is taken.
     """
-    alike = _alignment(frames)
     none = np.zeros(0, dtype=np.int64)
     places, targets, tracks, similarities = [none], [none], [none], [np.zeros(0)]
     for t in frames.meeting():
@@ -150,20 +220,3 @@ def _assigned(frames: Frames) -> tuple[Ints, Ints, Ints, Floats]:
         tracks.append(track[j])
         similarities.append(similarity[i, j])
     return np.concatenate(places), np.concatenate(targets), np.concatenate(tracks), np.concatenate(similarities)
-
-
-def _alignment(frames: Frames) -> Floats:
-    """(G, K) alignment of each target and track over all frames, 0 to 1: shared rows over rows of either.
-
-    A frame adds to the shared rows of a pair its similarity over the similarities of both to anything.
-    """
-    met = np.zeros((len(frames.truth_key), len(frames.track_key)))
-    for t in frames.meeting():
-        left, right = frames.rows(t)
-        similarity = frames.compare(t)[1]
-        whole = similarity.sum(axis=0)[None, :] + similarity.sum(axis=1)[:, None] - similarity
-        some = whole > EPS
-        met[frames.truth[left][:, None], frames.track[right][None, :]] += similarity * some / np.where(some, whole, 1.0)
-    life = np.bincount(frames.truth, minlength=len(frames.truth_key))
-    length = np.bincount(frames.track, minlength=len(frames.track_key))
-    return np.asarray(met / (life[:, None] + length[None, :] - met))

@@ -38,6 +38,42 @@ class Identity(NamedTuple):
     track: Ints
 
 
+class IdentityCounts:
+    """Counts the rows in which each target is met by each track, while frames come by."""
+
+    def __init__(self, targets: int, tracks: int, threshold: float = 0.5) -> None:
+        """No frame yet; number of all targets and tracks, and the least similarity at which a track meets a target."""
+        self._met = np.zeros((targets, tracks), dtype=np.int64)
+        self._objects = self._estimates = 0
+        self._threshold = threshold
+
+    def add(self, frames: Frames) -> None:
+        """Count some more frames; targets and tracks have the same numbers in all parts."""
+        self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
+        for t in frames.meeting():
+            left, right = frames.rows(t)
+            met = reaches(frames.compare(t)[1], self._threshold)
+            # No label comes twice in a frame, so no element is added to twice.
+            self._met[frames.truth[left][:, None], frames.track[right][None, :]] += met
+
+    def result(self) -> Identity:
+        """Assign targets and tracks: the least IDFN + IDFP = N + M - 2 IDTP has the most IDTP."""
+        met, n, m = self._met, self._objects, self._estimates
+        rows, columns = linear_sum_assignment(met, maximize=True)
+        idtp = int(met[rows, columns].sum())
+        given = np.full(len(met), -1, dtype=np.int64)
+        given[rows] = np.where(met[rows, columns] > 0, columns, -1)
+        return Identity(
+            idtp=idtp,
+            idfp=m - idtp,
+            idfn=n - idtp,
+            idf1=ratio(2 * idtp, n + m),
+            idp=ratio(idtp, m),
+            idr=ratio(idtp, n),
+            track=given,
+        )
+
+
 def identity(frames: Frames, threshold: float = 0.5) -> Identity:
     """Compute IDF1 and its parts, with targets and tracks assigned one to one over all frames.
 
@@ -45,24 +81,6 @@ def identity(frames: Frames, threshold: float = 0.5) -> Identity:
         frames: truth and tracks.
         threshold: least similarity at which a track meets a target.
     """
-    # Count the rows in which each target is met by each track
-    targets, tracks = len(frames.truth_key), len(frames.track_key)
-    met = np.zeros((targets, tracks), dtype=np.int64)
-    for t in frames.meeting():
-        left, right = frames.rows(t)
-        # No label comes twice in a frame, so no element is added to twice.
-        met[frames.truth[left][:, None], frames.track[right][None, :]] += reaches(frames.compare(t)[1], threshold)
-    # Assign: the least IDFN + IDFP = N + M - 2 IDTP has the most IDTP
-    rows, columns = linear_sum_assignment(met, maximize=True)
-    idtp, n, m = int(met[rows, columns].sum()), len(frames.truth), len(frames.track)
-    given = np.full(targets, -1, dtype=np.int64)
-    given[rows] = np.where(met[rows, columns] > 0, columns, -1)
-    return Identity(
-        idtp=idtp,
-        idfp=m - idtp,
-        idfn=n - idtp,
-        idf1=ratio(2 * idtp, n + m),
-        idp=ratio(idtp, m),
-        idr=ratio(idtp, n),
-        track=given,
-    )
+    counts = IdentityCounts(len(frames.truth_key), len(frames.track_key), threshold)
+    counts.add(frames)
+    return counts.result()

@@ -5,7 +5,8 @@ Beard, Vo and Vo 2020, "A solution for large-scale multi-object tracking", IEEE 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -45,10 +46,9 @@ def ospa2(frames: Frames, cutoff: float, p: float = 1.0) -> Ospa2:
     Raises:
         ValueError: an option is outside its range.
     """
-    window = _Window(frames, cutoff, p)
-    for t in range(len(frames.frame)):
-        window.count(t, 1)
-    return window.distance()
+    sums = Ospa2Sums(len(frames.truth_key), len(frames.track_key), cutoff, p)
+    sums.add(frames)
+    return sums.distance()
 
 
 def ospa2_over_time(frames: Frames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
@@ -66,43 +66,53 @@ def ospa2_over_time(frames: Frames, cutoff: float, p: float, window: int, ends: 
     """
     if window < 1 or len(np.unique(frames.view)) > 1:
         raise ValueError(f"window {window} must be at least 1, and the frames of one view")
-    state, first, stop, out = _Window(frames, cutoff, p), 0, 0, []
-    for end in ends:
-        while stop < len(frames.frame) and frames.frame[stop] <= end:
-            state.count(stop, 1)
-            stop += 1
-        while first < stop and frames.frame[first] <= end - window:
-            state.count(first, -1)
-            first += 1
-        out.append(state.distance())
-    return out
+    return list(Ospa2Windows(len(frames.truth_key), len(frames.track_key), cutoff, p, window).add(frames, ends))
 
 
-class _Window:
-    """Sums over the frames of a window: how long each trajectory is there, and each pair of them, and how far apart."""
+class _Seen(NamedTuple):
+    """What one frame adds."""
 
-    def __init__(self, frames: Frames, cutoff: float, p: float) -> None:
-        """No frame yet; ValueError for an option outside its range."""
+    frame: int
+    truth: Ints
+    track: Ints
+    apart: Floats
+
+
+class Ospa2Sums:
+    """Sums over frames that come by: how long each trajectory is there, and each pair of them, and how far apart."""
+
+    def __init__(self, targets: int, tracks: int, cutoff: float, p: float) -> None:
+        """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""
         if not (0 < cutoff < np.inf and 1 <= p < np.inf):
             raise ValueError(f"cutoff {cutoff:g} must be above 0, p {p:g} at least 1")
-        targets, tracks = len(frames.truth_key), len(frames.track_key)
-        self._frames, self._cutoff, self._p = frames, cutoff, p
+        self._cutoff, self._p = cutoff, p
         self._truth: Ints = np.zeros(targets, dtype=np.int64)
         self._track: Ints = np.zeros(tracks, dtype=np.int64)
         self._both: Ints = np.zeros((targets, tracks), dtype=np.int64)
         self._apart: Floats = np.zeros((targets, tracks))
 
-    def count(self, t: int, sign: int) -> None:
-        """Add frame t (sign 1), or take it away again (-1)."""
-        left, right = self._frames.rows(t)
-        truth, track = self._frames.truth[left], self._frames.track[right]
-        # No label comes twice in a frame, so no element is added to twice.
-        self._truth[truth] += sign
-        self._track[track] += sign
+    def add(self, frames: Frames) -> None:
+        """Add some more frames; targets and tracks have the same numbers in all parts."""
+        for t in range(len(frames.frame)):
+            self.count(self.seen(frames, t), 1)
+
+    def seen(self, frames: Frames, t: int) -> _Seen:
+        """What frame t adds."""
+        left, right = frames.rows(t)
+        truth, track, apart = frames.truth[left], frames.track[right], np.zeros((0, 0))
         if len(truth) and len(track):
-            pairs = truth[:, None], track[None, :]
+            apart = np.minimum(frames.compare(t)[0], self._cutoff) ** self._p
+        return _Seen(int(frames.frame[t]), truth, track, apart)
+
+    def count(self, seen: _Seen, sign: int) -> None:
+        """Add a frame (sign 1), or take it away again (-1)."""
+        # No label comes twice in a frame, so no element is added to twice.
+        self._truth[seen.truth] += sign
+        self._track[seen.track] += sign
+        if seen.apart.size:
+            pairs = seen.truth[:, None], seen.track[None, :]
             self._both[pairs] += sign
-            self._apart[pairs] += sign * np.minimum(self._frames.compare(t)[0], self._cutoff) ** self._p
+            self._apart[pairs] += sign * seen.apart
 
     def distance(self) -> Ospa2:
         """OSPA(2) of the frames that are counted."""
@@ -122,3 +132,24 @@ class _Window:
         localisation, cardinality = total / max(n, m), c * abs(n - m) / max(n, m)
         root = 1.0 / self._p
         return Ospa2((localisation + cardinality) ** root, localisation**root, cardinality**root)
+
+
+class Ospa2Windows:
+    """OSPA(2) over windows of so many frames, while frames come by."""
+
+    def __init__(self, targets: int, tracks: int, cutoff: float, p: float, window: int) -> None:
+        """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""
+        self._sums, self._window = Ospa2Sums(targets, tracks, cutoff, p), window
+        self._within: deque[_Seen] = deque()
+
+    def add(self, frames: Frames, ends: Iterable[int]) -> Iterator[Ospa2]:
+        """OSPA(2) of the windows that end with each of some frames, which rise, up to the last one of this part."""
+        t = 0
+        for end in ends:
+            while t < len(frames.frame) and frames.frame[t] <= end:
+                self._within.append(self._sums.seen(frames, t))
+                self._sums.count(self._within[-1], 1)
+                t += 1
+            while self._within and self._within[0].frame <= end - self._window:
+                self._sums.count(self._within.popleft(), -1)
+            yield self._sums.distance()

@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import coo_array, csr_array
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools
 
 from .frame_pairs import Frames
-from .trajectory_cuts import OPEN, Pairs, Pieces, pieces_of, sure_stretches
+from .sums import Sum
+from .trajectory_cuts import CHANGE, FREE, Pairs, Pieces, Pins, delimiters, enough_gain, pieces_of, sure_stretches
+from .trajectory_program import solve
 
 
 class TrajectoryGospa(NamedTuple):
@@ -39,15 +39,137 @@ class TrajectoryGospa(NamedTuple):
     p: float
 
 
-class _Program(NamedTuple):
-    """Unknowns of one piece after another, in the order of time.
+class TrajectoryCosts:
+    """Gathers trajectory GOSPA while frames come by, in the order of time.
 
-    Each is the weight of the pair in a frame in which the two meet, or over a stretch of other frames.
+    What is sure is added up at once.  What is not is kept until nothing that comes later can have a part in it: until
+    the targets and tracks of the piece are sure of somebody again, or have no rows any more.
     """
 
-    piece: Ints  # (n,) place of the piece among those that are solved together
-    start: Ints  # (n,) first frame
-    meets: Ints  # (n,) row of `Pairs`; -1: a stretch
+    def __init__(self, frames: int, targets: int, tracks: int, cutoff: float, switch: float, p: float = 2.0) -> None:
+        """No frames yet.
+
+        Args:
+            frames: number of all frames.
+            targets: number of all targets.
+            tracks: number of all tracks.
+            cutoff: largest distance that counts, c > 0, unit of the distance.
+            switch: price of a change of track, gamma > 0, unit of the distance.
+            p: exponent, >= 1.
+
+        Raises:
+            ValueError: an option is outside its range.
+        """
+        if not (0 < cutoff < np.inf and 0 < switch < np.inf and 1 <= p < np.inf):
+            raise ValueError(f"cutoff {cutoff:g} and switch {switch:g} must be above 0, p {p:g} at least 1")
+        self._frames, self._cutoff, self._p = frames, cutoff, p
+        self._most, self._switch = cutoff**p, switch**p
+        self._rows = np.zeros(2, dtype=np.int64)  # of the truth, of tracks
+        self._over = np.zeros(targets, dtype=np.bool_), np.zeros(tracks, dtype=np.bool_)
+        self._cost, self._weight, self._changes = Sum(), Sum(), Sum()
+        self._runs = _NO_PAIRS  # for each run that may go on its last row of which it is known whether it is sure
+        self._sure = np.zeros(0, dtype=np.int64)  # of these rows: 1 or 0
+        self._later = _NO_PAIRS  # rows that are sure if their run goes on
+        self._loose = _NO_PAIRS  # rows that are not sure, and not solved
+        none = np.zeros(0, dtype=np.int64)
+        self._pins = Pins.of(none, none, none, none)
+
+    def add(self, frames: Frames, first: int, over: tuple[Bools, Bools] | None = None) -> None:
+        """Some more frames, with numbers of targets and tracks that stay the same.
+
+        Args:
+            frames: truth and tracks.
+            first: number of frames before them.
+            over: of each target and of each track whether no row of it is to come; None: that is not known.
+        """
+        self._rows += [len(frames.truth), len(frames.track)]
+        self._over = self._over if over is None else over
+        self._tell_sure(meetings(frames, self._cutoff, self._p, first))
+        self._solve()
+
+    def result(self) -> TrajectoryGospa:
+        """The metric of all frames, after which none can be added."""
+        targets, tracks = self._over
+        self._over = np.ones_like(targets), np.ones_like(tracks)
+        self._tell_sure(_NO_PAIRS)
+        self._solve()
+        half, weight = 0.5 * self._most, self._weight.value
+        n, m = self._rows.tolist()
+        parts = self._cost.value, half * (n - weight), half * (m - weight), 0.5 * self._switch * self._changes.value
+        return TrajectoryGospa(sum(parts), *parts, self._p)
+
+    def _tell_sure(self, new: Pairs) -> None:
+        """Add up the rows that are sure, and sort the others into those that may become so and those that will not."""
+        rows = Pairs._make(np.concatenate(column) for column in zip(self._runs, self._later, new, strict=True))
+        order = np.lexsort((rows.time, rows.track, rows.truth))
+        known = np.append(self._sure, np.full(len(order) - len(self._sure), -1))[order]
+        rows, told = rows.take(order), known >= 0
+        sure = sure_stretches(rows, self._most, self._switch, known)
+        # A stretch that begins with a row that was told before goes on with the pin of the pair that is the last one
+        goes_on = told[sure.first]
+        found = sure.pins(rows)
+        pins = self._pins
+        by_pair: dict[tuple[int, int], int] = {}
+        if goes_on.any():
+            for n in np.argsort(pins.first, kind="stable").tolist():
+                by_pair[int(pins.truth[n]), int(pins.track[n])] = n
+        for k in np.flatnonzero(goes_on).tolist():
+            pins.last[by_pair[int(found.truth[k]), int(found.track[k])]] = found.last[k]
+        self._pins = Pins._make(np.concatenate([a, b[~goes_on]]) for a, b in zip(pins, found, strict=True))
+        certain = sure.rows & ~told
+        self._cost.add(float(rows.cost[certain].sum()))
+        self._weight.add(float(np.count_nonzero(certain)))
+        # A run goes on where its last row is the last one of both, who meet nobody else in it and have rows to come
+        latest = sure.alone & ~self._over[0][rows.truth] & ~self._over[1][rows.track]
+        for key in (rows.truth, rows.track):
+            last = np.full(int(key.max(initial=-1)) + 1, -1, dtype=np.int64)
+            np.maximum.at(last, key, rows.time)
+            latest &= rows.time == last[key]
+        run = np.cumsum(sure.begins) - 1
+        may = np.isin(run, run[latest])
+        later = may & ~sure.rows & ~told & (sure.gained >= enough_gain(self._switch))
+        self._later = rows.take(later)
+        self._loose = self._loose.joined(rows.take(~sure.rows & ~told & ~later))
+        # Of each run that may go on the last row that is told, which stands for all before it
+        keep = may & ~later
+        keep[:-1] &= ~(keep[1:] & (run[1:] == run[:-1])) if len(keep) else True
+        kept = rows.take(keep)
+        self._runs, self._sure = kept._replace(cost=self._most - sure.gained[keep]), sure.rows[keep].astype(np.int64)
+
+    def _solve(self) -> None:
+        """Solve what nothing that comes later has a part in, and forget it."""
+        pieces = pieces_of(self._loose, self._pins, self._frames, self._over)
+        done = np.zeros(len(pieces.final), dtype=np.bool_)
+        done[(pieces.kind != FREE) & pieces.final] = True
+        self._changes.add(float(np.count_nonzero((pieces.kind == CHANGE) & pieces.final)))
+        weights = np.ones(len(self._loose.time))
+        free = np.flatnonzero(pieces.kind == FREE)
+        for block in pieces.take(free).blocks():
+            part = pieces.take(free[block])
+            if not part.final.all():
+                continue
+            done[free[block]] = True
+            if len(block) > 1 or 0 in (part.before[0], part.behind[0]):  # else they belong together all the time
+                self._changes.add(solve(self._loose, part, self._most, self._switch, weights))
+        gone = np.zeros(len(weights) + 1, dtype=np.int64)
+        np.add.at(gone, pieces.first[done], 1)
+        np.add.at(gone, pieces.last[done], -1)
+        solved = np.cumsum(gone)[:-1] > 0
+        self._cost.add(float(weights[solved] @ self._loose.cost[solved]))
+        self._weight.add(float(weights[solved].sum()))
+        self._loose = self._loose.take(~solved)
+        self._forget(pieces, done)
+
+    def _forget(self, pieces: Pieces, done: Bools) -> None:
+        """Let go of pins about which everything is done, and which end no piece that is not."""
+        pins = self._pins
+        pins.behind[pieces.pin_before[done & (pieces.pin_before >= 0)]] = True
+        pins.before[pieces.pin_behind[done & (pieces.pin_behind >= 0)]] = True
+        needed = ~(pins.before & pins.behind) | delimiters(pieces.take(~done), pins)
+        for key, over in zip((pins.truth, pins.track), self._over, strict=True):
+            for own in pins.by(key).values():
+                needed[own[-1]] |= not over[key[own[-1]]]
+        self._pins = Pins._make(column[needed] for column in pins)
 
 
 def trajectory_gospa(frames: Frames, cutoff: float, switch: float, p: float = 2.0) -> TrajectoryGospa:
@@ -74,114 +196,25 @@ def trajectory_gospa(frames: Frames, cutoff: float, switch: float, p: float = 2.
         ValueError: an option is outside its range.
         RuntimeError: the linear program has no solution, which cannot be.
     """
-    if not (0 < cutoff < np.inf and 0 < switch < np.inf and 1 <= p < np.inf):
-        raise ValueError(f"cutoff {cutoff:g} and switch {switch:g} must be above 0, p {p:g} at least 1")
-    pairs = meetings(frames, cutoff, p)
-    sure = sure_stretches(pairs, cutoff**p, switch**p)
-    pieces, changes = pieces_of(pairs, sure, len(frames.frame))
-    weights = np.ones(len(pairs.time))
-    for block in pieces.blocks():
-        part = Pieces._make(column[block] for column in pieces)
-        if len(block) > 1 or 0 in (part.before[0], part.behind[0]):  # otherwise they belong together all the time
-            changes += _solve(pairs, part, cutoff**p, switch**p, weights)
-    half, n, m = 0.5 * cutoff**p, len(frames.truth), len(frames.track)
-    parts = (
-        float(weights @ pairs.cost),
-        half * (n - float(weights.sum())),
-        half * (m - float(weights.sum())),
-        0.5 * switch**p * changes,
-    )
-    return TrajectoryGospa(sum(parts), *parts, p)
+    sums = TrajectoryCosts(len(frames.frame), len(frames.truth_key), len(frames.track_key), cutoff, switch, p)
+    sums.add(frames, 0)
+    return sums.result()
 
 
-def meetings(frames: Frames, cutoff: float, p: float) -> Pairs:
-    """Rows that are nearer than the cutoff."""
+def meetings(frames: Frames, cutoff: float, p: float, first: int = 0) -> Pairs:
+    """Rows that are nearer than the cutoff; `first` is the number of frames before these."""
     none = np.zeros(0, dtype=np.int64)
     found = [(none, none, none, np.zeros(0))]
     for t in frames.meeting():
         left, right = frames.rows(t)
         distance = frames.compare(t)[0]
         i, j = np.nonzero(distance < cutoff)
-        at = np.full(len(i), t, dtype=np.int64)
+        at = np.full(len(i), first + t, dtype=np.int64)
         found.append((frames.truth[left][i], frames.track[right][j], at, distance[i, j] ** p))
     truth, track, time, cost = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.lexsort((time, track, truth))
     return Pairs(truth[order], track[order], time[order], cost[order])
 
 
-def _unknowns(pairs: Pairs, pieces: Pieces) -> _Program:
-    """The unknowns of pieces that are solved together."""
-    found: list[tuple[int, int, int]] = []
-    for number, (begin, end, first, last) in enumerate(
-        zip(*(column.tolist() for column in (pieces.begin, pieces.end, pieces.first, pieces.last)), strict=True)
-    ):
-        free = begin  # first frame that no unknown of this piece covers yet
-        for row, at in enumerate(pairs.time[first:last].tolist(), first):
-            if at > free:
-                found.append((number, free, -1))
-            found.append((number, at, row))
-            free = at + 1
-        if free < end:
-            found.append((number, free, -1))
-    return _Program(*np.array(found, dtype=np.int64).T)
-
-
-def _solve(pairs: Pairs, pieces: Pieces, most: float, switch: float, weights: Floats) -> float:
-    """Put in the weights of the meetings, and give the sum of all changes; `most` is c^p, `switch` gamma^p."""
-    program = _unknowns(pairs, pieces)
-    n = len(program.piece)
-    meets = program.meets >= 0
-    gain = np.zeros(n)
-    gain[meets] = pairs.cost[program.meets[meets]] - most
-    # Changes: weight after minus weight before = rise - fall, both >= 0 and paid alike; at the ends of a piece one of
-    # the two weights is known
-    new = np.append(True, program.piece[1:] != program.piece[:-1])
-    after = np.flatnonzero(~new)
-    begins, ends = np.flatnonzero(new), np.flatnonzero(np.append(new[1:], True))
-    begins, before = begins[pieces.before != OPEN], pieces.before[pieces.before != OPEN]
-    ends, behind = ends[pieces.behind != OPEN], pieces.behind[pieces.behind != OPEN]
-    m, last = len(after) + len(begins), len(after) + len(begins) + len(ends)
-    k = np.arange(last)
-    plus, minus = np.concatenate([after, begins]), np.concatenate([after - 1, ends])
-    rows = np.concatenate([k[:m], k[: len(after)], k[m:], k, k])
-    columns = np.concatenate([plus, minus, n + k, n + last + k])
-    signs = np.concatenate([np.ones(m), -np.ones(len(minus)), -np.ones(last), np.ones(last)])
-    change = coo_array((signs, (rows, columns)), shape=(last, n + 2 * last))
-    shared = _capacity(program, pieces)
-    limit = csr_array((shared.data, shared.indices, shared.indptr), shape=(shared.shape[0], n + 2 * last))
-    price = np.concatenate([gain, np.full(2 * last, 0.5 * switch)])
-    found = linprog(  # type: ignore[call-overload]  # the stubs know no sparse matrices
-        price,
-        A_ub=limit,
-        b_ub=np.ones(limit.shape[0]),
-        A_eq=change.tocsr() if last else None,
-        b_eq=np.concatenate([np.zeros(len(after)), before, -behind]) if last else None,
-        bounds=(0.0, None),
-        method="highs",
-    )
-    if found.x is None:
-        raise RuntimeError(f"trajectory GOSPA: {found.message}")
-    weights[program.meets[meets]] = np.clip(found.x[:n][meets], 0.0, 1.0)
-    return float(found.x[n:].sum())
-
-
-def _capacity(program: _Program, pieces: Pieces) -> csr_array:
-    """(R, n) rows of ones: weights of a target, or of a track, in one frame, which add up to at most 1."""
-    rows: list[Ints] = []
-    begins = np.searchsorted(program.piece, np.arange(len(pieces.truth) + 1))
-    for side in (pieces.truth, pieces.track):
-        for key in np.unique(side).tolist():
-            own = np.flatnonzero(side == key)
-            spans = [program.start[begins[k] : begins[k + 1]] for k in own.tolist()]
-            # The unknowns change at the beginning of one of them only
-            times = np.unique(np.concatenate(spans))
-            at = np.column_stack([
-                np.searchsorted(s, times, side="right") - 1 + begins[k]
-                for s, k in zip(spans, own.tolist(), strict=True)
-            ])  # fmt: skip
-            there = (times[:, None] >= pieces.begin[own]) & (times[:, None] < pieces.end[own])
-            rows += [row[row >= 0] for row in np.unique(np.where(there, at, -1), axis=0)]
-    sizes = np.array([len(row) for row in rows], dtype=np.int64)
-    columns = np.concatenate(rows)
-    pointers = np.concatenate([[0], np.cumsum(sizes)])
-    return csr_array((np.ones(len(columns)), columns, pointers), shape=(len(rows), len(program.piece)))
+_NONE = np.zeros(0, dtype=np.int64)
+_NO_PAIRS = Pairs(_NONE, _NONE, _NONE, np.zeros(0))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Bools
-from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
+from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearCounts, ClearMot, Matcher, Matches
 from occlog.core.metrics.errors import ratio
 from occlog.core.metrics.failure_rates import Failures
-from occlog.core.metrics.frame_pairs import Frames, Objects, of_boxes
-from occlog.core.metrics.gospa import gospa
-from occlog.core.metrics.hota import hota
-from occlog.core.metrics.idf1 import identity
+from occlog.core.metrics.frame_pairs import Frames, Objects
+from occlog.core.metrics.gospa import GospaSums, gospa
+from occlog.core.metrics.hota import Alignment, HotaCounts
+from occlog.core.metrics.idf1 import Identity, IdentityCounts
 
 from .config import ManyConfig
 
@@ -20,28 +20,62 @@ RULES = {"classic": CLASSIC, "challenge": CHALLENGE}
 """How CLEAR-MOT pairs objects, by `ManyConfig.clear_rule`."""
 
 
-def mot_figures(frames: Frames, config: ManyConfig, cells: int, whose: str = "", unit: str = "") -> Metrics:
-    """CLEAR-MOT, IDF1, HOTA and GOSPA.
+class MotFigures:
+    """Gathers CLEAR-MOT, IDF1, HOTA and GOSPA while frames come by twice.
 
-    Args:
-        frames: truth and tracks; points meet where their similarity reaches 0.5, boxes where it reaches the overlap.
-        config: how.
-        cells: number of frames, empty ones included, over which GOSPA is averaged.
-        whose: ending of the names, such as `_sensor_NAME`.
-        unit: of the distance; empty: 1 - IoU.
+    Numbers of targets and tracks are the same in all parts of a recording.
     """
-    points = not np.isnan(frames.limit)
-    rule = RULES[config.clear_rule]._replace(threshold=0.5 if points else config.overlap)
-    out = _clear(frames, rule, whose, unit) | _identity(frames, rule.threshold, whose)
-    named = {"hota": "hota", "det_a": "deta", "ass_a": "assa", "loc_a": "loca"}
-    named |= {"det_re": "detre", "det_pr": "detpr", "ass_re": "assre", "ass_pr": "asspr"}
-    out |= {f"{named[name]}{whose}": value for name, value in hota(frames).means().items()}
-    cutoff = config.gospa_cutoff or (frames.limit if points else 1.0 - rule.threshold or 1.0)
-    return out | gospa_figures(frames, config, cutoff, cells, whose, unit)
+
+    def __init__(self, frames: Frames, config: ManyConfig) -> None:
+        """No frame yet.
+
+        Args:
+            frames: any part, for the keys of all targets and tracks and for the limit of distance; points meet where
+                their similarity reaches 0.5, boxes where it reaches the overlap.
+            config: how.
+        """
+        targets, tracks = len(frames.truth_key), len(frames.track_key)
+        self._config, points = config, not np.isnan(frames.limit)
+        rule = RULES[config.clear_rule]._replace(threshold=0.5 if points else config.overlap)
+        self._matcher, self._clear = Matcher(targets, rule), ClearCounts(targets)
+        self._identity = IdentityCounts(targets, tracks, rule.threshold)
+        self._alignment = Alignment(targets, tracks)
+        self._hota: HotaCounts | None = None
+        cutoff = config.gospa_cutoff or (frames.limit if points else 1.0 - rule.threshold or 1.0)
+        self._gospa = GospaFigures(config, cutoff)
+
+    def first(self, frames: Frames) -> Matches:
+        """Some more frames, in the order of time; the pairs of CLEAR-MOT."""
+        made = self._matcher.add(frames)
+        self._clear.add(frames, made)
+        self._identity.add(frames)
+        self._alignment.add(frames)
+        self._gospa.add(frames)
+        return made
+
+    def second(self, frames: Frames) -> None:
+        """The same frames once more, after all of them have been by."""
+        if self._hota is None:
+            self._hota = HotaCounts(self._alignment)
+        self._hota.add(frames)
+
+    def metrics(self, cells: int, whose: str = "", unit: str = "") -> Metrics:
+        """The figures.
+
+        Args:
+            cells: number of frames, empty ones included, over which GOSPA is averaged.
+            whose: ending of the names, such as `_sensor_NAME`.
+            unit: of the distance; empty: 1 - IoU.
+        """
+        found = HotaCounts(self._alignment) if self._hota is None else self._hota
+        out = _clear(self._clear.result(), whose, unit) | _identity(self._identity.result(), whose)
+        named = {"hota": "hota", "det_a": "deta", "ass_a": "assa", "loc_a": "loca"}
+        named |= {"det_re": "detre", "det_pr": "detpr", "ass_re": "assre", "ass_pr": "asspr"}
+        out |= {f"{named[name]}{whose}": value for name, value in found.result().means().items()}
+        return out | self._gospa.metrics(cells, whose, unit)
 
 
-def _clear(frames: Frames, rule: ClearRule, whose: str, unit: str) -> Metrics:
-    got = clear_mot(frames, rule)
+def _clear(got: ClearMot, whose: str, unit: str) -> Metrics:
     end = f"{whose}_{unit}" if unit else whose
     out: Metrics = {
         f"objects{whose}": got.objects,
@@ -62,35 +96,34 @@ def _clear(frames: Frames, rule: ClearRule, whose: str, unit: str) -> Metrics:
     return out if unit else out | {f"motp_iou{whose}": got.motp_similarity}
 
 
-def _identity(frames: Frames, threshold: float, whose: str) -> Metrics:
-    got = identity(frames, threshold)
+def _identity(got: Identity, whose: str) -> Metrics:
     names = ("idf1", "idp", "idr", "idtp", "idfp", "idfn")
     return {f"{name}{whose}": getattr(got, name) for name in names}
 
 
-def gospa_figures(frames: Frames, config: ManyConfig, cutoff: float, cells: int, whose: str, unit: str) -> Metrics:
-    """Mean GOSPA over frames, in the unit of the distance, and its parts, in that unit to the power of p."""
-    made = gospa(frames, cutoff, config.gospa_p, config.gospa_alpha)
-    means = made.means(max(cells, 1))
-    end = f"{whose}_{unit}" if unit else whose
-    power = power_of(config, unit)
-    out = {f"gospa{end}": means["gospa"]}
-    return out | {f"gospa_{name}{end}{power}": means[name] for name in ("localisation", "missed", "false")}
+class GospaFigures:
+    """Gathers the mean of GOSPA over frames while they come by."""
+
+    def __init__(self, config: ManyConfig, cutoff: float) -> None:
+        """No frame yet; exponent and alpha, and the largest distance that counts."""
+        self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
+
+    def add(self, frames: Frames) -> None:
+        """Some more frames."""
+        self._sums.add(gospa(frames, self._cutoff, self._config.gospa_p, self._config.gospa_alpha))
+
+    def metrics(self, cells: int, whose: str, unit: str) -> Metrics:
+        """Mean over so many frames, in the unit of the distance, and its parts, in that unit to the power of p."""
+        means = self._sums.means(max(cells, 1))
+        end = f"{whose}_{unit}" if unit else whose
+        power = power_of(self._config, unit)
+        out = {f"gospa{end}": means["gospa"]}
+        return out | {f"gospa_{name}{end}{power}": means[name] for name in ("localisation", "missed", "false")}
 
 
 def power_of(config: ManyConfig, unit: str) -> str:
     """What follows the unit in the names of parts of GOSPA: its exponent, unless that is 1 or there is no unit."""
     return f"{config.gospa_p:g}".replace(".", "p") if unit and config.gospa_p != 1 else ""
-
-
-def across_views(truth: Objects, tracks: Objects, threshold: float) -> Metrics:
-    """IDF1 of identities that are the same in all views, as for several cameras of one place."""
-    sides = []
-    for side in (truth, tracks):
-        view = np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view
-        sides.append(Objects(side.frame + (view << 40), side.label, side.place))
-    got = identity(of_boxes(*sides), threshold)
-    return {"idf1_across_views": got.idf1, "idp_across_views": got.idp, "idr_across_views": got.idr}
 
 
 def of_view(side: Objects, view: int) -> Objects:
@@ -104,13 +137,25 @@ def centres(side: Objects) -> Objects:
     return side._replace(place=side.place[:, :2] + 0.5 * side.place[:, 2:])
 
 
-def failure_figures(found: Failures, rows: Bools, total: int, whose: str = "") -> Metrics:
-    """Failure rates of some of the failures, over `total` true rows."""
-    label = int(np.count_nonzero(found.label[rows]))
-    position = int(np.count_nonzero(rows)) - label
-    return {
-        f"fr_p{whose}": ratio(position, total),
-        f"fr_l{whose}": ratio(label, total),
-        f"position_failures{whose}": position,
-        f"label_failures{whose}": label,
-    }
+class FailureCounts:
+    """Counts failures while they come by."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._label = self._position = self._total = 0
+
+    def add(self, found: Failures, rows: Bools, total: int) -> None:
+        """Some of the failures, of `total` true rows."""
+        label = int(np.count_nonzero(found.label[rows]))
+        self._label += label
+        self._position += int(np.count_nonzero(rows)) - label
+        self._total += total
+
+    def metrics(self, whose: str = "") -> Metrics:
+        """Failure rates over all true rows."""
+        return {
+            f"fr_p{whose}": ratio(self._position, self._total),
+            f"fr_l{whose}": ratio(self._label, self._total),
+            f"position_failures{whose}": self._position,
+            f"label_failures{whose}": self._label,
+        }

@@ -6,31 +6,30 @@ from the targets that they are on, and how many people there are and were found 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Ints
-from occlog.core.metrics.clear_mot import ClearRule, Matches, clear_mot, match
-from occlog.core.metrics.errors import (
-    CHI2_95_2D,
-    normalised_squared_errors,
-    quantile,
-    ratio,
-    root_mean_square,
-)
-from occlog.core.metrics.frame_pairs import Frames, Objects, of_points
-from occlog.core.metrics.ospa2 import ospa2, ospa2_over_time
-from occlog.core.metrics.trajectory_gospa import trajectory_gospa
+from occlog.array_types import Bools, Ints
+from occlog.core.metrics.clear_mot import ClearCounts, ClearRule, Matcher, Matches
+from occlog.core.metrics.errors import CHI2_95_2D, normalised_squared_errors, ratio
+from occlog.core.metrics.frame_pairs import Frames, Objects, numbered, of_points
+from occlog.core.metrics.ospa2 import Ospa2Sums, Ospa2Windows
+from occlog.core.metrics.sums import Sum
+from occlog.core.metrics.trajectory_gospa import TrajectoryCosts
 from occlog.errors import InputError
+from occlog.evaluate.errors.sums import Consistency, Spread
 from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.evaluate.stage import Evaluation
+from occlog.io.files.spool import IN_MEMORY
 from occlog.records.tables import Tracks, Truth
-from occlog.records.views import Counts
+from occlog.records.views import Counts, Failures
 
 from .config import ManyConfig
-from .figures import RULES, Metrics, failure_figures, mot_figures, power_of
-from .stage import Places, failure_rows, find_failures, without_common_numbers
+from .figures import FailureCounts, Metrics, MotFigures, power_of
+from .stage import Owners, Places, failure_rows, find_failures, without_common_numbers
 
 EACH_FRAME = ClearRule(memory=0)
 """Pairs of each frame alone, as many as can be: detections without identities."""
@@ -62,72 +61,155 @@ def evaluate_ground(
     Raises:
         InputError: no distance is given, or the truth has rows, but no target.
     """
-    if config.match_distance is None:
-        raise InputError("evaluate: targets and tracks on the ground need a distance at which they meet")
     times = times_of(tracks, truth) if times is None else times
     places = points_in_true_frames(tracks, truth, times, config, limit_ns, unit)
-    found = find_failures(places, config)
-    frames = of_points(places.truth, places.tracks, config.match_distance)
-    cells = len(places.t_ns[0])
-    metrics = failure_figures(found, found.frame >= 0, len(places.truth.frame))
-    metrics |= {"objects_interpolated": _interpolated(places, truth)}
-    metrics |= mot_figures(frames, config, cells, unit=unit) | {"frames": cells}
-    made = match(frames, RULES[config.clear_rule])
-    counts = counts_over_time(frames, made, places)
-    metrics |= detection_figures(places, config) | trajectory_figures(frames, config, cells, unit)
-    metrics |= pair_figures(frames, match(frames, EACH_FRAME), places, tracks, unit) | count_figures(counts)
-    flat = {name: float(value) for name, value in metrics.items()}
-    notes = tuple(without_common_numbers(places, config))
-    return Evaluation(flat, failures=failure_rows(found, places), counts=counts, notes=notes)
+    found = GroundFigures(np.unique(truth.target_id), np.unique(tracks.target_id), len(times), config, unit)
+    part = GroundPart(places, 0, tracks, paths_of(truth, "target"))
+    counts, failures = found.first(part), found.second(part)
+    return Evaluation(found.metrics(), failures=failures, counts=counts, notes=found.notes())
 
 
-def detection_figures(places: Places, config: ManyConfig) -> Metrics:
-    """MODA and MODP: how many people are found, and how near, whatever their identities.
+class GroundPart(NamedTuple):
+    """Frames of a part of a recording."""
 
-    MODA = 1 - (missed + false) / objects and MODP = mean of 1 - d / limit over the pairs of all frames together, as the
-    evaluation of WILDTRACK has them (Chavdarova et al. 2018; Kasturi et al. 2009), within `moda_distance`.
+    places: Places
+    begin: int  # number of frames before it
+    rows: Tracks  # rows of the tracks at the times of these frames, and perhaps others
+    targets: Mapping[int, Path]  # true positions at these times, and perhaps others
+    over: tuple[Bools, Bools] | None = None  # of each target and track whether no row is to come; None: not known
+
+
+class GroundFigures:
+    """Gathers every figure of many targets on the ground, while the parts of a recording come by twice.
+
+    What it keeps grows with the number of targets and tracks, not with that of frames, but for pieces of time in which
+    trajectory GOSPA is sure of nobody.
     """
-    limit = config.moda_distance or config.match_distance
-    if limit is None:
-        return {}
-    got = clear_mot(of_points(places.truth, places.tracks, limit), EACH_FRAME)
-    return {
-        "moda": 1.0 - ratio(got.fp + got.fn, got.objects),
-        "modp": 1.0 - got.motp / limit,
-        "moda_missed": got.fn,
-        "moda_false": got.fp,
-    }
+
+    def __init__(
+        self,
+        targets: Ints,
+        tracks: Ints,
+        frames: int,
+        config: ManyConfig,
+        unit: str,
+        in_memory: int = IN_MEMORY,
+    ) -> None:
+        """Nothing yet.
+
+        Args:
+            targets: all identities of targets, rising; more of them do no harm.
+            tracks: all identities of tracks, likewise.
+            frames: number of all frames.
+            config: options, with a match distance.
+            unit: of lengths.
+            in_memory: how many distances are kept in memory; more go to a file without a name.
+
+        Raises:
+            InputError: no match distance is given.
+        """
+        limit = config.match_distance
+        if limit is None:
+            raise InputError("evaluate: targets and tracks on the ground need a distance at which they meet")
+        g, k = len(targets), len(tracks)
+        self._config, self._unit, self._cells, self._limit = config, unit, frames, limit
+        self._keys = tuple(np.column_stack([np.zeros(len(each), np.int64), each]) for each in (targets, tracks))
+        none = np.zeros(0, dtype=np.int64)
+        empty = Objects(none, none, np.zeros((0, 2)))
+        self._mot = MotFigures(numbered(of_points(empty, empty, limit), *self._keys), config)
+        self._owners, self._failures, self._interpolated = Owners(config.own), FailureCounts(), 0
+        self._labels: tuple[set[int], set[int]] = set(), set()
+        self._moda_limit = config.moda_distance or limit
+        self._moda_matcher, self._moda = Matcher(g, EACH_FRAME), ClearCounts(g)
+        cutoff, p = config.ospa_cutoff or limit, config.ospa_p
+        self._ospa2 = Ospa2Sums(g, k, cutoff, p)
+        self._windows = None if config.ospa_window is None else Ospa2Windows(g, k, cutoff, p, config.ospa_window)
+        self._window_sum = Sum()
+        cutoff = config.gospa_cutoff or limit
+        self._trajectories = TrajectoryCosts(frames, g, k, cutoff, config.gospa_switch or cutoff, config.gospa_p)
+        self._each_matcher, self._pairs = Matcher(g, EACH_FRAME), PairErrors(unit, in_memory)
+        self._counts = CountSums()
+
+    def _frames_of(self, part: GroundPart) -> Frames:
+        found = of_points(part.places.truth, part.places.tracks, self._limit)
+        found = numbered(found, *self._keys)
+        return found._replace(frame=found.frame + part.begin)
+
+    def first(self, part: GroundPart) -> Counts:
+        """Another part, in the order of time; how many targets and tracks its frames have."""
+        places, frames = part.places, self._frames_of(part)
+        self._labels[0].update(np.unique(places.truth.label).tolist())
+        self._labels[1].update(np.unique(places.tracks.label).tolist())
+        self._owners.add(places.truth, places.tracks, places.tau, places.times(places.tracks))
+        self._interpolated += _interpolated(places, part.targets)
+        made = self._mot.first(frames)
+        near = frames._replace(limit=self._moda_limit)
+        self._moda.add(near, self._moda_matcher.add(near))
+        self._ospa2.add(frames)
+        if self._windows is not None:
+            ends = range(part.begin, part.begin + len(places.t_ns[0]))
+            for each in self._windows.add(frames, ends):
+                self._window_sum.add(each.ospa2)
+        self._trajectories.add(frames, part.begin, part.over)
+        self._pairs.add(frames, self._each_matcher.add(frames), places, part.rows)
+        counts = counts_over_time(frames, made, places, part.begin)
+        self._counts.add(counts)
+        return counts
+
+    def second(self, part: GroundPart) -> Failures:
+        """The same part once more, after all of them have been by; its failures."""
+        self._mot.second(self._frames_of(part))
+        found = find_failures(part.places, self._owners)
+        self._failures.add(found, found.frame >= 0, len(part.places.truth.frame))
+        return failure_rows(found, part.places)
+
+    def metrics(self) -> Metrics:
+        """All figures."""
+        unit, cells = self._unit, self._cells
+        out = self._failures.metrics() | {"objects_interpolated": self._interpolated}
+        out |= self._mot.metrics(cells, unit=unit) | {"frames": cells}
+        out |= self._detection() | self._trajectory(cells, unit)
+        out |= self._pairs.metrics() | self._counts.metrics()
+        return {name: float(value) for name, value in out.items()}
+
+    def notes(self) -> tuple[str, ...]:
+        """Lines that the user must know of."""
+        theirs, ours = (np.array(sorted(each), dtype=np.int64) for each in self._labels)
+        return tuple(without_common_numbers(ours, theirs, self._config))
+
+    def _detection(self) -> Metrics:
+        """MODA and MODP: how many people are found, and how near, whatever their identities.
+
+        MODA = 1 - (missed + false) / objects and MODP = mean of 1 - d / limit over the pairs of all frames together, as
+        the evaluation of WILDTRACK has them (Chavdarova et al. 2018; Kasturi et al. 2009), within `moda_distance`.
+        """
+        got = self._moda.result()
+        return {
+            "moda": 1.0 - ratio(got.fp + got.fn, got.objects),
+            "modp": 1.0 - got.motp / self._moda_limit,
+            "moda_missed": got.fn,
+            "moda_false": got.fp,
+        }
+
+    def _trajectory(self, cells: int, unit: str) -> Metrics:
+        """OSPA(2) and trajectory GOSPA, the latter as a mean over so many frames."""
+        whole = self._ospa2.distance()
+        out: Metrics = {
+            f"ospa2_{unit}": whole.ospa2,
+            f"ospa2_localisation_{unit}": whole.localisation,
+            f"ospa2_cardinality_{unit}": whole.cardinality,
+        }
+        if self._windows is not None:
+            out[f"ospa2_window_{unit}"] = ratio(self._window_sum.value, cells)
+        got = self._trajectories.result()
+        power, n = power_of(self._config, unit), max(cells, 1)
+        out[f"tgospa_{unit}"] = (got.total / n) ** (1.0 / got.p)
+        for name in ("localisation", "missed", "false", "switch"):
+            out[f"tgospa_{name}_{unit}{power}"] = getattr(got, name) / n
+        return out
 
 
-def trajectory_figures(frames: Frames, config: ManyConfig, cells: int, unit: str) -> Metrics:
-    """OSPA(2) and trajectory GOSPA.
-
-    Args:
-        frames: truth and tracks as points.
-        config: how.
-        cells: number of frames, empty ones included, over which trajectory GOSPA is averaged.
-        unit: of lengths.
-    """
-    cutoff, p = config.ospa_cutoff or frames.limit, config.ospa_p
-    whole = ospa2(frames, cutoff, p)
-    out: Metrics = {
-        f"ospa2_{unit}": whole.ospa2,
-        f"ospa2_localisation_{unit}": whole.localisation,
-        f"ospa2_cardinality_{unit}": whole.cardinality,
-    }
-    if config.ospa_window is not None:
-        parts = ospa2_over_time(frames, cutoff, p, config.ospa_window, range(cells))
-        out[f"ospa2_window_{unit}"] = float(np.mean([part.ospa2 for part in parts]))
-    cutoff = config.gospa_cutoff or frames.limit
-    got = trajectory_gospa(frames, cutoff, config.gospa_switch or cutoff, config.gospa_p)
-    power, n = power_of(config, unit), max(cells, 1)
-    out[f"tgospa_{unit}"] = (got.total / n) ** (1.0 / got.p)
-    for name in ("localisation", "missed", "false", "switch"):
-        out[f"tgospa_{name}_{unit}{power}"] = getattr(got, name) / n
-    return out
-
-
-def pair_figures(frames: Frames, made: Matches, places: Places, tracks: Tracks, unit: str) -> Metrics:
+class PairErrors:
     """Errors of tracks from the targets that they are on, frame by frame, whatever their identities.
 
     Pairs are made anew in each frame: CLEAR-MOT's keep a track that has gone over to a neighbour as long as it is near.
@@ -135,24 +217,48 @@ def pair_figures(frames: Frames, made: Matches, places: Places, tracks: Tracks, 
     within the match distance, which bounds the error: a NEES that is to be 2 is a little less where standard deviations
     come near a third of it.
     """
-    true, ours = frames.truth_row[made.truth], frames.track_row[made.track]
-    error = places.tracks.place[ours] - places.truth.place[true]
-    times, labels = places.t_ns[0][places.tracks.frame[ours]], places.tracks.label[ours]
-    row = _rows_at(tracks, times, labels)
-    own = row >= 0
-    at = tracks.take(row[own])
-    covariance = np.stack([at.cov_xx, at.cov_xy, at.cov_xy, at.cov_yy], axis=1).reshape(-1, 2, 2)
-    nees = normalised_squared_errors(error[own], covariance)
-    told = nees[np.isfinite(nees)]
-    distance = np.hypot(error[:, 0], error[:, 1])
-    return {
-        f"pairs_rmse_{unit}": root_mean_square(distance),
-        f"pairs_error_median_{unit}": quantile(distance, 0.5),
-        f"pairs_error_p95_{unit}": quantile(distance, 0.95),
-        "pairs_nees_mean": ratio(float(told.sum()), len(told)),
-        "pairs_nees_share_95": ratio(int(np.count_nonzero(told <= CHI2_95_2D)), len(told)),
-        "pairs_nees_compared": len(told),
-    }
+
+    def __init__(self, unit: str, in_memory: int = IN_MEMORY) -> None:
+        """No pair yet; unit of lengths, and how many distances are kept in memory."""
+        self._unit = unit
+        self._distances, self._squares = Spread(in_memory), Sum()
+        self._nees, self._pairs = Consistency(CHI2_95_2D), 0
+
+    def add(self, frames: Frames, made: Matches, places: Places, tracks: Tracks) -> None:
+        """Pairs of some more frames.
+
+        Args:
+            frames: truth and tracks.
+            made: pairs of each frame alone.
+            places: from which the frames were made.
+            tracks: rows at their times.
+        """
+        true, ours = frames.truth_row[made.truth], frames.track_row[made.track]
+        error = places.tracks.place[ours] - places.truth.place[true]
+        times, labels = places.t_ns[0][places.tracks.frame[ours]], places.tracks.label[ours]
+        row = _rows_at(tracks, times, labels)
+        own = row >= 0
+        at = tracks.take(row[own])
+        covariance = np.stack([at.cov_xx, at.cov_xy, at.cov_xy, at.cov_yy], axis=1).reshape(-1, 2, 2)
+        self._nees.add(normalised_squared_errors(error[own], covariance))
+        distance = np.hypot(error[:, 0], error[:, 1])
+        self._distances.add(distance)
+        self._squares.add(float(np.sum(np.square(distance))))
+        self._pairs += len(distance)
+
+    def metrics(self) -> Metrics:
+        """RMSE, median and 95 % quantile of the distances, and consistency."""
+        unit = self._unit
+        spread = self._distances.metrics("pairs_error", unit)
+        nees = self._nees.metrics("pairs_nees", "")
+        return {
+            f"pairs_rmse_{unit}": math.sqrt(ratio(self._squares.value, self._pairs)),
+            f"pairs_error_median_{unit}": spread[f"pairs_error_median_{unit}"],
+            f"pairs_error_p95_{unit}": spread[f"pairs_error_p95_{unit}"],
+            "pairs_nees_mean": nees["pairs_nees_mean"],
+            "pairs_nees_share_95": nees["pairs_nees_share_95"],
+            "pairs_nees_compared": self._nees.told,
+        }
 
 
 def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
@@ -164,13 +270,14 @@ def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
     return np.array([place.get(key, -1) for key in wanted], dtype=np.int64)
 
 
-def counts_over_time(frames: Frames, made: Matches, places: Places) -> Counts:
-    """How many targets and tracks there are in each frame, and how many of them are pairs."""
+def counts_over_time(frames: Frames, made: Matches, places: Places, begin: int) -> Counts:
+    """How many targets and tracks there are in each frame, and how many of them are pairs; see `GroundPart.begin`."""
     cells = len(places.t_ns[0])
     true = np.bincount(places.truth.frame, minlength=cells)
     found = np.bincount(places.tracks.frame, minlength=cells)
-    paired = np.bincount(frames.frame[made.frame], minlength=cells)
-    switched = np.bincount(frames.frame[made.frame[made.switch]], minlength=cells)
+    at = frames.frame - begin
+    paired = np.bincount(at[made.frame], minlength=cells)
+    switched = np.bincount(at[made.frame[made.switch]], minlength=cells)
     return Counts.of(
         t_ns=places.t_ns[0],
         frame=places.number[0],
@@ -183,22 +290,38 @@ def counts_over_time(frames: Frames, made: Matches, places: Places) -> Counts:
     )
 
 
-def count_figures(counts: Counts) -> Metrics:
+class CountSums:
     """Mean number of targets and of tracks, and the difference: its mean, root mean square and largest."""
-    off = (counts.tracks - counts.targets).astype(np.float64)
-    n = len(counts)
-    return {
-        "count_targets_mean": ratio(float(counts.targets.sum()), n),
-        "count_tracks_mean": ratio(float(counts.tracks.sum()), n),
-        "count_error_mean": ratio(float(off.sum()), n),
-        "count_error_rms": root_mean_square(off),
-        "count_error_max": float(np.abs(off).max(initial=0.0)),
-    }
+
+    def __init__(self) -> None:
+        """No frame yet."""
+        self._frames = self._targets = self._tracks = self._off = self._squares = self._most = 0
+
+    def add(self, counts: Counts) -> None:
+        """Some more frames."""
+        off = counts.tracks.astype(np.int64) - counts.targets
+        self._frames += len(counts)
+        self._targets += int(counts.targets.sum())
+        self._tracks += int(counts.tracks.sum())
+        self._off += int(off.sum())
+        self._squares += int(np.sum(off**2))
+        self._most = max(self._most, int(np.abs(off).max(initial=0)))
+
+    def metrics(self) -> Metrics:
+        """The figures."""
+        n = self._frames
+        return {
+            "count_targets_mean": ratio(self._targets, n),
+            "count_tracks_mean": ratio(self._tracks, n),
+            "count_error_mean": ratio(self._off, n),
+            "count_error_rms": math.sqrt(ratio(self._squares, n)),
+            "count_error_max": self._most,
+        }
 
 
-def _interpolated(places: Places, truth: Truth) -> int:
+def _interpolated(places: Places, paths: Mapping[int, Path]) -> int:
     """True objects at times of which the truth has no row for them, but for others."""
-    paths, times = paths_of(truth, "target"), places.t_ns[0]
+    times = places.t_ns[0]
     mine = ((path, times[places.truth.frame[places.truth.label == k]]) for k, path in paths.items())
     return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
 
@@ -215,8 +338,21 @@ def points_in_true_frames(
     targets = paths_of(truth, "target")
     if len(truth) and not targets:
         raise InputError("truth: has no rows of role target; nothing to compare with")
+    return places_of(targets, paths_of(tracks), times, 0, config, limit_ns, unit)
+
+
+def places_of(
+    targets: Mapping[int, Path],
+    tracks: Mapping[int, Path],
+    times: Ints,
+    begin: int,
+    config: ManyConfig,
+    limit_ns: int | None,
+    unit: str,
+) -> Places:
+    """Paths at the times of frames, of which the first one has number `begin`."""
     left = _points(targets, times, limit_ns)
-    right = _points(paths_of(tracks), times, config.gap_ns(limit_ns))
+    right = _points(tracks, times, config.gap_ns(limit_ns))
     tau = np.full(len(left.frame), config.match_distance)
     return Places(
         truth=left,
@@ -224,7 +360,7 @@ def points_in_true_frames(
         tau=tau,
         views=("",),
         t_ns=(times,),
-        number=(np.arange(len(times)),),
+        number=(np.arange(begin, begin + len(times)),),
         visible=np.full(len(tau), np.nan),
         unit=unit,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TypeVar
@@ -24,11 +24,11 @@ from occlog.io.boxes.rows import fill_frames
 from occlog.io.files.csv_rows import first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import write_table
-from occlog.io.open import of_others, open_if_ours, open_input
+from occlog.io.files.parquet import TableWriter, write_table
+from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
-from occlog.records.views import ViewTracks, boxes_of_ellipses
+from occlog.records.views import Failures, ViewTracks, boxes_of_ellipses
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
@@ -43,6 +43,7 @@ from .annotations import (
 from .apart import line_of_errors_apart
 from .classes import pedestrians
 from .config import ManyConfig
+from .in_stretches import BoxStreams
 from .on_ground import evaluate_ground
 from .stage import evaluate_views
 from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, frame_rate, image_size, view_boxes
@@ -70,13 +71,70 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
         given: settings of `ManyConfig` that were given.
     """
     options.check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
+    result = _in_stretches(paths, overlap, given)
+    if result is not None:
+        return result
     compared, config, scene = compared_boxes(paths, overlap, given)
     begin_work()
-    result = evaluate_views(compared, config)
-    told = own_notes(paths.tracks, config.own, _asked(given))
-    result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
-    _write(paths, result, compared, config, scene)
+    result = _with_notes(evaluate_views(compared, config), paths, config, given)
+    if paths.mot is not None and paths.tracks is not None:
+        write_layout(paths.mot, paths.tracks.stem, _sequences(compared, scene), overwrite=paths.overwrite)
+    _write(paths, result, config)
     return result
+
+
+def _in_stretches(paths: Paths, overlap: float, given: Mapping[str, object]) -> Evaluation | None:
+    """The same of two tables of ours in flat memory; None where there is anything else, or rows are wrong."""
+    if paths.mot is not None or given.get("frames") or given.get("cameras"):
+        return None
+    ours, theirs = (None if path is None else open_if_ours(path) for path in (paths.tracks, paths.truth))
+    if ours is None or theirs is None or not theirs.has(TruthBoxes):
+        return None
+    if any(each.recording is not None or each.foreign is not None for each in (ours, theirs)):
+        return None
+    config = _configured(paths, ours, overlap, given)
+    check_counted(theirs.path, None, False, config)
+    _benchmark(theirs.path, config, text=False)
+    begin_work()
+    looked = _strings(ours.provenance.parameters.get("cameras")) if ours.has(ViewTracks) else ()
+    streams = BoxStreams(ours, theirs, config, looked)
+    if not streams.can:
+        return None
+    with ExitStack() as stack:
+        written: TableWriter | None = None
+        if paths.failures is not None:
+            writer = TableWriter(
+                paths.failures, Failures, provenance_of(paths, asdict(config)), overwrite=paths.overwrite
+            )
+            written = stack.enter_context(writer)
+
+        def take(rows: Failures) -> None:
+            if written is not None:
+                written.write(rows)
+
+        result = streams.evaluate(take)
+    result = _with_notes(result, paths, config, given)
+    _write(replace(paths, failures=None), result, config)
+    return result
+
+
+def _with_notes(result: Evaluation, paths: Paths, config: ManyConfig, given: Mapping[str, object]) -> Evaluation:
+    """The evaluation with what the user must know of the inputs."""
+    told = own_notes(paths.tracks, config.own, _asked(given))
+    return replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
+
+
+def _configured(paths: Paths, ours: Opened | None, overlap: float, given: Mapping[str, object]) -> ManyConfig:
+    """Settings; UsageError for a cutoff that boxes do not have."""
+    named = ours is not None and ours.has(ViewTracks)
+    own = "label" if named and not born_from_detections(paths.tracks) else "start"
+    config = configure(ManyConfig(), {"own": own, "overlap": overlap, **given})
+    if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
+        raise UsageError(
+            f"--gospa-cutoff {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
+            "there is --gospa-px"
+        )
+    return config
 
 
 def compared_boxes(
@@ -94,17 +152,10 @@ def compared_boxes(
     text, counted = _is_text(paths.tracks), annotation_format(paths.truth)
     ours = None if text else open_input(paths.tracks)
     named = ours is not None and ours.has(ViewTracks)
-    born = born_from_detections(paths.tracks)
-    own = "label" if named and not born else "start"
-    config = configure(ManyConfig(), {"own": own, "overlap": overlap, **given})
+    config = _configured(paths, ours, overlap, given)
     in_text = counted is None and _is_text(paths.truth)
     by_number = text or in_text or counted is not None
     check_counted(paths.truth, counted, in_text, config)
-    if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
-        raise UsageError(
-            f"--gospa-cutoff {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
-            "there is --gospa-px"
-        )
     rule = _benchmark(paths.truth, config, in_text)
     if counted is None:
         tracks, truth, scene = _read_both(paths.tracks, paths.truth, config, rule)
@@ -232,10 +283,8 @@ def _read_text(
     return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
 
 
-def _write(paths: Paths, result: Evaluation, compared: TruthAndTracks, config: ManyConfig, scene: Scene | None) -> None:
+def _write(paths: Paths, result: Evaluation, config: ManyConfig) -> None:
     provenance = provenance_of(paths, asdict(config))
-    if paths.mot is not None and paths.tracks is not None:
-        write_layout(paths.mot, paths.tracks.stem, _sequences(compared, scene), overwrite=paths.overwrite)
     if paths.failures is not None:
         write_table(paths.failures, result.failures, provenance, overwrite=paths.overwrite)
     if paths.output is not None:
@@ -263,8 +312,8 @@ def ground_figures(
     own: str,
     wanted: bool,
     path: Path | None = None,
-) -> tuple[Evaluation, dict[str, object]]:
-    """The evaluation with the figures of many targets, and the options behind these.
+) -> tuple[Evaluation, ManyConfig | None]:
+    """The evaluation with the figures of many targets, and the options behind these; None where there are none.
 
     They are given where there are several tracks or targets, where nobody is there, or where they are asked for.
 
@@ -279,17 +328,30 @@ def ground_figures(
     """
     tracks, truth, unit = tables.tracks, tables.truth, tables.scene.length_unit
     if tracks is None or truth is None:
-        return result, {}
+        return result, None
     several = max(len(np.unique(tracks.target_id)), len(np.unique(truth.target_id[truth.role == "target"]))) > 1
     if not (several or told or wanted or not len(truth)):
-        return result, {}
-    many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
-    if many.match_distance is None:
-        line = f"lengths are in {unit}: give --match-distance for the figures of many targets"
-        return replace(result, notes=(*result.notes, line)), {}
+        return result, None
+    many, unknown = many_config(unit, own, told)
+    if many is None:
+        return replace(result, notes=(*result.notes, str(unknown))), None
     made = evaluate_ground(tracks, truth, many, config.limit_ns, unit)
     metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
     apart = line_of_errors_apart(metrics, unit, config.match)
     notes = (*result.notes, *made.notes, *own_notes(path, many.own, _asked(told)), *apart)
     whole = replace(result, metrics=metrics, failures=made.failures, counts=made.counts, notes=notes)
-    return whole, asdict(many)
+    return whole, many
+
+
+def many_config(unit: str, own: str, told: Mapping[str, object]) -> tuple[ManyConfig | None, str | None]:
+    """Options of many targets on the ground; or None, and a line on why there are no figures of them.
+
+    Args:
+        unit: of lengths.
+        own: which target is a track's own, unless that was given.
+        told: options that were given.
+    """
+    many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
+    if many.match_distance is None:
+        return None, f"lengths are in {unit}: give --match-distance for the figures of many targets"
+    return many, None

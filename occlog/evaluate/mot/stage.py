@@ -6,20 +6,24 @@ Which target is a track's own: the one of its number, the first one it is on, or
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from occlog.array_types import Floats, Ints, Strings
+from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.core.metrics import failure_rates
 from occlog.core.metrics.failure_rates import NONE
-from occlog.core.metrics.frame_pairs import Objects, of_boxes, of_points
+from occlog.core.metrics.frame_pairs import Frames, Objects, numbered, of_boxes, of_points
+from occlog.core.metrics.idf1 import IdentityCounts
 from occlog.evaluate.stage import Evaluation
 from occlog.records.views import Failures
 
 from .config import ManyConfig
-from .figures import Metrics, across_views, centres, failure_figures, gospa_figures, mot_figures, of_view
+from .figures import FailureCounts, GospaFigures, Metrics, MotFigures, centres, of_view
 from .truth_and_tracks import TruthAndTracks
 
 
@@ -43,12 +47,54 @@ def own_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: s
             in any view, of several at that time the nearest in terms of tau; `best`: by the
             one-to-one assignment over all views in which most estimates are on their own target.
     """
-    if how == "label":
-        return tracks.label
-    near = _near(truth, tracks, tau)
-    own = _first(truth, tracks, near, t_ns) if how == "start" else _best(truth, tracks, near)
-    keys, number = np.unique(tracks.label, return_inverse=True)
-    return np.array([own.get(int(k), NONE) for k in keys], dtype=np.int64)[number]
+    found = Owners(how)
+    found.add(truth, tracks, tau, t_ns)
+    return found.of(tracks.label)
+
+
+class Owners:
+    """Finds which target is each track's own, while parts of a recording come by, in the order of time."""
+
+    def __init__(self, how: str) -> None:
+        """Nothing yet; `how`: as `own_targets` has it."""
+        self._how = how
+        self._first: dict[int, int] = {}
+        self._met: Counter[tuple[int, int]] = Counter()
+        self._labels: tuple[set[int], set[int]] = set(), set()
+
+    def add(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
+        """Another part; see `own_targets`."""
+        if self._how == "label":
+            return
+        near = _near(truth, tracks, tau)
+        track, target = tracks.label[near.track], truth.label[near.truth]
+        if self._how == "start":
+            for row in np.lexsort((target, near.share, t_ns[near.track])).tolist():
+                self._first.setdefault(int(track[row]), int(target[row]))
+            return
+        self._labels[0].update(np.unique(tracks.label).tolist())
+        self._labels[1].update(np.unique(truth.label).tolist())
+        pairs, count = np.unique(np.column_stack([track, target]), axis=0, return_counts=True)
+        self._met.update(dict(zip(map(tuple, pairs.tolist()), count.tolist(), strict=True)))
+
+    def of(self, labels: Ints) -> Ints:
+        """Label of the own target of each of these tracks; `NONE`: it has none."""
+        if self._how == "label":
+            return labels
+        own = self._first if self._how == "start" else self._best
+        keys, number = np.unique(labels, return_inverse=True)
+        return np.array([own.get(int(k), NONE) for k in keys], dtype=np.int64)[number]
+
+    @cached_property
+    def _best(self) -> dict[int, int]:
+        """One-to-one assignment of tracks to targets with the most pairs (Hungarian algorithm); only pairs that met."""
+        keys, targets = (sorted(each) for each in self._labels)
+        row, column = ({key: n for n, key in enumerate(each)} for each in (keys, targets))
+        met = np.zeros((len(keys), len(targets)), dtype=np.int64)
+        for (track, target), count in self._met.items():
+            met[row[track], column[target]] = count
+        rows, columns = linear_sum_assignment(met, maximize=True)
+        return {keys[r]: targets[c] for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if met[r, c]}
 
 
 def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
@@ -64,25 +110,6 @@ def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
     return NearPairs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _first(truth: Objects, tracks: Objects, near: NearPairs, t_ns: Ints) -> dict[int, int]:
-    """For each track the first target that it is on; of several at one time the nearest in terms of tau."""
-    out: dict[int, int] = {}
-    label = truth.label[near.truth]
-    for row in np.lexsort((label, near.share, t_ns[near.track])).tolist():
-        out.setdefault(int(tracks.label[near.track[row]]), int(label[row]))
-    return out
-
-
-def _best(truth: Objects, tracks: Objects, near: NearPairs) -> dict[int, int]:
-    """One-to-one assignment of tracks to targets with the most pairs (Hungarian algorithm); only pairs that met."""
-    targets, i = np.unique(truth.label, return_inverse=True)
-    keys, j = np.unique(tracks.label, return_inverse=True)
-    met = np.zeros((len(keys), len(targets)), dtype=np.int64)
-    np.add.at(met, (j[near.track], i[near.truth]), 1)
-    rows, columns = linear_sum_assignment(met, maximize=True)
-    return {int(keys[r]): int(targets[c]) for r, c in zip(rows, columns, strict=True) if met[r, c]}
-
-
 class Places(NamedTuple):
     """Truth and tracks as points, with the limits of distance and the frames that failures are told by."""
 
@@ -95,24 +122,140 @@ class Places(NamedTuple):
     visible: Floats  # (n,) visible share of each true row
     unit: str  # of distances
 
+    def times(self, side: Objects) -> Ints:
+        """(n,) time of each row."""
+        return self._at(self.t_ns, side)
+
+    def numbers(self, side: Objects) -> Ints:
+        """(n,) number of each row's frame in the camera's stream."""
+        return self._at(self.number, side)
+
+    def _at(self, values: tuple[Ints, ...], side: Objects) -> Ints:
+        starts = np.cumsum([0, *(len(each) for each in values)])
+        return np.concatenate([*values, np.zeros(0, np.int64)])[starts[_views_of(side)] + side.frame]
+
 
 def evaluate_views(compared: TruthAndTracks, config: ManyConfig) -> Evaluation:
     """Figures of boxes that have been laid against each other: all views pooled, then each view."""
-    points = centres_and_limits(compared, config)
-    found = find_failures(points, config)
-    frames = of_boxes(compared.truth, compared.tracks)
-    metrics: Metrics = failure_figures(found, found.frame >= 0, len(compared.truth.frame))
-    metrics |= mot_figures(frames, config, sum(compared.frames)) | compared.counts
-    metrics |= {"targets": len(frames.truth_key), "tracks": len(frames.track_key)}
-    if config.gospa_px is not None:
-        metrics |= _centre_gospa(points.truth, points.tracks, config, config.gospa_px, sum(compared.frames))
-    if len(compared.views) > 1:
-        metrics |= across_views(compared.truth, compared.tracks, config.overlap)
-        for v, name in enumerate(compared.views):
-            metrics |= _of_view(compared, found, config, v, f"_sensor_{name}")
-    notes = [*_left_out(compared), *without_common_numbers(points, config)]
-    flat = {name: float(value) for name, value in metrics.items()}
-    return Evaluation(flat, failures=failure_rows(found, points), notes=tuple(notes))
+    found = ViewFigures(compared.views, keys_of(compared.truth), keys_of(compared.tracks), config)
+    begin = [0] * len(compared.views)
+    found.first(compared, begin)
+    failures = found.second(compared, begin)
+    metrics = found.metrics(compared.frames, compared.counts)
+    notes = (*left_out_note(compared.left_out), *found.notes())
+    return Evaluation(metrics, failures=failures, notes=notes)
+
+
+def keys_of(side: Objects) -> Ints:
+    """(G, 2) view and label of every object."""
+    return np.unique(np.column_stack([_views_of(side), side.label]), axis=0).astype(np.int64)
+
+
+class ViewFigures:
+    """Gathers every figure of many targets in images, while the parts of a recording come by twice.
+
+    What it keeps grows with the number of targets and tracks, not with that of frames.
+    """
+
+    def __init__(self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: ManyConfig) -> None:
+        """Nothing yet.
+
+        Args:
+            views: names of the cameras.
+            targets: (G, 2) view and label of every target, rising.
+            tracks: (K, 2) view and label of every track, rising.
+            config: options.
+        """
+        self._views, self._keys, self._config = views, (targets, tracks), config
+        self._owners = Owners(config.own)
+        self._pooled = _Boxes(targets, tracks, config)
+        # Objects of one view alone have no view
+        own = [[side[side[:, 0] == v] * [0, 1] for side in self._keys] for v in range(len(views))]
+        self._each = [_Boxes(theirs, ours, config) for theirs, ours in own] if len(views) > 1 else []
+        labels = [np.unique(side[:, 1]) for side in self._keys]
+        self._labels = labels
+        self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.overlap)
+
+    def first(self, part: TruthAndTracks, begin: Sequence[int]) -> None:
+        """Another part, in the order of time; `begin`: number of frames of each view before it."""
+        points = centres_and_limits(part, self._config)
+        self._owners.add(points.truth, points.tracks, points.tau, points.times(points.tracks))
+        self._pooled.first(part.truth, part.tracks, begin)
+        for v, each in enumerate(self._each):
+            each.first(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
+        if self._each:
+            self._across.add(_across_views(part.truth, part.tracks, self._labels))
+
+    def second(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
+        """The same part once more, after all of them have been by; its failures."""
+        points = centres_and_limits(part, self._config)
+        found = find_failures(points, self._owners)
+        self._pooled.second(part.truth, part.tracks, begin, found, found.frame >= 0)
+        for v, each in enumerate(self._each):
+            each.second(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1], found, found.view == v)
+        return failure_rows(found, points)
+
+    def metrics(self, frames: Sequence[int], counts: Mapping[str, float]) -> Metrics:
+        """All figures.
+
+        Args:
+            frames: number of frames of each view.
+            counts: of what was compared and what was left out.
+        """
+        out = self._pooled.metrics(sum(frames), counts)
+        if self._each:
+            got = self._across.result()
+            out |= {"idf1_across_views": got.idf1, "idp_across_views": got.idp, "idr_across_views": got.idr}
+        for v, each in enumerate(self._each):
+            whose = f"_sensor_{self._views[v]}"
+            out |= each.metrics(frames[v], {f"frames{whose}": frames[v]}, whose)
+        return {name: float(value) for name, value in out.items()}
+
+    def notes(self) -> list[str]:
+        """Lines that the user must know of."""
+        theirs, ours = self._labels
+        return without_common_numbers(ours, theirs, self._config)
+
+
+class _Boxes:
+    """Figures of all views or of one."""
+
+    def __init__(self, targets: Ints, tracks: Ints, config: ManyConfig) -> None:
+        self._keys, self._config, self._failures = (targets, tracks), config, FailureCounts()
+        none = np.zeros(0, dtype=np.int64)
+        empty = Objects(none, none, np.zeros((0, 4)))
+        self._mot = MotFigures(numbered(of_boxes(empty, empty), targets, tracks), config)
+        self._centres = None if config.gospa_px is None else GospaFigures(config, config.gospa_px)
+
+    def _frames_of(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> Frames:
+        found = numbered(of_boxes(truth, tracks), *self._keys)
+        return found._replace(frame=found.frame + np.asarray(begin, dtype=np.int64)[found.view])
+
+    def first(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> None:
+        self._mot.first(self._frames_of(truth, tracks, begin))
+        if self._centres is not None and self._config.gospa_px is not None:
+            self._centres.add(of_points(centres(truth), centres(tracks), self._config.gospa_px))
+
+    def second(
+        self, truth: Objects, tracks: Objects, begin: Sequence[int], found: failure_rates.Failures, own: Bools
+    ) -> None:
+        self._mot.second(self._frames_of(truth, tracks, begin))
+        self._failures.add(found, own, len(truth.frame))
+
+    def metrics(self, cells: int, counts: Mapping[str, float], whose: str = "") -> Metrics:
+        out = self._failures.metrics(whose) | self._mot.metrics(cells, whose)
+        known: Metrics = {f"targets{whose}": len(self._keys[0]), f"tracks{whose}": len(self._keys[1])}
+        out |= known | dict(counts) if whose else dict(counts) | known
+        return out if self._centres is None else out | self._centres.metrics(cells, whose, "px")
+
+
+def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> Frames:
+    """Frames in which identities are the same in all views, as for several cameras of one place."""
+    sides = []
+    for side in (truth, tracks):
+        sides.append(Objects(side.frame + (_views_of(side) << 40), side.label, side.place))
+    keys = (np.column_stack([np.zeros(len(each), np.int64), each]) for each in labels)
+    return numbered(of_boxes(*sides), *keys)
 
 
 def centres_and_limits(compared: TruthAndTracks, config: ManyConfig) -> Places:
@@ -131,9 +274,9 @@ def centres_and_limits(compared: TruthAndTracks, config: ManyConfig) -> Places:
     )
 
 
-def find_failures(places: Places, config: ManyConfig) -> failure_rates.Failures:
-    """Failures of trackers, whose own targets are told by `config.own`."""
-    own = own_targets(places.truth, places.tracks, places.tau, _times(places, places.tracks), config.own)
+def find_failures(places: Places, owners: Owners) -> failure_rates.Failures:
+    """Failures of trackers, each of which has a target of its own or none."""
+    own = owners.of(places.tracks.label)
     return failure_rates.failures(places.truth, places.tracks, places.tau, own)
 
 
@@ -143,9 +286,9 @@ def failure_rows(found: failure_rates.Failures, places: Places) -> Failures:
     at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)
     names: Strings = np.array([*places.views, ""], dtype=np.str_)
     columns = {
-        "t_ns": _times(places, at),
+        "t_ns": places.times(at),
         "sensor": names[view],
-        "frame": _numbers(places, at),
+        "frame": places.numbers(at),
         "target_id": found.target.astype(np.int32),
         "kind": np.where(found.label, "label", "position"),
         "other_id": found.other.astype(np.int32),
@@ -160,18 +303,6 @@ def _views_of(side: Objects) -> Ints:
     return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view
 
 
-def _times(places: Places, side: Objects) -> Ints:
-    """(n,) time of each row."""
-    starts = np.cumsum([0, *(len(t) for t in places.t_ns)])
-    return np.concatenate([*places.t_ns, np.zeros(0, np.int64)])[starts[_views_of(side)] + side.frame]
-
-
-def _numbers(places: Places, side: Objects) -> Ints:
-    """(n,) number of each row's frame in the camera's stream."""
-    starts = np.cumsum([0, *(len(t) for t in places.t_ns)])
-    return np.concatenate([*places.number, np.zeros(0, np.int64)])[starts[_views_of(side)] + side.frame]
-
-
 def _visible(at: Objects, places: Places) -> Floats:
     """(n,) visible share of the target of each row; NaN where it is not known or not in the frame."""
     known = zip(_views_of(places.truth).tolist(), places.truth.frame.tolist(), places.truth.label.tolist(), strict=True)
@@ -180,35 +311,13 @@ def _visible(at: Objects, places: Places) -> Floats:
     return np.array([share.get(row, np.nan) for row in rows], dtype=np.float64)
 
 
-def _centre_gospa(
-    truth: Objects, tracks: Objects, config: ManyConfig, cutoff: float, cells: int, whose: str = ""
-) -> Metrics:
-    return gospa_figures(of_points(truth, tracks, cutoff), config, cutoff, cells, whose, "px")
+def left_out_note(names: Sequence[str]) -> list[str]:
+    """A line on cameras of the truth that no track is in; none where there is no such camera."""
+    return [f"left out: {', '.join(names)}, which the truth knows and no track is in"] if names else []
 
 
-def _of_view(
-    compared: TruthAndTracks, found: failure_rates.Failures, config: ManyConfig, v: int, whose: str
-) -> Metrics:
-    truth, tracks = of_view(compared.truth, v), of_view(compared.tracks, v)
-    frames = of_boxes(truth, tracks)
-    out = failure_figures(found, found.view == v, len(truth.frame), whose)
-    out |= mot_figures(frames, config, compared.frames[v], whose)
-    out |= {f"targets{whose}": len(frames.truth_key), f"tracks{whose}": len(frames.track_key)}
-    out |= {f"frames{whose}": compared.frames[v]}
-    if config.gospa_px is not None:
-        out |= _centre_gospa(centres(truth), centres(tracks), config, config.gospa_px, compared.frames[v], whose)
-    return out
-
-
-def _left_out(compared: TruthAndTracks) -> list[str]:
-    if not compared.left_out:
-        return []
-    return [f"left out: {', '.join(compared.left_out)}, which the truth knows and no track is in"]
-
-
-def without_common_numbers(places: Places, config: ManyConfig) -> list[str]:
-    """A line if the numbers of tracks and targets have nothing to do with each other."""
-    ours, theirs = np.unique(places.tracks.label), np.unique(places.truth.label)
+def without_common_numbers(ours: Ints, theirs: Ints, config: ManyConfig) -> list[str]:
+    """A line if the numbers of tracks and targets, rising both, have nothing to do with each other."""
     if config.own != "label" or not len(ours) or np.isin(ours, theirs).any():
         return []
     return [

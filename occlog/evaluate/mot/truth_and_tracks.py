@@ -59,7 +59,13 @@ def places(boxes: Boxes) -> Floats:
 
 
 def boxes_in_true_frames(
-    tracks: Boxes, truth: TruthBoxes, config: ManyConfig, *, by_number: bool = False, looked: Collection[str] = ()
+    tracks: Boxes,
+    truth: TruthBoxes,
+    config: ManyConfig,
+    *,
+    by_number: bool = False,
+    looked: Collection[str] = (),
+    views: tuple[str, ...] | None = None,
 ) -> TruthAndTracks:
     """Tracks and truth of the frames that the truth has, with a box or known to have none.
 
@@ -69,12 +75,16 @@ def boxes_in_true_frames(
         config: cameras and frames that are to be compared.
         by_number: frames are the same when camera and number are; otherwise when camera and time are.
         looked: cameras that are compared even if no track is in them.
+        views: cameras that are compared of a part of a recording, of which some may be missing in it; None: this is the
+            whole.
 
     Raises:
-        InputError: nothing is to be compared, an object has no identity, or the same one twice in a frame.
+        InputError: nothing is to be compared of the whole, an object has no identity, or the same one twice in a frame.
     """
-    truth, tracks = _wanted(truth, config, "truth"), _wanted(tracks, config, "tracks", looked)
-    views, left_out = _views(tracks, truth, looked)
+    whole, left_out = views is None, tuple[str, ...]()
+    if views is None:
+        truth, tracks = _wanted(truth, config, "truth"), _wanted(tracks, config, "tracks", looked)
+        views, left_out = _views(tracks, truth, looked)
     truth = truth.take(np.isin(truth.sensor, views))
     key = "frame" if by_number else "t_ns"
     times, numbers, keys = _frames(truth, views, key)
@@ -83,7 +93,7 @@ def boxes_in_true_frames(
     _check_identities("truth", there, true_view, true_cell)
     view, cell = _cells(found, views, keys, key)
     known = cell >= 0
-    if len(found) and not known.any():
+    if whole and len(found) and not known.any():
         raise InputError(_apart(found, truth, by_number))
     found, view, cell = found.take(known), view[known], cell[known]
     _check_identities("tracks", found, view, cell)
@@ -153,6 +163,9 @@ def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -
     values = getattr(boxes, key)
     for v, name in enumerate(views):
         rows = np.flatnonzero(boxes.sensor == name)
+        if not len(keys[v]):
+            view[rows] = v
+            continue
         place = np.minimum(np.searchsorted(keys[v], values[rows]), len(keys[v]) - 1)
         view[rows], cell[rows] = v, np.where(keys[v][place] == values[rows], place, -1)
     return view, cell

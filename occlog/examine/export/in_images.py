@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -141,31 +141,56 @@ def kitti_text(boxes: Boxes) -> str:
     )
 
 
-def coco_text(boxes: Boxes, scene: Scene | None) -> str:
-    """COCO's data set: an image for each frame with a box, an annotation for each box, one category."""
+def coco_texts(pieces: Callable[[], Iterable[Boxes]], scene: Scene | None) -> Iterator[str]:
+    """COCO's data set: an image for each frame with a box, an annotation for each box, one category.
+
+    Args:
+        pieces: gives the boxes, the same each time, in pieces that split no time, in which frames of a camera rise with
+            time; or all at once.
+        scene: has the sizes of images.
+
+    Yields:
+        the text, part by part: images in a first pass, annotations in a second one.
+    """
     sizes = {} if scene is None else {c.name: c.image_size for c in scene.cameras}
+    count, mark = 0, ""
+    yield '{"images": ['
+    for boxes in pieces():
+        keys, number = _images(boxes, count)
+        images = []
+        for sensor, frame, t_ns in keys:
+            size, image = sizes.get(sensor), number[sensor, frame]
+            named = {"id": image, "file_name": f"{sensor}/{frame:06d}.jpg", "frame": frame, "t_ns": t_ns}
+            images.append(named | ({} if size is None else {"width": size[0], "height": size[1]}))
+        yield from _joined(mark, images)
+        count, mark = count + len(keys), ", " if images else mark
+    yield '], "annotations": ['
+    count = first = 0
+    mark = ""
+    for boxes in pieces():
+        keys, number = _images(boxes, count)
+        annotations = []
+        edges = np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px]).tolist()
+        columns = (boxes.sensor, boxes.frame, boxes.target_id, boxes.confidence)
+        rows = zip(*(column.tolist() for column in columns), edges, strict=True)
+        for n, (sensor, frame, identity, sure, box) in enumerate(rows, first + 1):
+            found = {"id": n, "image_id": number[sensor, frame], "category_id": CATEGORY, "bbox": box}
+            found |= {"area": box[2] * box[3], "iscrowd": 0}
+            found |= {} if identity < 0 else {"track_id": identity}
+            annotations.append(found | ({} if sure != sure else {"score": sure}))
+        yield from _joined(mark, annotations)
+        count, first, mark = count + len(keys), first + len(boxes), ", " if annotations else mark
+    categories = json.dumps([{"id": CATEGORY, "name": NAME}])
+    yield f'], "categories": {categories}}}\n'
+
+
+def _images(boxes: Boxes, count: int) -> tuple[list[tuple[str, int, int]], dict[tuple[str, int], int]]:
+    """Camera, frame and time of each image of a piece, and its number, behind as many images."""
     keys = list(dict.fromkeys(zip(boxes.sensor.tolist(), boxes.frame.tolist(), boxes.t_ns.tolist(), strict=True)))
-    number = {(sensor, frame): n + 1 for n, (sensor, frame, _) in enumerate(keys)}
-    images = []
-    for sensor, frame, t_ns in keys:
-        size = sizes.get(sensor)
-        named = {"id": number[sensor, frame], "file_name": f"{sensor}/{frame:06d}.jpg", "frame": frame, "t_ns": t_ns}
-        images.append(named | ({} if size is None else {"width": size[0], "height": size[1]}))
-    annotations = []
-    edges = np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px]).tolist()
-    for n, (sensor, frame, box, identity, sure) in enumerate(
-        zip(
-            boxes.sensor.tolist(),
-            boxes.frame.tolist(),
-            edges,
-            boxes.target_id.tolist(),
-            boxes.confidence.tolist(),
-            strict=True,
-        )
-    ):
-        found = {"id": n + 1, "image_id": number[sensor, frame], "category_id": CATEGORY, "bbox": box}
-        found |= {"area": box[2] * box[3], "iscrowd": 0}
-        found |= {} if identity < 0 else {"track_id": identity}
-        annotations.append(found | ({} if sure != sure else {"score": sure}))
-    categories = [{"id": CATEGORY, "name": NAME}]
-    return json.dumps({"images": images, "annotations": annotations, "categories": categories}) + "\n"
+    return keys, {(sensor, frame): count + n + 1 for n, (sensor, frame, _) in enumerate(keys)}
+
+
+def _joined(mark: str, values: list[dict[str, object]]) -> Iterator[str]:
+    """Items of a list in JSON, behind a mark if there are items before; nothing without any."""
+    if values:
+        yield mark + json.dumps(values)[1:-1]

@@ -32,21 +32,19 @@ from occlog.records.views import ViewTracks
 from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
 from .columns import write_csv, write_parquet
 from .formats import FORMATS, Format, format_of
-from .in_images import Cameras, boxes_of, chosen_camera, coco_text, kitti_text, sequence_info, survey
+from .in_images import Cameras, boxes_of, chosen_camera, coco_texts, kitti_text, sequence_info, survey
 from .trajectories import (
     Places,
     check_one_target,
     check_targets,
-    geojson_text,
+    geojson_texts,
     mot3d_text,
     places_of,
-    trc_text,
+    trc_texts,
     tum_text,
 )
 
 STANDARD = Path("-")
-LINE_BY_LINE = ("mot3d", "tum")
-"""Formats of places that are written piece by piece; documents are made whole."""
 WIDER: tuple[type[Table], ...] = (JoinedTracks, PeopleTracks, TagTracks, FusedTracks, PeopleViews)
 """Tables that have the name of another one and more columns, those with the most first."""
 
@@ -200,28 +198,27 @@ def _write_text(
 def _write_places(
     name: str, opened: Opened, table: type[Tracks] | type[Truth], request: ExportRequest, file: IO[bytes], unit: str
 ) -> int:
-    """Write places of targets, piece by piece where each line of the format is a row; the number of rows."""
+    """Write places of targets, piece by piece; the number of rows."""
     targets = check_targets(opened.rows(table), request.targets)
     if name == "tum":
         check_one_target(targets)
-    if name not in LINE_BY_LINE:
-        places = places_of(opened.read(table), request.targets)
-        if name == "geojson" and request.origin is not None:
-            text = geojson_text(places, request.origin, unit)
-        else:
-            text = trc_text(places, unit, request.output.name)
-        file.write(text.encode())
-        return len(places.t_ns)
     count = 0
 
     def pieces() -> Iterator[Places]:
         nonlocal count
+        count = 0  # a document is gone through several times
         for piece in whole_times(opened.rows(table)):
             places = places_of(piece, request.targets)
             count += len(places.t_ns)
             yield places
 
-    for text in mot3d_text(pieces()) if name == "mot3d" else map(tum_text, pieces()):
+    if name == "geojson" and request.origin is not None:
+        texts = geojson_texts(pieces, request.origin, unit)
+    elif name == "trc":
+        texts = trc_texts(pieces, unit, request.output.name)
+    else:
+        texts = mot3d_text(pieces()) if name == "mot3d" else map(tum_text, pieces())
+    for text in texts:
         file.write(text.encode())
     return count
 
@@ -239,20 +236,28 @@ def _write_boxes(
     camera = request.camera
     if name != "coco" or camera is not None:
         camera = chosen_camera(found.boxed, camera)
-    # Lines are in the order of frames
-    streams = name == "kitti" or (name == "mot" and (camera is None or camera in found.rising))
+    # Lines, and numbers of images, are in the order of frames; text of frames that go back is refused as a whole
+    wanted = set(found.boxed) if camera is None else {camera}
+    streams = name == "kitti" or wanted <= found.rising
     count = 0
-    for piece in whole_times(opened.rows(table)) if streams else [opened.read(table)]:
-        boxes = boxes_of(piece)
-        boxes = boxes if camera is None else boxes.take(boxes.sensor == camera)
-        if name == "coco":
-            text = coco_text(boxes, scene)
-        elif name == "kitti":
-            text = kitti_text(boxes)
-        else:
-            text = mot_text(request.output, boxes, "tracks" if isinstance(piece, ViewTracks) else "detections")
+
+    def pieces() -> Iterator[tuple[Boxes, bool]]:
+        nonlocal count
+        count = 0
+        for piece in whole_times(opened.rows(table)) if streams else [opened.read(table)]:
+            boxes = boxes_of(piece)
+            boxes = boxes if camera is None else boxes.take(boxes.sensor == camera)
+            count += len(boxes)
+            yield boxes, isinstance(piece, ViewTracks)
+
+    if name == "coco":
+        texts = coco_texts(lambda: (boxes for boxes, _ in pieces()), scene)
+    elif name == "kitti":
+        texts = (kitti_text(boxes) for boxes, _ in pieces())
+    else:
+        texts = (mot_text(request.output, boxes, "tracks" if own else "detections") for boxes, own in pieces())
+    for text in texts:
         file.write(text.encode())
-        count += len(boxes)
     return count, found
 
 

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.metrics.sums import quantiles
 from occlog.errors import InputError, UsageError
+from occlog.io.files.spool import Spool
 from occlog.io.trajectories.earth import Origin, degrees_of
 from occlog.io.trajectories.geojson import COLLECTION, KEYS, ORIGIN
 from occlog.records.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
+
+MOST_ROWS = 500_000
+"""Rows of targets that are put together at once where a format has one target after another."""
 
 
 class Places(NamedTuple):
@@ -106,49 +112,140 @@ def _seconds(t_ns: int) -> str:
     return f"{'-' if t_ns < 0 else ''}{whole}.{rest:09d}"
 
 
-def geojson_text(places: Places, origin: Origin, length_unit: str) -> str:
-    """A feature for each target: a line in WGS 84, a point for a target of one row, with the times of its corners."""
+def geojson_texts(
+    pieces: Callable[[], Iterable[Places]], origin: Origin, length_unit: str, most: int = MOST_ROWS
+) -> Iterator[str]:
+    """A feature for each target: a line in WGS 84, a point for a target of one row, with the times of its corners.
+
+    Args:
+        pieces: gives the places, the same each time, in the order of time.
+        origin: where the origin of the scene is on earth.
+        length_unit: of the places.
+        most: rows of targets that are put together in one pass; of a target with more there are two passes.
+
+    Yields:
+        the text, part by part.
+
+    Raises:
+        InputError: the unit's length in metres is not known.
+    """
     if length_unit not in METRES:
         raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
-    places_deg = degrees_of(places.xyz[:, :2] * METRES[length_unit], origin)
-    features = []
-    for name in np.unique(places.identity).tolist():
-        own = np.flatnonzero(places.identity == name)
-        corners = [[round(lon, 9), round(lat, 9)] for lon, lat in places_deg[own].tolist()]
-        shape = (
-            {"type": "LineString", "coordinates": corners}
-            if len(own) > 1
-            else {"type": "Point", "coordinates": corners[0]}
-        )
-        properties = {"target_id": name, "t_ns": places.t_ns[own].tolist()}
-        features.append({"type": "Feature", "geometry": shape, "properties": properties})
+    counts: Counter[int] = Counter()
+    for places in pieces():
+        names, rows = np.unique(places.identity, return_counts=True)
+        counts.update(dict(zip(names.tolist(), rows.tolist(), strict=True)))
     where = {ORIGIN: dict(zip(KEYS, origin, strict=True))}  # so that places in the scene can be read again
-    return json.dumps({"type": COLLECTION, **where, "features": features}) + "\n"
+    yield json.dumps({"type": COLLECTION, **where, "features": []})[:-2]
+    mark = ""
+    for group in _groups(counts, most):
+        if counts[group[0]] > most:
+            yield mark
+            yield from _long_feature(pieces, group[0], origin, length_unit)
+        else:
+            together = _of_targets(pieces, group)
+            for name in group:
+                yield mark + _feature(name, together, np.flatnonzero(together.identity == name), origin, length_unit)
+                mark = ", "
+        mark = ", "
+    yield "]}\n"
 
 
-def trc_text(places: Places, length_unit: str, name: str) -> str:
+def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
+    """Identities, rising, in groups of not more than so many rows, or of one identity."""
+    group: list[int] = []
+    for name in sorted(counts):
+        if group and sum(counts[other] for other in group) + counts[name] > most:
+            yield group
+            group = []
+        group.append(name)
+    if group:
+        yield group
+
+
+def _of_targets(pieces: Callable[[], Iterable[Places]], names: Sequence[int]) -> Places:
+    """All places of some targets."""
+    found = [Places._make(column[np.isin(places.identity, names)] for column in places) for places in pieces()]
+    return Places._make(np.concatenate(columns) for columns in zip(*found, strict=True))
+
+
+def _corners(places: Places, rows: Ints, origin: Origin, length_unit: str) -> list[list[float]]:
+    degrees = degrees_of(places.xyz[rows, :2] * METRES[length_unit], origin)
+    return [[round(lon, 9), round(lat, 9)] for lon, lat in degrees.tolist()]
+
+
+def _feature(name: int, places: Places, rows: Ints, origin: Origin, length_unit: str) -> str:
+    corners = _corners(places, rows, origin, length_unit)
+    shape = (
+        {"type": "LineString", "coordinates": corners}
+        if len(corners) > 1
+        else {"type": "Point", "coordinates": corners[0]}
+    )
+    properties = {"target_id": name, "t_ns": places.t_ns[rows].tolist()}
+    return json.dumps({"type": "Feature", "geometry": shape, "properties": properties})
+
+
+def _long_feature(pieces: Callable[[], Iterable[Places]], name: int, origin: Origin, length_unit: str) -> Iterator[str]:
+    """A line of more corners than are kept in memory, part by part: corners, then times."""
+    head = {"type": "Feature", "geometry": {"type": "LineString", "coordinates": []}}
+    yield json.dumps(head)[:-3]
+    for part in (0, 1):
+        mark = ""
+        for places in pieces():
+            rows = np.flatnonzero(places.identity == name)
+            if len(rows):
+                values = places.t_ns[rows].tolist() if part else _corners(places, rows, origin, length_unit)
+                yield mark + json.dumps(values)[1:-1]
+                mark = ", "
+        yield "]}}" if part else ']}, "properties": ' + json.dumps({"target_id": name, "t_ns": []})[:-2]
+
+
+def trc_texts(pieces: Callable[[], Iterable[Places]], length_unit: str, name: str) -> Iterator[str]:
     """A table of markers, one a target, with a line for each time; a target that is not there has empty cells.
 
     The unit is m, or mm for lengths in others than m and mm.
+
+    Args:
+        pieces: gives the places, the same each time, in the order of time; a time is in one piece only.
+        length_unit: of the places.
+        name: of the file.
+
+    Yields:
+        the text, part by part: the head after a first pass, lines in a second one.
+
+    Raises:
+        InputError: the unit's length in metres is not known.
     """
     if length_unit not in METRES:
         raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
     unit = length_unit if length_unit in ("m", "mm") else "mm"
-    xyz = places.xyz * (METRES[length_unit] / METRES[unit])
-    times, frame = np.unique(places.t_ns, return_inverse=True)
-    names, marker = np.unique(places.identity, return_inverse=True)
-    cells = [["", "", ""] * len(names) for _ in times]
-    for row, (f, m) in enumerate(zip(frame.tolist(), marker.tolist(), strict=True)):
-        cells[f][3 * m : 3 * m + 3] = [repr(value) for value in xyz[row].tolist()]
-    rate = NS / float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    lines = [
+    known: set[int] = set()
+    steps, last, start, moments = Spool(), None, 0, 0
+    for places in pieces():
+        times = np.unique(places.t_ns)
+        if not len(times):
+            continue
+        known.update(np.unique(places.identity).tolist())
+        steps.add(np.diff(times if last is None else np.insert(times, 0, last)).astype(np.float64))
+        start, last, moments = int(times[0]) if last is None else start, int(times[-1]), moments + len(times)
+    names = np.array(sorted(known), dtype=np.int64)
+    rate = NS / quantiles(steps.blocks, steps.count, [0.5])[0] if steps.count else 1.0
+    yield "\n".join([
         f"PathFileType\t4\t(X/Y/Z)\t{name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{rate:g}\t{rate:g}\t{len(times)}\t{len(names)}\t{unit}\t{rate:g}\t1\t{len(times)}",
+        f"{rate:g}\t{rate:g}\t{moments}\t{len(names)}\t{unit}\t{rate:g}\t1\t{moments}",
         "Frame#\tTime\t" + "\t\t\t".join(f"target_{n}" for n in names.tolist()) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(len(names)) for axis in "XYZ"),
-        "",
-    ]
-    start = int(times[0])
-    lines += [f"{n + 1}\t{(t - start) / NS!r}\t" + "\t".join(cells[n]) for n, t in enumerate(times.tolist())]
-    return "\n".join(lines) + "\n"
+        "\n",
+    ])  # fmt: skip
+    first = 1
+    for places in pieces():
+        xyz = places.xyz * (METRES[length_unit] / METRES[unit])
+        times, frame = np.unique(places.t_ns, return_inverse=True)
+        marker = np.searchsorted(names, places.identity)
+        cells = [["", "", ""] * len(names) for _ in times]
+        for row, (f, m) in enumerate(zip(frame.tolist(), marker.tolist(), strict=True)):
+            cells[f][3 * m : 3 * m + 3] = [repr(value) for value in xyz[row].tolist()]
+        rows = enumerate(times.tolist())
+        yield "".join(f"{first + n}\t{(t - start) / NS!r}\t" + "\t".join(cells[n]) + "\n" for n, t in rows)
+        first += len(times)

@@ -10,9 +10,9 @@ import pytest
 from scipy.optimize import linprog
 
 from occlog.core.metrics.frame_pairs import Frames, Objects, of_points
-from occlog.core.metrics.ospa2 import ospa2, ospa2_over_time
+from occlog.core.metrics.ospa2 import Ospa2Sums, Ospa2Windows, ospa2, ospa2_over_time
 from occlog.core.metrics.trajectory_cuts import pieces_of, sure_stretches
-from occlog.core.metrics.trajectory_gospa import meetings, trajectory_gospa
+from occlog.core.metrics.trajectory_gospa import TrajectoryCosts, meetings, trajectory_gospa
 
 
 def rows(*values: tuple[float, ...]) -> Objects:
@@ -193,7 +193,7 @@ def test_cut_into_pieces_of_time_it_is_that_of_the_whole_program(seed: int) -> N
     pairs = meetings(frames, 1.0, 2.0)
     sure = sure_stretches(pairs, 1.0, 0.25)
     assert len(sure.first) > 5
-    assert len(list(pieces_of(pairs, sure, 60)[0].blocks())) > 2
+    assert len(list(pieces_of(pairs, sure.pins(pairs), 60).blocks())) > 2
     assert trajectory_gospa(frames, 1.0, 0.5).total == pytest.approx(plain_program(frames, 1.0, 0.5, 2.0), rel=1e-9)
 
 
@@ -303,3 +303,54 @@ def test_a_window_must_have_a_frame() -> None:
     with pytest.raises(ValueError, match="window 0"):
         ospa2_over_time(swapped(), 1.0, 1.0, 0, range(10))
     assert ospa2_over_time(swapped(), 1.0, 1.0, 1, [6])[0].ospa2 == 0.0
+
+
+def part_of(frames: Frames, first: int, stop: int) -> Frames:
+    """Some of the frames, with the numbers of targets and tracks that they have in the whole."""
+    left = slice(int(frames.truth_start[first]), int(frames.truth_start[stop]))
+    right = slice(int(frames.track_start[first]), int(frames.track_start[stop]))
+    return frames._replace(
+        frame=frames.frame[first:stop],
+        view=frames.view[first:stop],
+        truth=frames.truth[left],
+        track=frames.track[right],
+        truth_start=frames.truth_start[first : stop + 1] - left.start,
+        track_start=frames.track_start[first : stop + 1] - right.start,
+        truth_place=frames.truth_place[left],
+        track_place=frames.track_place[right],
+        truth_row=frames.truth_row[left],
+        track_row=frames.track_row[right],
+    )
+
+
+@pytest.mark.parametrize("step", [1, 2, 7, 59])
+@pytest.mark.parametrize("ends_known", [True, False])
+@pytest.mark.parametrize("switch", [0.2, 0.6])
+def test_in_parts_trajectory_gospa_is_that_of_the_whole(step: int, ends_known: bool, switch: float) -> None:
+    for seed in range(6):
+        frames = walkers(seed, 3, 60)
+        whole, count = trajectory_gospa(frames, 1.0, switch), len(frames.frame)
+        sums = TrajectoryCosts(count, len(frames.truth_key), len(frames.track_key), 1.0, switch)
+        last = [np.full(len(key), -1) for key in (frames.truth_key, frames.track_key)]
+        for t in range(count):
+            left, right = frames.rows(t)
+            last[0][frames.truth[left]] = last[1][frames.track[right]] = t
+        for first in range(0, count, step):
+            stop = min(first + step, count)
+            over = (last[0] < stop, last[1] < stop) if ends_known else None
+            sums.add(part_of(frames, first, stop), first, over)
+        assert sums.result() == pytest.approx(whole, rel=1e-12, abs=1e-12)
+        assert whole.switch > 0
+
+
+@pytest.mark.parametrize("window", [1, 4, 100])
+def test_in_parts_ospa2_is_that_of_the_whole(window: int) -> None:
+    frames = walkers(3, 3, 40)
+    size = len(frames.truth_key), len(frames.track_key)
+    sums, windows, found = Ospa2Sums(*size, 1.0, 2.0), Ospa2Windows(*size, 1.0, 2.0, window), []
+    for first in range(0, 40, 7):
+        part = part_of(frames, first, min(first + 7, 40))
+        sums.add(part)
+        found += list(windows.add(part, range(first, min(first + 7, 40))))
+    assert sums.distance() == ospa2(frames, 1.0, 2.0)
+    assert found == ospa2_over_time(frames, 1.0, 2.0, window, range(40))

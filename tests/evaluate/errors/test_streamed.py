@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -16,7 +16,8 @@ from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.evaluate import run as running
-from occlog.evaluate.errors.streamed import compare_streams, survey
+from occlog.evaluate.errors.streamed import CompareStreams, stretches
+from occlog.evaluate.errors.survey import survey
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.io import open as opening
@@ -58,15 +59,29 @@ def chunks(table: T, rows: int) -> Iterator[T]:
         yield table.take(slice(start, start + rows))
 
 
+def compare_streams(
+    sides: tuple[Tracks, Truth], rows: int, config: EvaluateConfig, take: Callable[[Errors], None]
+) -> tuple[dict[str, float], str | None]:
+    """Figures of one track and one target in chunks of so many rows, and what is said of gaps."""
+
+    def streams() -> tuple[Iterator[Tracks], Iterator[Truth]]:
+        return chunks(sides[0], rows), chunks(sides[1], rows + 1)
+
+    known = survey(*streams(), in_memory=50)
+    assert known.single == (0, 0)
+    found = CompareStreams(known, {0: 0}, config, "m", in_memory=50)
+    for part in stretches(*streams(), known, config):
+        take(found.add(part))
+    return found.metrics(), found.note
+
+
 @pytest.mark.parametrize("config", [EvaluateConfig(), EvaluateConfig(max_gap_s=3.0), EvaluateConfig(skip_s=7.0)])
 @pytest.mark.parametrize("rows", [10**6, 50, 3])
 def test_stretches_give_what_whole_tables_give(config: EvaluateConfig, rows: int) -> None:
     tracks, truth = both(3)
     whole = evaluate(tracks, truth, None, scene(), config)
     parts: list[Errors] = []
-    known = survey(chunks(tracks, rows), chunks(truth, rows + 1), in_memory=50)
-    streams = chunks(tracks, rows), chunks(truth, rows + 1)
-    metrics, note = compare_streams(*streams, known, config, "m", parts.append, in_memory=50)
+    metrics, note = compare_streams((tracks, truth), rows, config, parts.append)
     assert 50 < metrics["estimates"] < len(tracks)
     assert metrics["estimates_without_truth"] > 0 < metrics["nees_singular"]
     assert 0 < metrics["estimates_space"] < metrics["estimates"]
@@ -86,7 +101,7 @@ def test_of_truth_elsewhere_in_time_the_message_is_that_of_whole_tables() -> Non
     with pytest.raises(InputError) as whole:
         evaluate(tracks, late, None, scene())
     with pytest.raises(InputError) as streamed:
-        compare_streams([tracks], [late], survey([tracks], [late]), EvaluateConfig(), "m", lambda _: None)
+        compare_streams((tracks, late), 10**6, EvaluateConfig(), lambda _: None)
     assert str(streamed.value) == str(whole.value)
 
 

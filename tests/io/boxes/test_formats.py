@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
-from occlog.examine.export.in_images import coco_text
+from occlog.examine.export.in_images import coco_texts
 from occlog.io.boxes.mot_challenge import write_mot
 from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, read_boxes, survey_boxes
 from occlog.io.frames.video_stream import rate_times
@@ -289,7 +289,9 @@ def test_boxes_exported_as_mot_or_coco_are_read_again_as_they_were(
     write_mot(tmp_path / "t.txt", there, "tracks")
     frames = BoxOptions(frames=(survey.first, survey.stop))
     again, _ = read(BoxFile(tmp_path / "t.txt", "a"), options=frames)
-    back, _ = read(BoxFile(saved(tmp_path / "t.json", coco_text(there, None)), None), options=frames)
+    back, _ = read(
+        BoxFile(saved(tmp_path / "t.json", "".join(coco_texts(lambda: [there], None))), None), options=frames
+    )
     for other in (again, back):
         key = lambda b: np.lexsort((b.target_id, b.frame))  # noqa: E731
         mine, others = boxes.take(key(boxes)), other.take(key(other))

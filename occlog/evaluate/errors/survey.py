@@ -1,0 +1,142 @@
+"""What must be known of tracks and truth as a whole before they are gone through side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.metrics.sums import group_medians
+from occlog.evaluate.matching.paths import usual_gap_ns
+from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.records.tables import Tracks, Truth
+
+
+@dataclass
+class Life:
+    """How long a target or a track is there.
+
+    Attributes:
+        rows: number of its rows.
+        first_ns: time of the first one.
+        last_ns: time of the last one.
+    """
+
+    rows: int
+    first_ns: int
+    last_ns: int
+
+
+@dataclass
+class Survey:
+    """What a pass over tracks and truth finds.
+
+    Attributes:
+        tracks: by rising identity.
+        targets: true targets, likewise.
+        unknown: whether the covariance of an estimate is not known.
+        tracks_ns: first and last time of the tracks; None: they have no rows.
+        truth_ns: first and last time of the truth with all its roles; None: it has no rows.
+        frames: number of distinct times of true targets.
+        gaps_ns: of each target the widest gap of the truth that is bridged unless one is given.
+    """
+
+    tracks: dict[int, Life] = field(default_factory=dict)
+    targets: dict[int, Life] = field(default_factory=dict)
+    unknown: bool = False
+    tracks_ns: tuple[int, int] | None = None
+    truth_ns: tuple[int, int] | None = None
+    frames: int = 0
+    gaps_ns: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def estimates(self) -> int:
+        """Number of rows of the tracks."""
+        return sum(each.rows for each in self.tracks.values())
+
+    @property
+    def single(self) -> tuple[int, int] | None:
+        """The track and the target, where there is one of each; else None."""
+        return (min(self.tracks), min(self.targets)) if len(self.tracks) == len(self.targets) == 1 else None
+
+
+def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = IN_MEMORY) -> Survey:
+    """Go through tracks and truth once.
+
+    Args:
+        tracks: chunks in the order of time.
+        truth: likewise.
+        in_memory: how many times are kept in memory; more go to a file without a name.
+    """
+    found, steps = Survey(), _Steps(in_memory)
+    latest: int | None = None
+    for rows in truth:
+        if not len(rows):
+            continue
+        found.truth_ns = _span(found.truth_ns, rows.t_ns)
+        own = rows.role == "target"
+        t_ns, labels = rows.t_ns[own], rows.target_id[own]
+        for label, at in _by_identity(labels, t_ns):
+            steps.add(label, at, found.targets.get(label))
+            _live(found.targets, label, at)
+        times = np.unique(t_ns)
+        found.frames += int(np.count_nonzero(times != latest)) if latest is not None else len(times)
+        latest = int(times[-1]) if len(times) else latest
+    for part in tracks:
+        if not len(part):
+            continue
+        found.tracks_ns = _span(found.tracks_ns, part.t_ns)
+        for label, at in _by_identity(part.target_id, part.t_ns):
+            _live(found.tracks, label, at)
+        found.unknown = found.unknown or bool(np.isnan(part.cov_xx).any())
+    found.tracks, found.targets = (dict(sorted(each.items())) for each in (found.tracks, found.targets))
+    found.gaps_ns = {label: usual_gap_ns(step) for label, step in steps.medians().items()}
+    return found
+
+
+def _span(before: tuple[int, int] | None, t_ns: Ints) -> tuple[int, int]:
+    return (int(t_ns[0]) if before is None else before[0], int(t_ns[-1]))
+
+
+def _by_identity(labels: np.ndarray, t_ns: Ints) -> Iterator[tuple[int, Ints]]:
+    """Times of each identity, in their order."""
+    order = np.argsort(labels, kind="stable")
+    names, first = np.unique(labels[order], return_index=True)
+    for name, (start, stop) in zip(names.tolist(), pairwise([*first.tolist(), len(labels)]), strict=True):
+        yield int(name), t_ns[order[start:stop]]
+
+
+def _live(lives: dict[int, Life], label: int, t_ns: Ints) -> None:
+    known = lives.setdefault(label, Life(0, int(t_ns[0]), int(t_ns[-1])))
+    known.rows, known.last_ns = known.rows + len(t_ns), int(t_ns[-1])
+
+
+class _Steps:
+    """Times between one true position of a target and the next."""
+
+    def __init__(self, in_memory: int) -> None:
+        self._number: dict[int, int] = {}
+        self._steps, self._whose = Spool(in_memory), Spool(in_memory)
+        self._counts: list[int] = []
+
+    def add(self, label: int, t_ns: Ints, known: Life | None) -> None:
+        number = self._number.setdefault(label, len(self._number))
+        if number == len(self._counts):
+            self._counts.append(0)
+        steps = np.diff(t_ns if known is None else np.insert(t_ns, 0, known.last_ns)).astype(np.float64)
+        self._counts[number] += len(steps)
+        self._steps.add(steps)
+        self._whose.add(np.full(len(steps), float(number)))
+
+    def medians(self) -> dict[int, float]:
+        """Their median for each target; infinite without any."""
+        found = group_medians(self._blocks, np.array(self._counts, dtype=np.int64)).tolist()
+        return {label: math.inf if math.isnan(found[k]) else found[k] for label, k in self._number.items()}
+
+    def _blocks(self) -> Iterator[tuple[Ints, Floats]]:
+        for whose, steps in zip(self._whose.blocks(), self._steps.blocks(), strict=True):
+            yield whose.astype(np.int64), steps

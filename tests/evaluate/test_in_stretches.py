@@ -1,0 +1,150 @@
+"""Several targets and tracks in stretches of time: figures and tables are those of whole tables, however cut."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occlog.array_types import NS
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.evaluate.errors.on_ground import compare
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.on_ground import evaluate_ground
+from occlog.evaluate.stage import evaluate
+from occlog.io import open as opening
+from occlog.io.files.parquet import iter_table, read_table, write_table
+from occlog.io.files.provenance import Provenance
+from occlog.records.scene import Scene
+from occlog.records.tables import Errors, Tracks, Truth
+from occlog.records.views import Counts, Failures
+
+
+def crowd(seed: int, people: int = 5, moments: int = 90) -> tuple[Tracks, Truth]:
+    """People who meet in a small room; tracks are born, exchanged, lost for a while, false, and at other times."""
+    random = np.random.default_rng(seed)
+    place, pace = random.uniform(0, 4, (people, 2)), random.normal(0, 0.1, (people, 2))
+    begin, end = random.integers(0, 30, people), moments - random.integers(0, 30, people)
+    names, new = np.arange(people), 100
+    true: list[tuple[float, ...]] = []
+    ours: list[tuple[float, ...]] = []
+    for t in range(moments):
+        place = place + pace
+        pace = np.where((place < 0) | (place > 4), -pace, pace)
+        at, seen = int(0.2 * t * NS), int((0.2 * t + random.choice([0.0, 0.03])) * NS)
+        if random.random() < 0.1:
+            a, b = random.integers(0, people, 2)
+            names[[a, b]] = names[[b, a]]
+        if random.random() < 0.1:
+            names[random.integers(0, people)], new = new, new + 1
+        true += [(at, k, *place[k]) for k in range(people) if begin[k] <= t < end[k] and random.random() < 0.95]
+        lost = 20 <= t < 32
+        near = [
+            k for k in range(people) if begin[k] <= t < end[k] + 3 and random.random() < 0.8 and not (lost and k == 0)
+        ]
+        ours += [(seen, names[k], *(place[k] + random.normal(0, 0.25, 2))) for k in near]
+        if random.random() < 0.3:
+            ours, new = [*ours, (seen, new, *random.uniform(0, 4, 2))], new + 1
+    a, b = (np.array(sorted(rows)) for rows in (ours, true))
+    n, m = len(a), len(b)
+    spread = random.uniform(0.02, 0.2, n)
+    tracks = Tracks.of(
+        t_ns=a[:, 0].astype(np.int64),
+        target_id=a[:, 1].astype(np.int32),
+        x=a[:, 2],
+        y=a[:, 3],
+        vx=np.zeros(n),
+        vy=np.zeros(n),
+        cov_xx=spread,
+        cov_xy=np.zeros(n),
+        cov_yy=np.where(random.random(n) < 0.05, 0.0, spread),
+    )
+    truth = Truth.of(
+        t_ns=b[:, 0].astype(np.int64),
+        target_id=b[:, 1].astype(np.int32),
+        role=np.full(m, "target"),
+        x=b[:, 2],
+        y=b[:, 3],
+        z=np.full(m, np.nan),
+    )
+    return tracks, truth
+
+
+WAYS: tuple[tuple[EvaluateConfig, ManyConfig, list[str]], ...] = (
+    (EvaluateConfig(), ManyConfig(match_distance=1.0, moda_distance=0.5, own="label"), []),
+    (
+        EvaluateConfig(match="optimal", skip_s=3.0),
+        ManyConfig(match_distance=1.0, moda_distance=0.5, own="best", clear_rule="challenge", ospa_window=7),
+        ["--match", "optimal", "--skip-seconds", "3", "--clear-rule", "challenge", "--ospa-window", "7"],
+    ),
+    (
+        EvaluateConfig(match="optimal", max_gap_s=1.5),
+        ManyConfig(match_distance=0.4, moda_distance=0.5, own="start", gospa_switch=0.2, gospa_p=1.0),
+        [
+            "--match",
+            "optimal",
+            "--max-gap",
+            "1.5",
+            "--match-distance",
+            "0.4",
+            "--own",
+            "start",
+            "--gospa-switch",
+            "0.2",
+            "--gospa-p",
+            "1",
+        ],
+    ),
+)
+
+
+@pytest.mark.parametrize(("seed", "rows"), [(1, 10**6), (2, 23), (3, 1)])
+@pytest.mark.parametrize("way", range(len(WAYS)))
+def test_the_command_gives_what_whole_tables_give(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, rows: int, way: int
+) -> None:
+    config, many, options = WAYS[way]
+    tracks, truth = crowd(10 * way + seed)
+    whole = evaluate(tracks, truth, None, Scene(length_unit="m"), config)
+    ground = evaluate_ground(tracks, truth, many, config.limit_ns)
+    wanted = {**ground.metrics, **whole.metrics}
+    for name, table in (("tracks", tracks), ("truth", truth)):
+        write_table(tmp_path / f"{name}.parquet", table, Provenance("track"))
+    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
+    args = ["evaluate", str(tmp_path / "tracks.parquet"), "--truth", str(tmp_path / "truth.parquet"), *options]
+    for name in ("errors", "failures", "counts"):
+        args += [f"--{name}", str(tmp_path / f"{name}.parquet")]
+    assert run([*args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
+    found = json.loads((tmp_path / "m.json").read_text())
+    assert len(wanted) > 80
+    assert wanted["id_switches"] > 1 < wanted["fragmentations"]
+    assert 0 < wanted["recall"] < 1
+    assert {name: found[name] for name in wanted} == pytest.approx(wanted, rel=1e-12, nan_ok=True)
+    exact = [n for n in wanted if "median" in n or "p95" in n or "max" in n or n in ("tp", "idtp", "id_switches", "fn")]
+    assert len(exact) > 7
+    assert {name: found[name] for name in exact} == {name: wanted[name] for name in exact}
+    for kind, rows_of in ((Errors, whole.errors), (Failures, ground.failures), (Counts, ground.counts)):
+        again = read_table(tmp_path / f"{kind.NAME}.parquet", kind)
+        assert len(rows_of)
+        for c in kind.columns():
+            np.testing.assert_array_equal(getattr(again, c.name), getattr(rows_of, c.name), err_msg=c.name)
+
+
+def test_pairs_by_distance_are_those_of_whole_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tracks, truth = crowd(5)
+    pairs = compare(tracks, truth, EvaluateConfig(match="optimal")).pairs
+    assert len(pairs) == 5
+    for name, table in (("tracks", tracks), ("truth", truth)):
+        write_table(tmp_path / f"{name}.parquet", table, Provenance("track"))
+    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=11))
+    args = ["evaluate", str(tmp_path / "tracks.parquet"), "--truth", str(tmp_path / "truth.parquet")]
+    assert run([*args, "--match", "optimal", "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
+    found = json.loads((tmp_path / "m.json").read_text())
+    rows = {target: np.count_nonzero(tracks.target_id == track) for track, target in pairs.items()}
+    assert all(0 < found[f"estimates_target_{target}"] <= n for target, n in rows.items())
+    assert found["tracks_unmatched"] == len(np.unique(tracks.target_id)) - 5
