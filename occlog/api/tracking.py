@@ -26,7 +26,7 @@ from .sources import Inputs, SceneSource, Source
 Done: TypeAlias = tuple[Mapping[str, Any], Sequence[Loss]]
 WRITTEN = ("diagnostics", "residuals", "support", "events")
 """Tables that come with the tracks where the method makes them."""
-ON_REQUEST = ("calibration", "cooperation", "view_tracks", "virtual_sensors", "world")
+ON_REQUEST = ("calibration", "cloud", "cooperation", "view_tracks", "virtual_sensors", "world")
 ARGUMENTS = (
     "scene",
     "method",
@@ -102,7 +102,8 @@ def track(
         path_loss: file of `occlog fit-readers`.
         sights: bearings of cameras that refine the tracks of tags.
         gallery: how people look, for the tracks of everybody: a table or a file of `occlog appearance learn`.
-        also: more tables of the method: calibration, cooperation, view_tracks, virtual_sensors, world.
+        also: more tables of the method: calibration, cloud (its particles), cooperation, view_tracks, virtual_sensors,
+            world.
         progress: show a bar on standard error, if it is a terminal.
         **settings: of the method and of measurements of distances, by the names that `--set` takes or of options, in
             their units (angles in radians).
@@ -235,7 +236,7 @@ def _from_bearings(asked: _Asked, tracks: Path) -> Done:
         path_loss=asked.files["path_loss"],
         **asked.shared,
     )
-    files = TrackFiles(tracks, **asked.tables("diagnostics", "calibration", "cooperation", "residuals"))
+    files = TrackFiles(tracks, **asked.tables("diagnostics", "calibration", "cloud", "cooperation", "residuals"))
     return run_track(request, files, False, asked.quiet)
 
 

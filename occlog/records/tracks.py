@@ -200,6 +200,28 @@ class Diagnostics(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Particles(Table):
+    """Where a particle filter thinks that each target is: weighted places at each time."""
+
+    NAME: ClassVar[str] = "particles"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "particle")
+
+    t_ns: Ints = column("i8", "ns", "time of the estimate since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track")
+    particle: Ints32 = column("i4", "1", "number of the particle at that time, from 0; no particle keeps its number")
+    x: Floats = column("f8", "m", "its place")
+    y: Floats = column("f8", "m", "its place")
+    weight: Floats = column("f8", "1", "its weight; those of one target and time have the sum 1")
+
+    def check(self) -> None:
+        """Times in order, weights in their range."""
+        check_order(self)
+        bad = ~((self.weight >= 0.0) & (self.weight <= 1.0 + 1e-9))
+        if bad.any():
+            raise InputError(f"Particles: row {first_row(bad)}: want 0 <= weight <= 1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Residuals(Table):
     """How each bearing that was used agrees with the estimate, and whether it is believed."""
 

@@ -122,7 +122,7 @@ OURS: dict[str, Entry] = {
         "auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)",
         "occlog.track.apf.filter:METHOD",
         "occlog.track.apf.config:ApfConfig",
-        (*IN_WORLD, *MEASURED, "starts", "occluders", "calibration", *SELECTION),
+        (*IN_WORLD, *MEASURED, "starts", "occluders", "calibration", "cloud", *SELECTION),
     ),
     "map": Entry(
         "most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
@@ -158,7 +158,7 @@ OURS: dict[str, Entry] = {
         "particle filter in space from azimuths and elevations (Lee 2009)",
         "occlog.track.in_space.direct3d:METHOD",
         "occlog.track.in_space.config:Direct3dConfig",
-        (*IN_WORLD, "starts", *SELECTION),
+        (*IN_WORLD, "starts", "cloud", *SELECTION),
     ),
     "pps": Entry(
         "projected planes selection: particle filters in the planes xy, yz and zx (Lee 2009)",

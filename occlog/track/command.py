@@ -266,6 +266,7 @@ def command(
         calibration=own.get("calibration"),
         cooperation=own.get("cooperation"),
         residuals=own["residuals"],
+        cloud=own.get("cloud"),
     )
     options.check_outputs(request.paths, outputs.paths, overwrite)
     summary, losses = run_track(request, outputs, overwrite, quiet)

@@ -20,6 +20,12 @@ LISTED: tuple[click.Option, ...] = (
         help="How each bearing agrees with the estimate, and whether it is believed (Parquet).",
     ),
     click.Option(
+        ["--cloud"],
+        type=PATH,
+        default=None,
+        help="Where the particles of the filter are at each time, 200 at most, as before any smoothing (Parquet).",
+    ),
+    click.Option(
         ["--calibration"],
         type=PATH,
         default=None,

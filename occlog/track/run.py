@@ -24,7 +24,7 @@ from occlog.measure.scans.measured import MeasuredFeed, Radio
 from occlog.measure.scans.scan import sensor_names
 from occlog.measure.scans.shadowing import Shadowing
 from occlog.measure.scans.sources import in_turn, only_measured
-from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Residuals, Tracks
+from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Particles, Residuals, Tracks
 from occlog.records.traffic import END_TO_END
 from occlog.settings import METRES, Settings, configure
 from occlog.track.apf.selection_config import SelectConfig
@@ -184,11 +184,12 @@ class TrackFiles:
     calibration: Path | None = None
     cooperation: Path | None = None
     residuals: Path | None = None
+    cloud: Path | None = None  # particles
 
     @property
     def paths(self) -> list[Path | None]:
         """All of them."""
-        return [self.tracks, self.diagnostics, self.calibration, self.cooperation, self.residuals]
+        return [self.tracks, self.diagnostics, self.calibration, self.cooperation, self.residuals, self.cloud]
 
 
 def run_track(
@@ -231,6 +232,7 @@ def run_track(
         unlabelled=request.unlabelled,
         window_ns=request.window_ns,
         selection=selection,
+        particles=wanted.cloud is not None,
     )
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, SmoothingConfig) and config.smoothed
@@ -260,6 +262,7 @@ def run_track(
         (wanted.calibration, Calibration),
         (wanted.cooperation, Cooperation),
         (wanted.residuals, Residuals),
+        (wanted.cloud, Particles),
     ]
     with ExitStack() as stack:
         writers = [
@@ -271,7 +274,14 @@ def run_track(
             for p, t in outputs
         ]
         for part in tracked:
-            tables = (part.tracks, part.diagnostics, part.calibration, part.cooperation, part.residuals)
+            tables = (
+                part.tracks,
+                part.diagnostics,
+                part.calibration,
+                part.cooperation,
+                part.residuals,
+                part.particles,
+            )
             for writer, table in zip(writers, tables, strict=True):
                 if writer is not None and table is not None:
                     writer.write(table)

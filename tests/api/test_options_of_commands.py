@@ -42,7 +42,7 @@ TABLES = {
     "label": {"output"},
     "track": {
         *("output", "diagnostics", "residuals", "support", "events"),
-        *("calibration", "cooperation", "view_tracks", "virtual_sensors", "world"),
+        *("calibration", "cloud", "cooperation", "view_tracks", "virtual_sensors", "world"),
     },
     "evaluate": {"output", "errors", "bound", "failures", "counts"},
     "simulate": set[str](),
@@ -52,6 +52,7 @@ TABLES = {
 MISSING = {
     "label": {"--gallery", "--images", "--labelled", "--named"},
     "evaluate": {"--write-scene", "--fail-if", "--mot"},
+    "report": {"other", "--seed"},  # of two runs side by side
 }
 EVERYWHERE = {"--input-units", "--reader"}
 """Options that have no argument on purpose."""

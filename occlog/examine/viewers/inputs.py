@@ -27,6 +27,7 @@ from occlog.records.tables import (
     Events,
     Hulls,
     Occluders,
+    Particles,
     PeopleTracks,
     Tracks,
     Truth,
@@ -43,6 +44,7 @@ ROWS = 8192
 SHOWN: tuple[type[Table], ...] = (
     Truth,
     Diagnostics,
+    Particles,
     PeopleTracks,
     Errors,
     Bound,

@@ -9,6 +9,7 @@ import numpy as np
 from occlog.records.scene import Scene
 from occlog.settings import METRES
 
+from .moments import PARTICLES
 from .sensors import world_of
 
 MOST_CAMERAS, MOST_LINES = 6, 8
@@ -78,6 +79,8 @@ def _space(topics: Mapping[str, str], scene: Scene | None) -> dict[str, object]:
         t: {"visible": not t.startswith("/shadows")} for t, s in topics.items() if s == "foxglove.SceneUpdate"
     }
     cone = {"visible": True, "distance": 1, "planarProjectionFactor": 1}
+    if PARTICLES in topics:
+        shown[PARTICLES] = {"visible": True, "colorMode": "rgba-fields", "pointSize": 4, "pointShape": "circle"}
     shown |= {t: cone for t in topics if t.endswith("/calibration")}
     middle, size = np.zeros(2), 10.0
     if scene is not None and (scene.room is not None or scene.cameras or scene.arrays):

@@ -28,6 +28,7 @@ from occlog.records.tables import (
     Events,
     Hulls,
     Occluders,
+    Particles,
     PeopleTracks,
     Truth,
     TruthBoxes,
@@ -38,11 +39,13 @@ from occlog.records.tables import (
 from .inputs import Inputs
 from .people import STALE_NS, Crowd, Palette, Told, boxes_in_image, people_of, tracked_in_image, true_in_space
 from .series import Series
-from .shapes import GREY, Line, Thing, at_height
+from .shapes import GREY, Dots, Line, Thing, at_height, faded
 from .sight import Sight, moving_occluders
 
 LAYERS: dict[type[Table], str] = {ViewTracks: "annotations", Views: "boxes", Boxes: "boxes", TruthBoxes: "true_boxes"}
 """What lies over an image can be shown or not, each for itself: targets, boxes of a detector, true boxes."""
+PARTICLES = "/particles"
+"""The topic of dots alone, which all viewers draw of clouds of points."""
 SHADOWS_NS = NS // 5
 """Shadows of people are drawn at most this often: they take the most work."""
 
@@ -111,6 +114,7 @@ class Story:
         add(0, pieces(Truth), self._truth)
         add(1, pieces(Diagnostics), self._diagnostics)
         add(2, pieces(PeopleTracks), self._tracks)
+        add(2, pieces(Particles), self._particles)
         add(3, pieces(Occluders), self._occluders)
         add(3, pieces(Hulls), self._hulls)
         add(4, pieces(Bearings), self._bearings)
@@ -173,6 +177,14 @@ class Story:
         if self._sight is not None and self._cameras and t_ns >= self._next_shadows:
             self._next_shadows = t_ns + SHADOWS_NS
             yield Drawn("/shadows", t_ns, self._sight.shadows(t_ns))
+
+    def _particles(self, rows: Particles) -> Iterator[Moment]:
+        places = at_height(self._metres * np.column_stack([rows.x, rows.y]), 0.03)
+        things = []
+        for target in np.unique(rows.target_id).tolist():
+            dots = Dots(places[rows.target_id == target], faded(self.palette(target), 0.6))
+            things.append(Thing(f"particles {target}", dots=[dots]))
+        yield Drawn(PARTICLES, int(rows.t_ns[0]), things)
 
     def _occluders(self, rows: Occluders) -> Iterator[Moment]:
         t_ns, rows = int(rows.t_ns[0]), rows.take(rows.occluder_id >= 0)

@@ -24,7 +24,7 @@ PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 
 def point_cloud(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
-    """A `foxglove.PointCloud` along the lines and edges of things [m]; words are left out."""
+    """A `foxglove.PointCloud` along the lines and edges of things [m], and of their dots; words are left out."""
     parts = [part for thing in things for part in _of_thing(thing)]
     return _message(parts, t_ns, frame)
 
@@ -67,7 +67,8 @@ def _message(parts: Sequence[tuple[Floats, Rgba]], t_ns: int, frame: str) -> byt
 def _of_thing(thing: Thing) -> list[tuple[Floats, Rgba]]:
     lines = [(_along(line, STEP, DASH), line.colour) for line in thing.lines]
     columns = [(_column(column), column.colour) for column in thing.columns]
-    return lines + columns + [(_edges(fill), fill.colour) for fill in thing.fills]
+    dots = [(each.points, each.colour) for each in thing.dots]
+    return lines + columns + dots + [(_edges(fill), fill.colour) for fill in thing.fills]
 
 
 def _along(line: Line, step: float, dash: float) -> Floats:

@@ -34,7 +34,7 @@ from occlog.records.scene import Camera
 from .foxglove import image_annotations, scene_update
 from .inputs import Inputs, find_inputs, note_strangers
 from .layout import foxglove_layout
-from .moments import LAYERS, Drawn, Moment, Numbers, Over, Said, Story
+from .moments import LAYERS, PARTICLES, Drawn, Moment, Numbers, Over, Said, Story
 from .plan import plan, static_shadows
 from .plotted import DEFINITION, MAIN, SCHEMA, main_columns, main_numbers
 from .points import image_cloud, point_cloud
@@ -154,7 +154,10 @@ class _Sink:
 
     def write(self, moment: Moment) -> None:
         """Write one moment."""
-        if isinstance(moment, Drawn):
+        if isinstance(moment, Drawn) and moment.topic == PARTICLES:
+            data = point_cloud(moment.things, moment.t_ns, self._world)
+            self._message(moment.topic, PointCloud, moment.t_ns, data)
+        elif isinstance(moment, Drawn):
             if self._lines:
                 data = scene_update(moment.things, moment.t_ns, self._world)
                 self._message(moment.topic, SceneUpdate, moment.t_ns, data)

@@ -63,6 +63,14 @@ class Text:
 
 
 @dataclass(frozen=True)
+class Dots:
+    """Points (n, 3) of the world, each for itself."""
+
+    points: Floats
+    colour: Rgba
+
+
+@dataclass(frozen=True)
 class Thing:
     """What belongs together, such as all of a person; things of one name follow each other."""
 
@@ -71,6 +79,7 @@ class Thing:
     columns: Sequence[Column] = field(default=())
     fills: Sequence[Fill] = field(default=())
     texts: Sequence[Text] = field(default=())
+    dots: Sequence[Dots] = field(default=())
 
 
 def faded(colour: Rgba, opacity: float) -> Rgba:

@@ -17,6 +17,7 @@ from occlog.track.apf.selector import Selector, TargetFilter
 from occlog.track.interface import Config, Online, State
 
 from .lookback import lookback
+from .particles import thinned
 from .rows import ROWS_PER_CHUNK, Row, Tracked, tables
 from .tracking import Tracking, check_start, feed_of
 
@@ -38,6 +39,8 @@ def track_online(
     selector = _selector(scene, method, tracking)
     filters: dict[int, TargetFilter[State]] = {}
     later = lookback(method.smoothing, config, tracking.seed)
+    clouds = method.prediction.cloud if tracking.particles and method.prediction is not None else None
+    drawn = generator(tracking.seed, Stage.SELECT)  # nothing is drawn at the time of the scan itself
     rows: list[Row] = []
     for everything in tracking.scans(bearings, scene, measured):
         # Priors of the moving occluders at the time of the scan
@@ -55,6 +58,8 @@ def track_online(
                 filters[target] = TargetFilter(target, state, rng, generator(tracking.seed, Stage.SELECT, target))
             # Step: select cameras, take their rows in, estimate
             filters[target], row = _stepped(filters[target], method, selector, scan)
+            if row is not None and clouds is not None:
+                row = row._replace(cloud=thinned(clouds(filters[target].state, scan.t_ns, drawn)))
             if row is not None and later is not None:
                 later.add(row, filters[target].state)
             elif row is not None:

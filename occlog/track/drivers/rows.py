@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
-from occlog.records.tables import Calibration, Cooperation, Diagnostics, Residuals, Tracks
-from occlog.track.interface import Estimate, Fit, Height, Noise
+from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
+from occlog.track.interface import Cloud, Estimate, Fit, Height, Noise
 from occlog.track.plausibility.sight import Frames
+
+from .particles import particle_rows
 
 
 class Solve(NamedTuple):
@@ -34,6 +36,7 @@ class Tracked(NamedTuple):
     offered: int = 0  # frames that it could have asked for
     residuals: Residuals | None = None  # None: nothing was compared
     frames: tuple[Frames, ...] = ()  # what candidates without a label were left
+    particles: Particles | None = None  # None: not asked for
 
 
 ROWS_PER_CHUNK = 4096
@@ -49,6 +52,7 @@ class Row(NamedTuple):
     n_offered: int  # frames of sensors since the row before
     selected: tuple[int, ...] = ()
     mse: float = math.nan  # NaN: nothing was selected anew
+    cloud: Cloud | None = None  # None: not asked for
 
 
 def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
@@ -66,6 +70,7 @@ def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
         _diagnostics(rows, estimates, names),
         _calibration(rows, names),
         residuals=_residuals(rows, names),
+        particles=particle_rows([(r.t_ns, r.target, r.cloud) for r in rows if r.cloud is not None]),
     )
 
 

@@ -31,6 +31,7 @@ class Tracking(Generic[Config]):
         unlabelled: use candidates that are not assigned to a target.
         window_ns: rows at most this far apart form one scan.
         selection: how to select cameras; only those selected are used.  None: no selection.
+        particles: give out where the particles of the filters are, too.
     """
 
     config: Config
@@ -41,6 +42,7 @@ class Tracking(Generic[Config]):
     unlabelled: bool = True
     window_ns: int = 0
     selection: SelectConfig | None = None
+    particles: bool = False
 
     def rows(self, scene: Scene) -> Rows:
         """Which rows of the bearings to use."""

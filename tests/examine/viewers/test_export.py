@@ -31,7 +31,7 @@ from occlog.examine.viewers.plotted import SCHEMA
 from occlog.io.files.parquet import write_table
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.records.tables import Boxes, Occluders
+from occlog.records.tables import Boxes, Occluders, Particles
 from occlog.report.drawing.style import target_colour
 
 SCHEMAS: dict[str, Any] = {
@@ -411,3 +411,26 @@ def test_tracks_in_images_without_images_are_refused(tmp_path: Path, capsys: pyt
 def test_a_folder_without_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["export", str(tmp_path), "-o", str(tmp_path / "new.mcap")]) == ExitCode.BAD_INPUT
     assert "not the folder of a run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("to", ["viewers", "foxglove", "rerun"])
+def test_particles_are_points_in_the_colour_of_their_target(tmp_path: Path, to: str) -> None:
+    folder = fill(tmp_path)
+    rows = Particles.of(
+        t_ns=[NS, NS, NS], target_id=[3, 3, 7], particle=[0, 1, 0], x=[2.0, 2.5, 1.0], y=[1.0, 1.5, 2.0],
+        weight=[0.5, 0.5, 1.0],
+    )  # fmt: skip
+    write_table(folder / "particles.parquet", rows, MADE, length_unit="m")
+    out, layout = tmp_path / "out.mcap", tmp_path / "layout.json"
+    arguments = ["--to", to, *(() if to == "rerun" else ("--layout", str(layout)))]
+    assert run(["export", str(folder), "-o", str(out), "-q", *arguments]) == ExitCode.DONE
+    messages, schemas = read(out)
+    assert schemas["/particles"].name == "foxglove.PointCloud"
+    assert "particles" not in messages
+    ((t_ns, shown),) = messages["/particles"]
+    assert t_ns == NS
+    dots = np.frombuffer(shown.data, np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)]))
+    np.testing.assert_allclose(dots["xyz"][:, :2], [[2.0, 1.0], [2.5, 1.5], [1.0, 2.0]])
+    assert len({tuple(colour) for colour in dots["rgba"].tolist()}) == 2
+    if to != "rerun":
+        assert "/particles" in layout.read_text()

@@ -222,7 +222,7 @@ def test_views_that_end_early_or_are_slower_keep_their_last_picture(tmp_path: Pa
         (
             ["t", "R", "--video", "o.avi", "-o", "p.html"],
             ExitCode.USAGE,
-            "-o is an option of a page, not of --recording",
+            "-o is an option of a page, TRACKS OTHER (two runs side by side), not of --recording",
         ),
         (["t", "R", "--video", "o.avi", "--camera", "view9"], ExitCode.BAD_INPUT, "no video of camera 'view9'"),
         (["t", "R", "--video", "o.avi", "--frames", "50:60"], ExitCode.BAD_INPUT, "has no frame in 50:60"),

@@ -29,24 +29,26 @@ def field(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> str
 
 
 @pytest.mark.parametrize(
-    ("estimator", "without", "median"), [("mle", 10, 1.19), ("huber", 7, 1.16), ("andrews", 4, 1.55), ("rmr", 0, 43.2)]
+    ("estimator", "without", "median"),
+    [("mle", (10,), 1.19), ("huber", (7,), 1.16), ("andrews", (4, 5), 1.55), ("rmr", (0,), 43.2)],
 )
 def test_fixes_of_a_field_log(
-    data: Path, field: str, tmp_path: Path, capsys, estimator: str, without: int, median: float
+    data: Path, field: str, tmp_path: Path, capsys, estimator: str, without: tuple[int, ...], median: float
 ) -> None:
     """Rounds without a fix, and the median distance to the published fixes.
 
-    A round has no fix where the iteration of the estimator does not settle; repeated medians need none.  The
+    A round has no fix where the iteration of the estimator does not settle; repeated medians need none.  In one round
+    that of andrews, whose weights come back from zero, wanders so long that the last bit of a processor's sine decides.  The
     authors used maximum likelihood and print whole metres, so that an estimate like theirs is about 1 m away, and one
     that takes medians of crossings is not.  The medians are those of this log, to a tenth.
     """
     args = ["--method", "fix", "--doa-labels", "--set", f"estimator={estimator}", "-q", "--json"]
     args += ["--diagnostics", str(tmp_path / "how.parquet")]
     assert run(["track", field, "-o", str(tmp_path / "fix.parquet"), *args]) == ExitCode.DONE
-    assert json.loads(capsys.readouterr().out)["rows"] == rounds(data) - without
+    assert json.loads(capsys.readouterr().out)["rows"] in [rounds(data) - count for count in without]
     found, known = read_table(tmp_path / "fix.parquet", Tracks), published_fixes(data)
     pairs = [(x, y, *known[t]) for t, x, y in zip(found.t_ns.tolist(), found.x, found.y, strict=True) if t in known]
-    assert len(pairs) >= len(known) - without
+    assert len(pairs) >= len(known) - max(without)
     x, y, east, north = np.array(pairs).T
     assert np.median(np.hypot(x - east, y - north)) == pytest.approx(median, rel=0.1)
     told = read_table(tmp_path / "how.parquet", Diagnostics)
