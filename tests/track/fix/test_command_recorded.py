@@ -38,9 +38,9 @@ def test_fixes_of_a_field_log(
     """Rounds without a fix, and the median distance to the published fixes.
 
     A round has no fix where the iteration of the estimator does not settle; repeated medians need none.  In one round
-    that of andrews, whose weights come back from zero, wanders so long that the last bit of a processor's sine decides.  The
-    authors used maximum likelihood and print whole metres, so that an estimate like theirs is about 1 m away, and one
-    that takes medians of crossings is not.  The medians are those of this log, to a tenth.
+    that of andrews, whose weights come back from zero, wanders so long that the last bit of a processor's sine decides.
+    The authors used maximum likelihood and print whole metres, so that an estimate like theirs is about 1 m away, and
+    one that takes medians of crossings is not.  The medians are those of this log, to a tenth.
     """
     args = ["--method", "fix", "--doa-labels", "--set", f"estimator={estimator}", "-q", "--json"]
     args += ["--diagnostics", str(tmp_path / "how.parquet")]
