@@ -235,7 +235,7 @@ def test_numbers_for_rerun_are_messages_of_ros_2_that_say_their_columns(tmp_path
 @pytest.mark.parametrize("to", FORMATS)
 def test_every_message_is_valid_by_its_published_json_schema(files: dict[str, list[Row]], to: str) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    for topic, _, message in files[to]:
+    for _, _, message in files[to]:
         name = message.DESCRIPTOR.name
         schema = json.loads((Path(str(PUBLISHED)) / f"{name}.json").read_text())
         value = MessageToDict(
@@ -244,7 +244,7 @@ def test_every_message_is_valid_by_its_published_json_schema(files: dict[str, li
             use_integers_for_enums=True,
             always_print_fields_with_no_presence=True,
         )
-        jsonschema.validate(in_json(message, value), schema, cls=jsonschema.Draft202012Validator), topic
+        jsonschema.validate(in_json(message, value), schema, cls=jsonschema.Draft202012Validator)
 
 
 def in_json(message: Any, value: dict[str, Any]) -> dict[str, Any]:

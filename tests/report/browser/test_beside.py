@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from two_runs import exchanged_at, moved, tracks, truth, write_run
 
-from docs.browser import CHROMIUM, browser
+from docs.browser import CHROMIUM
 from occlog.cli.main import run
 from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance
@@ -33,13 +33,6 @@ def other_run() -> PeopleTracks:
         exchanged_at(40)(*columns)
 
     return tracks(60, change)
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    pytest.importorskip("playwright.sync_api")
-    with browser() as started:
-        yield started
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from made_up import run
 
-from docs.browser import CHROMIUM, browser
+from docs.browser import CHROMIUM
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings
 from occlog.report.page import build_page
@@ -32,13 +32,6 @@ CURSOR = """figure => {
   return (left(figure.querySelector(".cursor")) - left(svg)) / svg.clientWidth;
 }"""
 Open = Callable[..., Any]
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    pytest.importorskip("playwright.sync_api")
-    with browser() as started:
-        yield started
 
 
 @pytest.fixture(scope="module")
