@@ -38,8 +38,10 @@ def text(word: str) -> bytes:
     return struct.pack("<I", len(word)) + word.encode()
 
 
-def mcap(path: Path, packed: bytes, compression: str, declared: int, indexed: tuple[str, int]) -> Path:
-    """A recording of one chunk; the index states a compression and a size of its own."""
+def mcap(
+    path: Path, packed: bytes, compression: str, declared: int, indexed: tuple[str, int], *, topics: bool = True
+) -> Path:
+    """A recording of one chunk; the index states a compression and a size of its own, and what topics it has."""
     types = record(
         3, struct.pack("<H", 1) + text("occlog.Bearings") + text("jsonschema") + struct.pack("<I", 2) + b"{}"
     )
@@ -50,7 +52,8 @@ def mcap(path: Path, packed: bytes, compression: str, declared: int, indexed: tu
     out = head + chunk + record(15, struct.pack("<I", 0))
     start = len(out)
     name, size = indexed
-    index = struct.pack("<QQQQI", TIME, TIME, len(head), len(chunk), 0) + struct.pack("<Q", 0)
+    offsets = struct.pack("<HQ", 1, 1) if topics else b""
+    index = struct.pack("<QQQQI", TIME, TIME, len(head), len(chunk), len(offsets)) + offsets + struct.pack("<Q", 0)
     out += types + record(8, index + text(name) + struct.pack("<QQ", len(packed), size))
     out += record(11, struct.pack("<QHIIIIQQI", 1, 1, 1, 0, 0, 1, TIME, TIME, 10) + struct.pack("<HQ", 1, 1))
     path.write_bytes(out + record(2, struct.pack("<QQI", start, 0, 0)) + RECORDING_MAGIC)
@@ -80,8 +83,11 @@ def test_the_size_of_a_chunk_is_what_comes_out_of_it(
         "a chunk that states more": (small, "zstd", BOMB, ("zstd", 10)),
         "an index that states more": (small, "zstd", 8, ("zstd", BOMB)),
     }
-    for name, given in kinds.items():
-        path = mcap(tmp_path / "r.mcap", *given)
+    # Without the topics the chunk is gone through, and what the index states of it is not asked
+    cases = [(name, given, True) for name, given in kinds.items()]
+    cases += [(name, given, False) for name, given in kinds.items() if name != "an index that states more"]
+    for name, given, topics in cases:
+        path = mcap(tmp_path / "r.mcap", *given, topics=topics)
         code = run(["track", str(path), "--scene", SCENE, "-o", str(tmp_path / "t.parquet")])
         told = capfd.readouterr().err.splitlines()
         assert (code, len(told)) == (ExitCode.BAD_INPUT, 1), (name, told)

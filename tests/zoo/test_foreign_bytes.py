@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from mcap.writer import IndexType, Writer
+from mcap.writer import Writer
 from places import ROOT
 
 from occlog.cli.main import DEBUG, LazyGroup, run
@@ -263,22 +263,6 @@ def test_an_image_of_many_pixels_in_a_recording_is_not_decoded(tmp_path: Path) -
         large.decode()
     with pytest.raises(InputError, match="wrong check sum of PNG part"):
         flipped.decode()
-
-
-def test_a_recording_without_an_index_is_not_taken_for_an_empty_one(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "r.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, use_statistics=False, index_types=IndexType.NONE, repeat_channels=False)
-        writer.start()
-        schema = writer.register_schema("occlog.Bearings", "jsonschema", b"{}")
-        writer.add_message(writer.register_channel("/bearings/a", "json", schema), 1, b"{}", 1)
-        writer.finish()
-    args = ["detect", str(path), "-o", str(tmp_path / "b.parquet")]
-    assert run(args) == ExitCode.BAD_INPUT
-    (line,) = capfd.readouterr().err.splitlines()
-    assert "has no index" in line
 
 
 def test_a_bug_says_that_it_is_one_and_what_to_send(

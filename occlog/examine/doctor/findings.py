@@ -53,6 +53,11 @@ KINDS: dict[str, Kind] = {
     "no-table": Kind(N, "fits none of occlog's tables"),
     "not-looked-at": Kind(W, "not looked at", remedy="name the files, or a folder with fewer"),
     "damaged-recording": Kind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
+    "no-index": Kind(
+        N,
+        "no index, or not of all that it holds: each command makes one in a pass through the file",
+        remedy="write one: occlog recover {file} -o OUT.mcap",
+    ),
     "damaged-table": Kind(E, "rows that are damaged", remedy="make the table again from the recording"),
     "damaged-bag": Kind(W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"),
     "message": Kind(E, "a message that is not of its type", remedy="make the recording again"),

@@ -54,6 +54,8 @@ def look_at_recording(path: Path, recording: Recording | None, findings: Finding
     look, fault = _Look(path, findings), None
     if recording is not None:
         note_losses(recording.losses, findings)
+        if not recording.indexed:
+            findings.add("no-index", "", "")
         try:
             attached_epipolar(recording)
         except InputError as error:

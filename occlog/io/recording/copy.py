@@ -6,12 +6,12 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from mcap.reader import McapReader
 from mcap.writer import Writer
 
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import Provenance
 
+from .made_index_reader import McapMessages
 from .mcap_errors import open_mcap
 from .metadata import add_metadata, read_metadata
 from .reader import Recording
@@ -40,17 +40,14 @@ def copy_recording(
     """
     with open_output(path, overwrite) as file:
         writer = begin_mcap(file)
-        # A file without an index can be gone through only once each time it is opened.
-        with open_mcap(source.path) as (reader, _):
+        with open_mcap(source.path) as (reader, summary):
             for each in reader.iter_attachments():
                 if each.name not in attachments:
                     writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
-        for name, data in attachments.items():
-            writer.add_attachment(0, 0, name, "application/json", data)
-        with open_mcap(source.path) as (reader, _):
+            for name, data in attachments.items():
+                writer.add_attachment(0, 0, name, "application/json", data)
             messages = _copy_messages(reader, writer)
-        with open_mcap(source.path) as (reader, summary):
-            if source.ours and summary:
+            if source.ours:
                 records = read_metadata(source.path, summary).items()
                 add_metadata(writer, {n: moved_metadata(n, v, source.path, path, provenance) for n, v in records})
             else:
@@ -60,7 +57,7 @@ def copy_recording(
     return messages
 
 
-def _copy_messages(reader: McapReader, writer: Writer) -> int:
+def _copy_messages(reader: McapMessages, writer: Writer) -> int:
     """Copy all messages in the order of the file."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}

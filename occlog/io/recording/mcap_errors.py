@@ -7,17 +7,19 @@ more, checks no CRC unless asked, and believes whatever size a chunk declares.
 from __future__ import annotations
 
 import io
+import os
 import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import IO
 
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader, SeekingReader
+from mcap.reader import SeekingReader
 from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
@@ -26,6 +28,8 @@ from occlog.io.files.content import RECORDING_MAGIC, mistaken_for
 from occlog.io.files.inputs import check_input
 
 from .chunks import MAX_CHUNK_BYTES, check_chunk
+from .made_index import MadeIndex, check_told, is_complete, make_index
+from .made_index_reader import MadeIndexReader, McapMessages
 
 FOOTER_BYTES = 9 + 20
 SALVAGE = "`occlog recover {path} -o OUT.mcap`"
@@ -66,21 +70,30 @@ def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
 
 
 @contextmanager
-def open_mcap(path: Path) -> Iterator[tuple[SeekingReader | NonSeekingReader, Summary | None]]:
-    """Reader with CRC checks on, and the checked summary; None where the file has no index."""
+def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
+    """Reader with CRC checks on, and the checked index; a file without one, or without parts of it, is gone through."""
     check_input(path, "an MCAP recording")
     with path.open("rb") as file, translate_mcap(path, file):
         check_summary(path, file)
         file.seek(0)
         seeking = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)
         summary = seeking.get_summary()
-        if summary is None or not summary.chunk_indexes:
-            file.seek(0)
-            yield NonSeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES), summary
+        if summary is None or not is_complete(summary):
+            stat = os.fstat(file.fileno())
+            made = _made_index(path, (stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns))
+            check_told(path, summary, made.summary)
+            yield MadeIndexReader(file, made), made.summary
             return
         for index in summary.chunk_indexes:
             check_chunk(path, file, index)
         yield seeking, summary
+
+
+@lru_cache(maxsize=4)
+def _made_index(path: Path, state: tuple[int, ...]) -> MadeIndex:  # noqa: ARG001
+    """The index of a file, kept as long as it does not change: a recording is opened for each thing read of it."""
+    with path.open("rb") as file, translate_mcap(path, file):
+        return make_index(path, file)
 
 
 def check_summary(path: Path, file: IO[bytes]) -> None:

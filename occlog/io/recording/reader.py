@@ -26,7 +26,8 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
 from .links import leaves, linked_path
-from .mcap_errors import SALVAGE, open_mcap, read_attachment
+from .made_index_reader import MadeIndexReader
+from .mcap_errors import open_mcap, read_attachment
 from .metadata import read_metadata
 from .rows import RowCollector, schema_of
 from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
@@ -97,6 +98,8 @@ class Recording:
     videos: dict[str, dict[str, str]]
     time_ns: tuple[int, int] | None
     ours: bool
+    indexed: bool = True
+    """Whether the file has an index of all that it holds; otherwise one was made in a pass through it."""
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -237,13 +240,10 @@ class _JsonImage(msgspec.Struct):
 def open_recording(path: Path) -> Recording:
     """The recording in an MCAP file; InputError where the file is damaged."""
     path = Path(path)
-    with open_mcap(path) as (_, summary):
-        if summary is None or not (summary.channels or summary.statistics):
-            # Read by its index it would look as if it were empty
-            raise InputError(f"{path}: has no index, as what was not closed: {SALVAGE.format(path=path)}")
-        channels = summary.channels if summary else {}
-        counts = summary.statistics.channel_message_counts if summary and summary.statistics else {}
-        schemas = summary.schemas if summary else {}
+    with open_mcap(path) as (reader, summary):
+        indexed = not isinstance(reader, MadeIndexReader)
+        channels, schemas, statistics = summary.channels, summary.schemas, summary.statistics
+        counts = statistics.channel_message_counts if statistics else {}
         topics = tuple(
             Topic(
                 c.topic,
@@ -253,10 +253,11 @@ def open_recording(path: Path) -> Recording:
             )
             for c in sorted(channels.values(), key=lambda c: c.topic)
         )
-        attachments = {a.name: (a.offset, a.length) for a in (summary.attachment_indexes if summary else ())}
+        attachments = {a.name: (a.offset, a.length) for a in summary.attachment_indexes}
         metadata = read_metadata(path, summary)
-        s = summary.statistics if summary else None
-        span = (s.message_start_time, s.message_end_time) if s is not None and s.message_count else None
+        span = None
+        if statistics and statistics.message_count:
+            span = statistics.message_start_time, statistics.message_end_time
     own = metadata.get(METADATA)
     recording = Recording(
         path=path,
@@ -267,6 +268,7 @@ def open_recording(path: Path) -> Recording:
         videos={n.removeprefix(VIDEO_METADATA): m for n, m in metadata.items() if n.startswith(VIDEO_METADATA)},
         time_ns=span,
         ours=own is not None,
+        indexed=indexed,
     )
     return _with_scene(recording)
 

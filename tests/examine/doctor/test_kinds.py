@@ -18,6 +18,10 @@ from video_samples import write_video
 from occlog.examine.doctor import run
 from occlog.examine.doctor.findings import KINDS, Finding
 from occlog.examine.doctor.run import look_at
+from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.tables import Truth
 
 POSE = "geometry_msgs/msg/PoseStamped"
 
@@ -43,6 +47,17 @@ def test_bags_recorded_at_other_times_than_their_stamps(tmp_path: Path, late_s: 
     found = found_in(ros.write_mcap(tmp_path / "b.mcap", poses(late_s)))
     assert [f.kind for f in found] == kinds
     assert all(f.place == "/p" and f"{late_s:.3g}" in f.value for f in found)
+
+
+def test_recordings_without_an_index(tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    with RecordingWriter(path, None, Provenance("test")) as out:
+        out.table(Truth.of(t_ns=[10**9], target_id=[0], role=["target"], x=[1.0], y=[2.0], z=[0.0]))
+    assert found_in(path) == []
+    data = path.read_bytes()
+    (begin,) = struct.unpack_from("<Q", data, len(data) - len(RECORDING_MAGIC) - 20)
+    path.write_bytes(data[:begin] + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + RECORDING_MAGIC)
+    assert one_of(path).kind == "no-index"
 
 
 def test_bags_that_were_cut(tmp_path: Path) -> None:

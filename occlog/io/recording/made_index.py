@@ -1,0 +1,284 @@
+"""An index made in one pass of an MCAP file that has none, or not all of it.
+
+The format allows files without an index, or without parts of it: attachments and metadata that are not listed,
+messages outside chunks.  Read by what index there is, such a file would look as if it held less than it does.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from array import array
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, Metadata, MetadataIndex, Schema, Statistics
+from mcap.summary import Summary
+
+from occlog.errors import InputError
+from occlog.io.files.content import RECORDING_MAGIC
+
+from .chunks import CHUNK as CHUNK_TIMES
+from .chunks import MAX_CHUNK_BYTES, check_chunk, chunk_head, unpacked
+
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_BLOCK = 1 << 20
+DATA = frozenset(
+    (
+        Opcode.HEADER,
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.MESSAGE,
+        Opcode.CHUNK,
+        Opcode.MESSAGE_INDEX,
+        Opcode.ATTACHMENT,
+        Opcode.METADATA,
+    )
+)
+"""Kinds of records before the end of the data."""
+PRIVATE = 0x80
+"""From this kind on records belong to programs, and others pass over them."""
+
+
+class Loose(NamedTuple):
+    """Messages outside chunks, in the order of the file.
+
+    Attributes:
+        at: (N,) byte at which each record begins.
+        log_ns: (N,) when it was recorded [ns].
+        channel: (N,) its channel.
+    """
+
+    at: array[int]
+    log_ns: array[int]
+    channel: array[int]
+
+
+class MadeIndex(NamedTuple):
+    """What a pass through a file finds."""
+
+    summary: Summary
+    loose: Loose
+
+
+def is_complete(summary: Summary | None) -> bool:
+    """Whether an index tells of everything in the file, by its own statistics."""
+    if summary is None or summary.statistics is None:
+        return False
+    told, channels = summary.statistics, summary.channels
+    counted = {channel for channel, messages in told.channel_message_counts.items() if messages}
+    return (
+        told.chunk_count == len(summary.chunk_indexes)
+        and told.attachment_count == len(summary.attachment_indexes)
+        and told.metadata_count == len(summary.metadata_indexes)
+        and told.message_count == sum(told.channel_message_counts.values())
+        and counted <= channels.keys()
+        and all(channel.schema_id in {0, *summary.schemas} for channel in channels.values())
+        # Readers leave out a chunk whose topics they are not told
+        and all(index.message_index_offsets for index in summary.chunk_indexes)
+        and (told.chunk_count > 0 or told.message_count == 0)
+    )
+
+
+def make_index(path: Path, file: IO[bytes]) -> MadeIndex:
+    """The index of a file whose ends are whole; sizes and check sums are tried on the way.
+
+    Args:
+        path: its name, for messages.
+        file: the file, opened.
+
+    Raises:
+        InputError: it is damaged, or its definitions contradict each other.
+        struct.error, ValueError, ...: what damaged records raise (see `translate_mcap`).
+    """
+    return _Pass(path, file).done()
+
+
+def check_told(path: Path, told: Summary | None, made: Summary) -> None:
+    """InputError unless a file holds as much as the statistics in its own index say, if there are any."""
+    if told is None or told.statistics is None:
+        return
+    for what in ("message", "attachment", "metadata"):
+        says, has = (getattr(each.statistics, f"{what}_count") for each in (told, made))
+        if says != has:
+            raise _damaged(path, f"its index tells of {says} records of the kind {what}, and there are {has}")
+
+
+class _Pass:
+    """One pass through a file, record by record."""
+
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        self._path, self._file = path, file
+        self._summary = Summary()
+        self._counts = Counter[int]()
+        self._span: tuple[int, int] | None = None
+        self._at, self._log_ns, self._channel = array("Q"), array("Q"), array("H")
+        self._crc = zlib.crc32(RECORDING_MAGIC)
+
+    def done(self) -> MadeIndex:
+        """Go through the file."""
+        summary = self._summary
+        for at, code, length in self._records():
+            match code:
+                case Opcode.CHUNK:
+                    self._chunk(at, length)
+                case Opcode.MESSAGE:
+                    channel, log_ns = self._message(at, self._file.read(_MESSAGE.size))
+                    self._at.append(at)
+                    self._log_ns.append(log_ns)
+                    self._channel.append(channel)
+                case Opcode.SCHEMA | Opcode.CHANNEL:
+                    self._define(at, code, self._read(at, length))
+                case Opcode.ATTACHMENT:
+                    summary.attachment_indexes.append(self._attachment(at, length))
+                case Opcode.METADATA:
+                    record = Metadata.read(_stream(self._read(at, length)))
+                    summary.metadata_indexes.append(MetadataIndex(at, _HEAD.size + length, record.name))
+        first, last = self._span or (0, 0)
+        summary.statistics = Statistics(
+            attachment_count=len(summary.attachment_indexes),
+            channel_count=len(summary.channels),
+            channel_message_counts=dict(self._counts),
+            chunk_count=len(summary.chunk_indexes),
+            message_count=self._counts.total(),
+            message_end_time=last,
+            message_start_time=first,
+            metadata_count=len(summary.metadata_indexes),
+            schema_count=len(summary.schemas),
+        )
+        return MadeIndex(summary, Loose(self._at, self._log_ns, self._channel))
+
+    def _records(self) -> Iterator[tuple[int, int, int]]:
+        """(byte, code, length) of each record of the data, the file standing behind its head."""
+        size = self._file.seek(0, io.SEEK_END)
+        at = len(RECORDING_MAGIC)
+        while at < size:
+            self._file.seek(at)
+            head = self._file.read(_HEAD.size)
+            code, length = _HEAD.unpack(head)
+            end = at + _HEAD.size + length
+            if end > size:
+                raise self._damaged(f"the record at byte {at} is said to end at byte {end} of {size}")
+            if code == Opcode.DATA_END:
+                (told,) = struct.unpack_from("<I", self._read(at, length))
+                if told and told != self._crc:
+                    raise self._damaged(f"the data before byte {at} have a wrong check sum")
+                return
+            # A damaged code would make a chunk one of those records that readers pass over
+            if code not in DATA and code < PRIVATE:
+                raise self._damaged(f"a record of kind {code} at byte {at}, where there can be none")
+            self._sum(head, length)
+            self._file.seek(at + _HEAD.size)
+            yield at, code, length
+            at = end
+        raise self._damaged("the end of the data is missing")
+
+    def _sum(self, head: bytes, length: int) -> None:
+        """Go on with the check sum of the data."""
+        self._crc = zlib.crc32(head, self._crc)
+        while length > 0:
+            block = self._file.read(min(length, _BLOCK))
+            self._crc = zlib.crc32(block, self._crc)
+            length -= len(block) or length
+
+    def _read(self, at: int, length: int) -> bytes:
+        if length > MAX_CHUNK_BYTES:
+            raise InputError(f"{self._path}: record of {length} bytes at byte {at}; the limit is {MAX_CHUNK_BYTES}")
+        return self._file.read(length)
+
+    def _chunk(self, at: int, length: int) -> None:
+        data = self._read(at, length)
+        head = chunk_head(data)
+        first, last = CHUNK_TIMES.unpack_from(data)[:2]
+        packed = data[head.begin :]
+        index = ChunkIndex(
+            chunk_length=_HEAD.size + length,
+            chunk_start_offset=at,
+            compression=head.compression,
+            compressed_size=len(packed),
+            message_end_time=last,
+            message_index_length=0,
+            message_index_offsets={},
+            message_start_time=first,
+            uncompressed_size=head.declared,
+        )
+        check_chunk(self._path, self._file, index)
+        records = unpacked(packed, head.compression, head.declared)
+        if len(records) != head.declared or (head.crc and zlib.crc32(records) != head.crc):
+            raise self._damaged(f"the chunk at byte {at} has a wrong check sum")
+        begin, times = 0, []
+        while begin < len(records):
+            code, size = _HEAD.unpack_from(records, begin)
+            begin += _HEAD.size
+            if begin + size > len(records):
+                raise self._damaged(f"the chunk at byte {at} ends within a record")
+            if code == Opcode.MESSAGE:
+                channel, log_ns = self._message(at, records[begin : begin + _MESSAGE.size])
+                times.append(log_ns)
+                # Where in the chunk is not asked: it is unpacked as a whole
+                index.message_index_offsets[channel] = 0
+            elif code in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._define(at, code, records[begin : begin + size])
+            begin += size
+        if times:  # what the chunk says of them may be wrong, and they are put in order by it
+            index.message_start_time, index.message_end_time = min(times), max(times)
+            self._summary.chunk_indexes.append(index)
+
+    def _message(self, at: int, head: bytes) -> tuple[int, int]:
+        """Channel and time of a message."""
+        channel, _, log_ns, _ = _MESSAGE.unpack(head)
+        if channel not in self._summary.channels:
+            raise self._damaged(f"a message at byte {at} is of channel {channel}, which is not defined")
+        self._counts[channel] += 1
+        low, high = self._span or (log_ns, log_ns)
+        self._span = (min(low, log_ns), max(high, log_ns))
+        return channel, log_ns
+
+    def _define(self, at: int, code: int, data: bytes) -> None:
+        found: Schema | Channel
+        known: dict[int, Schema] | dict[int, Channel]
+        if code == Opcode.SCHEMA:
+            found, known = Schema.read(_stream(data)), self._summary.schemas
+        else:
+            found, known = Channel.read(_stream(data)), self._summary.channels
+            if found.schema_id and found.schema_id not in self._summary.schemas:
+                raise self._damaged(
+                    f"channel {found.id} at byte {at} is of schema {found.schema_id}, which is not defined"
+                )
+        if known.setdefault(found.id, found) != found:
+            what = "schema" if code == Opcode.SCHEMA else "channel"
+            raise self._damaged(f"{what} {found.id} is defined a second time, and otherwise, at byte {at}")
+
+    def _attachment(self, at: int, length: int) -> AttachmentIndex:
+        """Of an attachment all but its data, which may be large."""
+        stream = _stream(self._file.read(min(length, _BLOCK)))
+        log_time, create_time = stream.read8(), stream.read8()
+        name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
+        return AttachmentIndex(
+            offset=at,
+            length=_HEAD.size + length,
+            log_time=log_time,
+            create_time=create_time,
+            data_size=stream.read8(),
+            name=name,
+            media_type=media_type,
+        )
+
+    def _damaged(self, what: str) -> InputError:
+        return _damaged(self._path, what)
+
+
+def _damaged(path: Path, what: str) -> InputError:
+    return InputError(
+        f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: `occlog recover {path} -o OUT.mcap`"
+    )
+
+
+def _stream(data: bytes) -> ReadDataStream:
+    return ReadDataStream(io.BytesIO(data))
