@@ -13,6 +13,7 @@ import hashlib
 import importlib
 import importlib.util
 import json
+import mmap
 import os
 import resource
 import signal
@@ -31,9 +32,28 @@ SPARE = 4 << 30
 KEPT = 300
 """Changed files that are changed again, at most, of the run without atheris: those whose outcome was new."""
 TELL_S = 1.0
+LONGEST = 64 << 20
+"""Bytes of an input that are kept for the case of a crash."""
 
 
-def attempt(name: str, seconds: float, inputs: int, seed: int, out: Path) -> None:
+class Current:
+    """The input that is read now, in memory that a process shares with its children: a crash leaves it there."""
+
+    def __init__(self) -> None:
+        self._memory = mmap.mmap(-1, LONGEST + 8)
+
+    def put(self, data: bytes) -> None:
+        """Keep an input; of one that is too long, its beginning."""
+        data = data[:LONGEST]
+        self._memory[:8] = len(data).to_bytes(8, "little")
+        self._memory[8 : 8 + len(data)] = data
+
+    def get(self) -> bytes:
+        """The input that was kept last."""
+        return self._memory[8 : 8 + int.from_bytes(self._memory[:8], "little")]
+
+
+def attempt(name: str, seconds: float, inputs: int, seed: int, out: Path, current: Current) -> None:
     """Try one reader, in this process; what was found goes to `out`."""
     from tests.fuzz.mutations import changed, draw
     from tests.fuzz.readers import READERS
@@ -42,7 +62,6 @@ def attempt(name: str, seconds: float, inputs: int, seed: int, out: Path) -> Non
     guided = "atheris" in sys.modules
     reader = READERS[name]
     seeds = reader.seeds
-    current = out / "input"
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + SPARE, resource.RLIM_INFINITY))
     begin, told = time.monotonic(), 0.0
@@ -59,7 +78,7 @@ def attempt(name: str, seconds: float, inputs: int, seed: int, out: Path) -> Non
 
         def one(data: bytes) -> str:
             nonlocal told
-            current.write_bytes(data)
+            current.put(data)
             outcome = watch.outcome(reader, data)
             counts["finding" if outcome.found else outcome.kind] += 1
             if outcome.found and outcome.kind not in findings:
@@ -87,7 +106,6 @@ def attempt(name: str, seconds: float, inputs: int, seed: int, out: Path) -> Non
                     known.add(new)
                     pool.append(data)
         tell()
-    current.unlink(missing_ok=True)
 
 
 def _import_traced() -> None:
@@ -145,11 +163,12 @@ def run(name: str, options: argparse.Namespace) -> dict[str, object]:
     """Try one reader in a process of its own; what it told."""
     out: Path = options.out / name.replace(" ", "-").replace("(", "").replace(")", "").replace(",", "").lower()
     out.mkdir(parents=True, exist_ok=True)
+    current = Current()
     child = os.fork()
     if not child:
         status = 1
         try:
-            attempt(name, options.seconds, options.inputs, options.seed ^ zlib.crc32(name.encode()), out)
+            attempt(name, options.seconds, options.inputs, options.seed ^ zlib.crc32(name.encode()), out, current)
             status = 0
         except SystemExit as end:
             status = int(end.code or 0)
@@ -160,6 +179,7 @@ def run(name: str, options: argparse.Namespace) -> dict[str, object]:
     told: dict[str, object] = json.loads((out / "done.json").read_text()) if (out / "done.json").is_file() else {}
     code = os.waitstatus_to_exitcode(status)
     if code:
+        (out / "input").write_bytes(current.get())
         what = signal.Signals(-code).name if code < 0 else f"exit {code}"
         told.setdefault("findings", {})[f"crash {what}"] = "the last input is in `input`"  # type: ignore[index]
     return {"reader": name, "inputs": 0, "seconds": 0.0, **told}

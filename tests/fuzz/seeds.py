@@ -24,6 +24,7 @@ from places import EXAMPLES, ROOT
 from random_tables import random_table
 from scipy.io import savemat
 from small_networks import constant_network
+from unindexed import unindexed
 from video_samples import avi, faststart, fragmented, jpeg, write_video
 
 from occlog.io.files.parquet import write_table
@@ -76,8 +77,8 @@ def _recording(stored: str) -> bytes:
 
 
 def recordings() -> list[bytes]:
-    """Recordings of occlog."""
-    return [_recording("png"), _recording("jpg")]
+    """Recordings of occlog, and one as if it were of a writer that makes no index."""
+    return [_recording("png"), _recording("jpg"), unindexed(_recording("png"))]
 
 
 def bags() -> list[bytes]:

@@ -61,14 +61,15 @@ class Watch:
     def outcome(self, reader: Reader, data: bytes) -> Outcome:
         """Read an input."""
         path = self._folder / reader.file
-        path.parent.mkdir(exist_ok=True)
+        if path.parent != self._folder:
+            path.parent.mkdir(exist_ok=True)
         for name, content in reader.beside.items():
             (self._folder / name).write_bytes(content)
         path.write_bytes(data)
-        before = {p for p in self._folder.rglob("*") if p.is_file()}
+        before = _files(self._folder)
         self._said()  # what others said since
         outcome = self._read(reader, path)
-        left = {p for p in self._folder.rglob("*") if p.is_file()} - before
+        left = _files(self._folder) - before
         said = self._said()
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         grown, self._peak = (peak - self._peak) >> 10, max(peak, self._peak)
@@ -78,8 +79,8 @@ class Watch:
             return Outcome("standard error", said)
         if left:
             for each in left:
-                each.unlink()
-            return Outcome("left behind", ", ".join(sorted(p.name for p in left)))
+                Path(each).unlink()
+            return Outcome("left behind", ", ".join(sorted(Path(each).name for each in left)))
         return Outcome("memory", f"{grown} MB more than before") if grown > MEGABYTES else outcome
 
     def _read(self, reader: Reader, path: Path) -> Outcome:
@@ -107,6 +108,18 @@ class Watch:
         os.ftruncate(self._error, 0)
         os.lseek(self._error, 0, os.SEEK_SET)
         return " ".join(said.split())
+
+
+def _files(folder: str | Path) -> set[str]:
+    """All files in a folder and in those in it."""
+    found: set[str] = set()
+    with os.scandir(folder) as entries:
+        for each in entries:
+            if each.is_dir(follow_symlinks=False):
+                found |= _files(each.path)
+            elif each.is_file():
+                found.add(each.path)
+    return found
 
 
 def _judged(line: str, reader: Reader) -> Outcome:

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import ros_bags as ros
 from places import ROOT
+from unindexed import unindexed
 from video_samples import write_video
 
 from occlog.examine.doctor import run
 from occlog.examine.doctor.findings import KINDS, Finding
 from occlog.examine.doctor.run import look_at
-from occlog.io.files.content import RECORDING_MAGIC
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.tables import Truth
@@ -54,9 +54,7 @@ def test_recordings_without_an_index(tmp_path: Path) -> None:
     with RecordingWriter(path, None, Provenance("test")) as out:
         out.table(Truth.of(t_ns=[10**9], target_id=[0], role=["target"], x=[1.0], y=[2.0], z=[0.0]))
     assert found_in(path) == []
-    data = path.read_bytes()
-    (begin,) = struct.unpack_from("<Q", data, len(data) - len(RECORDING_MAGIC) - 20)
-    path.write_bytes(data[:begin] + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + RECORDING_MAGIC)
+    path.write_bytes(unindexed(path.read_bytes()))
     assert one_of(path).kind == "no-index"
 
 
