@@ -38,7 +38,7 @@ class SqliteFile:
                 low, high = base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
         except sqlite3.Error:
             return None
-        return None if low is None else (int(low), int(high))
+        return (low, high) if isinstance(low, int) and isinstance(high, int) else None
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """Messages of some topics in the order in which they were recorded."""
@@ -51,9 +51,12 @@ class SqliteFile:
         try:
             with closing(self._connect()) as base:
                 for number, log_ns, data in base.execute(query, wanted):
-                    last = int(log_ns)
-                    yield Message(self._topics[int(number)].name, last, bytes(data))
-        except (sqlite3.Error, TypeError, ValueError) as error:
+                    # SQLite keeps values of any kind in any column, and `bytes` of a number would be as many zeros
+                    if not (isinstance(log_ns, int) and isinstance(data, bytes)):
+                        raise ValueError(f"timestamp {log_ns!r:.40} and data {data!r:.40}; want an integer and bytes")
+                    last = log_ns
+                    yield Message(self._topics[number].name, last, data)
+        except (sqlite3.Error, ValueError) as error:
             place = f"after {last} ns" if last else "first message"
             self.losses[Loss(self.name, place, f"damaged SQLite file: the rest cannot be read ({error})")] = None
 
@@ -75,7 +78,11 @@ class SqliteFile:
             counts = None
         out: dict[int, Topic] = {}
         for number, name, kind, encoding in base.execute("SELECT id, name, type, serialization_format FROM topics"):
+            if not (isinstance(number, int) and all(isinstance(each, str) for each in (name, kind, encoding))):
+                told = ", ".join(f"{each!r:.40}" for each in (number, name, kind, encoding))
+                self.losses[Loss(self.name, "topics", f"a topic without a number, a name or a type ({told})")] = None
+                continue
             language, text = definitions.get(kind, ("", ""))
             messages = None if counts is None else int(counts.get(number, 0))
-            out[int(number)] = Topic(str(name), str(kind), str(encoding), text.encode(), language, messages)
+            out[number] = Topic(name, kind, encoding, text.encode(), language, messages)
         return out
