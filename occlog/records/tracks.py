@@ -391,6 +391,6 @@ class Cooperation(Table):
     def check(self) -> None:
         """Times in order, a place where and only where there was an answer."""
         check_order(self)
-        if (wrong := self.answered != np.isfinite(self.x + self.y)).any():
+        if (wrong := self.answered != (np.isfinite(self.x) & np.isfinite(self.y))).any():
             row = first_row(wrong)
             raise InputError(f"Cooperation: row {row}: answered is {self.answered[row]} but x is {self.x[row]:g}")

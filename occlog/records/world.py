@@ -37,7 +37,8 @@ class Occluders(Table):
     def check(self) -> None:
         """Times in order, numbers where there is an occluder, covariances positive semi-definite up to rounding."""
         check_order(self)
-        there: Bools = np.isfinite(self.x + self.y + self.cov_xx + self.cov_xy + self.cov_yy)
+        numbers = np.stack([self.x, self.y, self.cov_xx, self.cov_xy, self.cov_yy])
+        there: Bools = np.asarray(np.isfinite(numbers).all(axis=0))
         _check_there(self, self.occluder_id, there)
         bad = there & ~semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)
         if bad.any():

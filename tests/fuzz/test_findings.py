@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.models.motion_models import read_motion
+from occlog.records.tracks import Cooperation
+from occlog.records.world import Occluders
 
 from . import seeds
 from .readers import READERS
@@ -44,6 +47,8 @@ FINDINGS = [
         "t.csv: line 3: time '9024-01-01T00:00:00Z'",
     ),
     ("bag (metadata)", seeds.METADATA.replace("- b.mcap", "- c.mcap").encode(), "c.mcap: whole file: no such file"),
+    ("bag (metadata)", seeds.METADATA.replace("- b.mcap", f"- {'c' * 300}.mcap").encode(), "File name too long"),
+    ("bag (metadata)", seeds.METADATA.replace("- b.mcap", '- "c\\0.mcap"').encode(), "no name of a file"),
     ("calibration (projection)", seeds.PROJECTION.replace("500", LARGE).encode(), "cannot be inverted"),
     (
         "calibration (COLMAP, images)",
@@ -64,6 +69,17 @@ def test_a_finding_is_refused_in_one_line(name: str, data: bytes, words: str, wa
     outcome = watch.outcome(READERS[name], data)
     assert outcome.kind == "refused", outcome
     assert words in outcome.detail
+
+
+def test_a_signalling_nan_is_one_that_says_nothing() -> None:
+    """Sums with it warn: a place, or its covariance, is not there."""
+    signals = np.array([0x7FF0000000000001], dtype=np.uint64).view(np.float64)
+    columns = dict.fromkeys(("x", "y", "cov_xx", "cov_xy", "cov_yy"), signals)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        asked = {"cause": ["count"], "cameras": ["a"], "frames": [1], "answered": [False]}
+        assert np.isnan(Cooperation.of(t_ns=[1], target_id=[0], **asked, **columns).x[0])
+        assert np.isnan(Occluders.of(t_ns=[1], occluder_id=[-1], **columns).x[0])
 
 
 def test_large_covariances_stay_what_they_are(tmp_path: Path) -> None:

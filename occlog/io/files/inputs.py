@@ -32,12 +32,12 @@ def check_regular(path: Path, mode: int, what: str) -> None:
 def check_input(path: Path, what: str) -> Path:
     """The path, if a non-empty readable file is there; else InputError that says what was expected."""
     path = Path(path)
-    if path.is_dir():
-        bag = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
-        hint = f"; {FOREIGN_BAG}" if bag else ""
-        raise InputError(f"{path}: is a folder; {what} was expected{hint}")
     try:
         status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            bag = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
+            hint = f"; {FOREIGN_BAG}" if bag else ""
+            raise InputError(f"{path}: is a folder; {what} was expected{hint}")
         check_regular(path, status.st_mode, what)
         with path.open("rb"):
             pass
@@ -45,6 +45,8 @@ def check_input(path: Path, what: str) -> Path:
         raise InputError(f"{path}: no such file; {what} was expected") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError:  # a zero byte
+        raise InputError(f"{str(path)!r}: no name of a file; {what} was expected") from None
     if status.st_size == 0:
         raise InputError(f"{path}: is empty (0 bytes); {what} was expected; make it again")
     return path

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from browser_pages import EVIL, Open, clock, pixels, settled
 from two_runs import exchanged_at, moved, tracks, truth, write_run
 
 from docs.browser import CHROMIUM
@@ -21,8 +21,6 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; install it, or name it in OCCLOG_CHROMIUM"),
     pytest.mark.xdist_group("browser"),
 ]
-EVIL = "</script><script>window.evil=1</script>\"'><img src=x onerror=window.evil=2>javascript:window.evil=3"
-Open = Callable[..., Any]
 
 
 def other_run() -> PeopleTracks:
@@ -36,51 +34,13 @@ def other_run() -> PeopleTracks:
 
 
 @pytest.fixture(scope="module")
-def page_of_two(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("beside")
     a, b = write_run(folder / "old", tracks()), write_run(folder / "new", other_run())
     write_table(folder / "truth.parquet", truth(), Provenance("simulate"))
     args = (str(a), str(b), "--truth", str(folder / "truth.parquet"), "-o", str(folder / "beside.html"), "-q")
     assert run(["report", *args]) == 0
     return folder / "beside.html"
-
-
-@pytest.fixture
-def opened(chromium: Any, page_of_two: Path) -> Iterator[Open]:
-    """Opens a page; at the end it must have asked for nothing and complained of nothing."""
-    contexts, said, asked = [], [], []
-
-    def go(path: Path = page_of_two, at: str = "", **how: Any) -> Any:
-        contexts.append(chromium.new_context(**({"viewport": {"width": 1280, "height": 900}} | how)))
-        page = contexts[-1].new_page()
-        page.on("console", lambda message: said.append(message.text))
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(path.as_uri() + at)
-        if how.get("java_script_enabled", True):
-            settled(page)
-        return page
-
-    yield go
-    for context in contexts:
-        context.close()
-    assert said == []
-    assert len(asked) == len(contexts)
-    assert all(url.startswith("file:") for url in asked)
-
-
-def settled(page: Any) -> None:
-    """Wait until what was asked for is drawn."""
-    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-
-
-def clock(page: Any) -> float:
-    return float(page.text_content("#replay-clock").split()[0])
-
-
-def pixels(page: Any, plan: str) -> str:
-    data: str = page.evaluate(f"() => document.getElementById('replay-plan-{plan}').toDataURL()")
-    return data
 
 
 def rows(page: Any) -> list[list[str]]:
@@ -92,14 +52,14 @@ def rows(page: Any) -> list[list[str]]:
 def test_scrubbing_moves_both_plans_and_the_table(opened: Open) -> None:
     page = opened()
     assert clock(page) == 0.0
-    before = pixels(page, "a"), pixels(page, "b")
+    before = pixels(page, "replay-plan-a"), pixels(page, "replay-plan-b")
     assert [row[:3] for row in rows(page)] == [[k, k, "0.00"] for k in ("10", "11", "12")]
     page.locator("#replay-time").fill("15")
     settled(page)
     assert clock(page) == 1.5
-    assert pixels(page, "a") != before[0]
-    assert pixels(page, "b") != before[1]
-    assert pixels(page, "a") != pixels(page, "b")  # somebody is aside in B
+    assert pixels(page, "replay-plan-a") != before[0]
+    assert pixels(page, "replay-plan-b") != before[1]
+    assert pixels(page, "replay-plan-a") != pixels(page, "replay-plan-b")  # somebody is aside in B
     assert [row[:2] for row in rows(page)] == [[k, k] for k in ("10", "11", "12")]
     apart = [float(row[2]) for row in rows(page)]
     np.testing.assert_allclose(apart, [0, 0, 0.7], atol=0.01)
@@ -195,11 +155,11 @@ def test_hovering_says_both_runs_and_people_can_be_switched_off(opened: Open) ->
     assert "apart [m]: 0.700" in tip.inner_text()
     page.mouse.move(box["x"] + 2, box["y"] + 2)
     tip.wait_for(state="hidden")
-    seen = {(pixels(page, "a"), pixels(page, "b"))}
+    seen = {(pixels(page, "replay-plan-a"), pixels(page, "replay-plan-b"))}
     for box in ("[data-person='0']", "#layer-names", "#layer-truth"):
         page.click(box)
         settled(page)
-        seen.add((pixels(page, "a"), pixels(page, "b")))
+        seen.add((pixels(page, "replay-plan-a"), pixels(page, "replay-plan-b")))
     assert len({a for a, _ in seen}) == len({b for _, b in seen}) == 4
 
 
@@ -228,11 +188,11 @@ def test_colours_follow_the_system_and_the_choice(opened: Open) -> None:
 
     dark, light = opened(color_scheme="dark"), opened(color_scheme="light")
     assert paper(dark) < 120 < 700 < paper(light)
-    assert pixels(dark, "b") != pixels(light, "b")
+    assert pixels(dark, "replay-plan-b") != pixels(light, "replay-plan-b")
     dark.click("input[value=light]")
     settled(dark)
     assert paper(dark) > 700
-    assert pixels(dark, "b") == pixels(light, "b")
+    assert pixels(dark, "replay-plan-b") == pixels(light, "replay-plan-b")
 
 
 def test_on_paper_there_are_words_tables_and_figures(opened: Open) -> None:

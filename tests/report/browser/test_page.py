@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from browser_pages import EVIL, Open, clock, pixels, settled
 from made_up import run
 
 from docs.browser import CHROMIUM
@@ -20,7 +20,6 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; install it, or name it in OCCLOG_CHROMIUM"),
     pytest.mark.xdist_group("browser"),
 ]
-EVIL = "</script><script>window.evil=1</script>\"'><img src=x onerror=window.evil=2>javascript:window.evil=3"
 ADD_SCRIPT = """() => {
   const script = document.createElement("script");
   script.textContent = "window.evil = 4";
@@ -31,53 +30,13 @@ CURSOR = """figure => {
   const left = element => element.getBoundingClientRect().left;
   return (left(figure.querySelector(".cursor")) - left(svg)) / svg.clientWidth;
 }"""
-Open = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
-def page_of_a_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(build_page(run(steps=120, targets=3, cameras=4)), encoding="utf-8")
     return path
-
-
-@pytest.fixture
-def opened(chromium: Any, page_of_a_run: Path) -> Iterator[Open]:
-    """Opens a page, by default that of the run; at the end it must have asked for nothing and complained of nothing."""
-    contexts, said, asked = [], [], []
-
-    def go(path: Path = page_of_a_run, at: str = "", **how: Any) -> Any:
-        contexts.append(chromium.new_context(**({"viewport": {"width": 1280, "height": 900}} | how)))
-        contexts[-1].complaints = said
-        page = contexts[-1].new_page()
-        page.on("console", lambda message: said.append(message.text))
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(path.as_uri() + at)
-        if how.get("java_script_enabled", True):
-            settled(page)
-        return page
-
-    yield go
-    for context in contexts:
-        context.close()
-    assert said == []
-    assert all(url.startswith(("file:", "data:image/jpeg")) for url in asked), asked
-    assert sum(url.startswith("file:") for url in asked) == len(contexts)
-
-
-def settled(page: Any) -> None:
-    """Wait until what was asked for is drawn."""
-    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-
-
-def clock(page: Any) -> float:
-    return float(page.text_content("#replay-clock").split()[0])
-
-
-def pixels(page: Any) -> bytes:
-    data: str = page.evaluate("() => document.getElementById('replay-plan').toDataURL()")
-    return data.encode()
 
 
 def test_scrubbing_moves_plan_table_clock_and_cursors(opened: Open) -> None:
@@ -112,6 +71,7 @@ def test_playing_goes_on_at_the_speed_that_is_chosen_and_stops(opened: Open) -> 
     assert page.get_attribute("#replay-play", "aria-pressed") == "true"
     page.wait_for_function("() => parseFloat(document.getElementById('replay-clock').textContent) > 0.3")
     page.click("#replay-play")
+    settled(page)  # a moment that was asked for before the click
     stopped = clock(page)
     assert 0.3 < stopped < 11.9  # at its own speed it would take 12 s
     settled(page)
