@@ -115,7 +115,9 @@ def around(middle: Floats, half: Floats, axes: Floats | None = None) -> Floats:
 
 def at_height(points: Floats, z: float) -> Floats:
     """(k, 3) points of the plan at a height."""
-    return np.column_stack([points, np.full(len(points), z)])
+    out = np.empty((len(points), 3))
+    out[:, :2], out[:, 2] = points, z
+    return out
 
 
 def fan(polygon: Floats, z: float) -> Floats:

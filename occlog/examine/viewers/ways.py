@@ -5,7 +5,8 @@ An image has hundreds of short ways, which one after another would take most of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,21 +15,36 @@ from occlog.array_types import Floats, Ints
 FEWEST_DASHES, MOST_DASHES = 6, 200
 
 
+class Alike(NamedTuple):
+    """The ways of as many points.
+
+    Attributes:
+        which: (m,) they are.
+        points: (m, k, d).
+        along: (m, k) how far each point is from the beginning of its way.
+    """
+
+    which: Ints
+    points: Floats
+    along: Floats
+
+
 def dashes(ways: Sequence[Floats], length: float) -> list[Floats]:
     """(2 n, d) ends of the dashes of each way, of about `length`, with gaps as long between them.
 
     Args:
-        ways: points (k, d), k > 1.
+        ways: points (k, d), k > 1, of one d.
         length: > 0.
     """
     if not ways:
         return []
-    totals = _totals(ways)
+    groups = _alike(ways)
+    totals = _totals(groups, len(ways))
     counts = np.clip(np.rint(totals / (2.0 * length)), FEWEST_DASHES, MOST_DASHES).astype(np.int64)
-    ends, owner = 2 * counts, np.repeat(np.arange(len(ways)), 2 * counts)
+    ends = 2 * counts
     number = _from_zero(ends)
-    wanted = (number // 2 + 0.5 * (number % 2)) / counts[owner] * totals[owner]
-    return np.split(_at(ways, wanted, ends), np.cumsum(ends)[:-1])
+    wanted = (number // 2 + 0.5 * (number % 2)) / np.repeat(counts, ends) * np.repeat(totals, ends)
+    return np.split(_at(groups, wanted, ends), np.cumsum(ends)[:-1])
 
 
 def dense(ways: Sequence[Floats], step: float, most: int) -> tuple[Floats, Ints]:
@@ -42,57 +58,69 @@ def dense(ways: Sequence[Floats], step: float, most: int) -> tuple[Floats, Ints]
     Returns:
         (N, d), way after way, and (len(ways),) from 2 to `most`.
     """
-    totals = _totals(ways)
+    groups = _alike(ways)
+    totals = _totals(groups, len(ways))
     counts = np.clip(np.ceil(totals / step) + 1, 2, most).astype(np.int64)
     wanted = _from_zero(counts) * np.repeat(totals / (counts - 1), counts)
     wanted[np.cumsum(counts) - 1] = totals
-    return _at(ways, wanted, counts), counts
+    return _at(groups, wanted, counts), counts
 
 
-def _totals(ways: Sequence[Floats]) -> Floats:
-    out = np.empty(len(ways))
-    for which, points in _alike(ways):
-        out[which] = _along(points)[:, -1]
-    return out
-
-
-def _at(ways: Sequence[Floats], wanted: Floats, counts: Ints) -> Floats:
-    """Points (N, d) at distances `wanted` (N,) along the ways, of which each has its count of them, in order."""
-    out, begins = np.empty((len(wanted), ways[0].shape[1])), np.cumsum(counts) - counts
-    for which, points in _alike(ways):
-        own = counts[which]
-        place = np.repeat(begins[which], own) + _from_zero(own)
-        out[place] = _between(points, np.repeat(np.arange(len(which)), own), wanted[place])
-    return out
-
-
-def _between(points: Floats, owner: Ints, wanted: Floats) -> Floats:
-    """(n, d) at distances (n,) along those of the ways (m, k, d) that `owner` (n,) names; as `np.interp` does it."""
-    along = _along(points)
-    passed = (along[owner, 1:] <= wanted[:, None]).sum(axis=1)
-    at_end = passed == along.shape[1] - 1
-    before = np.minimum(passed, along.shape[1] - 2)
-    low, high = points[owner, before], points[owner, before + 1]
-    way = along[owner, before]
-    with np.errstate(divide="ignore", invalid="ignore"):  # points that fall together, at the end
-        slope = (high - low) / (along[owner, before + 1] - way)[:, None]
-        found = slope * (wanted - way)[:, None] + low
-    return np.where(at_end[:, None], high, found)
-
-
-def _along(points: Floats) -> Floats:
-    """(m, k) how far each point of the ways (m, k, d) is from their beginning."""
-    out = np.zeros(points.shape[:2])
-    np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=2), axis=1, out=out[:, 1:])
-    return out
-
-
-def _alike(ways: Sequence[Floats]) -> Iterator[tuple[Ints, Floats]]:
-    """The ways of as many points together: which they are, and their points (m, k, d)."""
+def _alike(ways: Sequence[Floats]) -> list[Alike]:
     sizes = np.fromiter(map(len, ways), np.int64, len(ways))
+    found = []
     for size in np.unique(sizes).tolist():
         which = np.flatnonzero(sizes == size)
-        yield which, np.concatenate([ways[n] for n in which.tolist()]).reshape(len(which), size, -1)
+        points = np.concatenate([ways[n] for n in which.tolist()]).reshape(len(which), size, -1)
+        along = np.zeros(points.shape[:2])
+        np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=2), axis=1, out=along[:, 1:])
+        found.append(Alike(which, points, along))
+    return found
+
+
+def _totals(groups: Sequence[Alike], count: int) -> Floats:
+    out = np.empty(count)
+    for group in groups:
+        out[group.which] = group.along[:, -1]
+    return out
+
+
+def _at(groups: Sequence[Alike], wanted: Floats, counts: Ints) -> Floats:
+    """Points (N, d) at distances `wanted` (N,) along all ways, of which each has its count of them, in order."""
+    if len(groups) == 1:
+        return _between(groups[0], counts, wanted)
+    out, begins = np.empty((len(wanted), groups[0].points.shape[2])), np.cumsum(counts) - counts
+    for group in groups:
+        own = counts[group.which]
+        place = np.repeat(begins[group.which], own) + _from_zero(own)
+        out[place] = _between(group, own, wanted[place])
+    return out
+
+
+def _between(group: Alike, counts: Ints, wanted: Floats) -> Floats:
+    """(n, d) at distances (n,) along the ways of a group, of which each has its count; as `np.interp` does it."""
+    points, along = group.points, group.along
+    size, axes = points.shape[1:]
+    owner = np.repeat(np.arange(len(points)), counts)
+    passed = _passed(along, counts, wanted)
+    at_end = np.flatnonzero(passed == size - 1)
+    before = np.minimum(passed, size - 2)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of points that fall together, between which none is
+        slope = np.diff(points, axis=1) / np.diff(along, axis=1)[:, :, None]
+        first, segment = owner * size + before, owner * (size - 1) + before
+        found = slope.reshape(-1, axes)[segment]
+        found *= (wanted - along.reshape(-1)[first])[:, None]
+        found += points.reshape(-1, axes)[first]
+    found[at_end] = points[owner[at_end], -1]
+    return found
+
+
+def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
+    """(n,) how many points of its way lie behind each distance, the first left out."""
+    if along.shape[1] == 2:
+        return (wanted >= np.repeat(along[:, 1], counts)).astype(np.int64)
+    parts = np.split(wanted, np.cumsum(counts)[:-1])
+    return np.concatenate([row[1:].searchsorted(part, side="right") for row, part in zip(along, parts, strict=True)])
 
 
 def _from_zero(counts: Ints) -> Ints:
