@@ -108,7 +108,7 @@ def _between(group: Alike, counts: Ints, wanted: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):  # of points that fall together, between which none is
         slope = np.diff(points, axis=1) / np.diff(along, axis=1)[:, :, None]
         first, segment = owner * size + before, owner * (size - 1) + before
-        found = slope.reshape(-1, axes)[segment]
+        found: Floats = slope.reshape(-1, axes)[segment]
         found *= (wanted - along.reshape(-1)[first])[:, None]
         found += points.reshape(-1, axes)[first]
     found[at_end] = points[owner[at_end], -1]
