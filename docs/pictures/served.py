@@ -6,7 +6,7 @@ import http.server
 import re
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import unquote, urlsplit
@@ -27,7 +27,12 @@ class Handler(http.server.SimpleHTTPRequestHandler):
         return str(self.folders[""].joinpath(*parts))
 
     def do_GET(self) -> None:
-        """A file, or the part of it that was asked for."""
+        """A file, or the part of it that was asked for; a browser may leave before all of it is sent."""
+        with suppress(ConnectionError):
+            self.send_asked()
+
+    def send_asked(self) -> None:
+        """Send a file or a part of it."""
         found, file = RANGE.match(self.headers.get("Range", "")), Path(self.translate_path(self.path))
         if found is None or not file.is_file():
             super().do_GET()
