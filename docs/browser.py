@@ -17,8 +17,8 @@ ARGUMENTS = (
 
 
 @contextmanager
-def browser() -> Iterator[Any]:
-    """Chromium while it is used, as Playwright drives it.
+def browser(*more: str) -> Iterator[Any]:
+    """Chromium while it is used, with `more` arguments, as Playwright drives it.
 
     Raises:
         RuntimeError: it is not there.
@@ -28,6 +28,6 @@ def browser() -> Iterator[Any]:
     if CHROMIUM is None:
         raise RuntimeError("no Chromium; install it, or name it in OCCLOG_CHROMIUM")
     with sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS, *more])
         yield started
         started.close()

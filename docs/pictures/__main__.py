@@ -5,19 +5,34 @@ A picture is not compared byte by byte: fonts and compiled kernels of another ma
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from urllib.parse import urlencode
+
+import numpy as np
 
 from docs.browser import CHROMIUM, browser
+from docs.pictures.served import served
+from occlog.array_types import NS
+from occlog.io.recording.reader import open_recording
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
 MOST_BYTES = 1_000_000
 """Of the moving picture on the first page."""
+SHOWN_NS = 27 * NS // 5
+"""From the beginning of the room's run to the time at which Lichtblick shows it: particles are wide apart."""
+LOADING_MS = 120_000
+"""A software renderer takes its time."""
+
+
+class StaysError(Exception):
+    """A picture stays as it was: what is missing to make it."""
 
 
 def occlog(work: Path, *words: str) -> None:
@@ -52,8 +67,7 @@ def viewer(work: Path, to: Path) -> None:
 
     rerun, screen = shutil.which("rerun"), shutil.which("xvfb-run")
     if rerun is None or screen is None:
-        sys.stderr.write("docs/pictures/rerun.png: stays as it is: no rerun or no xvfb-run\n")
-        return
+        raise StaysError("no rerun or no xvfb-run")
     occlog(work, "run", "examples/people.yaml", "-o", "people")
     occlog(work, "export", "people", "--to", "rerun", "-o", "occlog.mcap")
     shot = ["--screenshot-to", str(work / "shot.png"), "--window-size", "1300x850"]
@@ -73,8 +87,7 @@ def report(work: Path, to: Path) -> None:
 def moments(work: Path, to: Path) -> None:
     """The moments of a run in Chromium; the picture stays as it was where that is missing."""
     if CHROMIUM is None:
-        sys.stderr.write("docs/pictures/moments.png: stays as it is: no Chromium\n")
-        return
+        raise StaysError("no Chromium")
     occlog(work, "run", "examples/people.yaml", "-o", "people")
     images = [
         "--images",
@@ -95,8 +108,7 @@ def moments(work: Path, to: Path) -> None:
 def beside(work: Path, to: Path) -> None:
     """Everybody with three cameras and with two, in Chromium; the picture stays as it was where that is missing."""
     if CHROMIUM is None:
-        sys.stderr.write("docs/pictures/beside.png: stays as it is: no Chromium\n")
-        return
+        raise StaysError("no Chromium")
     occlog(work, "run", "examples/people.yaml", "-o", "three")
     shutil.copytree(work / "three", work / "two")
     occlog(
@@ -143,9 +155,37 @@ def plan(work: Path, to: Path) -> None:
     )  # fmt: skip
 
 
-def lichtblick(work: Path, to: Path) -> None:  # noqa: ARG001
-    """The room's run in Lichtblick, with the layout of `--layout`: taken by hand, since no package has the program."""
-    sys.stderr.write(f"{to}: stays as it is: it was taken by hand\n")
+def lichtblick(work: Path, to: Path) -> None:
+    """The room's run with particles in Lichtblick, with the layout of `--layout`.
+
+    OCCLOG_LICHTBLICK names the folder of its web application, which no package has: `web/.webpack` of its sources after
+    `yarn web:build:prod`. The picture stays as it was without one, or without Chromium.
+    """
+    application = os.environ.get("OCCLOG_LICHTBLICK")
+    if CHROMIUM is None or application is None or not (Path(application) / "index.html").is_file():
+        raise StaysError("no Chromium, or OCCLOG_LICHTBLICK names no folder with an index.html")
+    room = (ROOT / "sample_data/room/run.yaml").read_text()
+    room = room.replace("track: {}", "track: {cloud: true}").replace(
+        "recording.mcap", "sample_data/room/recording.mcap"
+    )
+    (work / "room.yaml").write_text(room)
+    occlog(work, "run", "room.yaml", "-o", "room")
+    shown = work / "shown"
+    shown.mkdir()
+    words = ("--recording", "sample_data/room/recording.mcap", "--to", "foxglove", "--layout", "shown/layout.json")
+    occlog(work, "export", "room", "-o", "shown/room.mcap", *words)
+    begin_ns, _ = open_recording(shown / "room.mcap").time_ns or (0, 0)
+    at = np.datetime64(begin_ns + SHOWN_NS, "ns")
+    with served(root=Path(application), shown=shown) as address, browser("--enable-unsafe-swiftshader") as chromium:
+        source = {"ds": "remote-file", "ds.url": f"{address}/shown/room.mcap", "time": f"{at}Z"}
+        source["layoutUrl"] = f"{address}/shown/layout.json"
+        page = chromium.new_page(viewport={"width": 1400, "height": 860}, color_scheme="light")
+        page.goto(f"{address}/?{urlencode(source)}")
+        page.get_by_test_id("left-sidebar-button").click(timeout=LOADING_MS)
+        page.mouse.move(700, 850)
+        page.get_by_text("/diagnostics/0.ess").wait_for(timeout=LOADING_MS)
+        page.wait_for_timeout(10_000)  # nothing tells that all panels are drawn
+        page.get_by_test_id("workspace-panels").screenshot(path=to)
 
 
 PICTURES: dict[str, Callable[[Path, Path], None]] = {
@@ -165,9 +205,13 @@ PICTURES: dict[str, Callable[[Path, Path], None]] = {
 def main(names: Sequence[str]) -> None:
     """Make these pictures, or all."""
     for name in names or PICTURES:
-        with tempfile.TemporaryDirectory() as work:
-            PICTURES[name](Path(work), FOLDER / name)
-        sys.stdout.write(f"made docs/pictures/{name}\n")
+        try:
+            with tempfile.TemporaryDirectory() as work:
+                PICTURES[name](Path(work), FOLDER / name)
+        except StaysError as why:
+            sys.stderr.write(f"docs/pictures/{name} stays as it was: {why}\n")
+        else:
+            sys.stdout.write(f"made docs/pictures/{name}\n")
 
 
 if __name__ == "__main__":

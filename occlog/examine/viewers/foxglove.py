@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
@@ -17,7 +17,8 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from occlog.array_types import Floats
 
-from .shapes import Column, Fill, Line, Rgba, Text, Thing, dashes
+from .shapes import Column, Fill, Line, Rgba, Text, Thing
+from .ways import dashes
 
 DASH, DASH_PX = 0.08, 5.0
 """Length of a dash in space [m] and in an image [px]."""
@@ -37,12 +38,14 @@ def scene_update(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
     """
     message = SceneUpdate()
     message.deletions.add(type=SceneEntityDeletion.Type.ALL).timestamp.FromNanoseconds(t_ns)
+    things = list(things)
+    ends = _drawn([line for thing in things for line in thing.lines], DASH)
     for thing in things:
         entity = message.entities.add(frame_id=frame, id=thing.name)
         entity.timestamp.FromNanoseconds(t_ns)
         entity.lifetime.SetInParent()  # until it is deleted
         for line in thing.lines:
-            _add_line(entity, line)
+            _add_line(entity, line, next(ends))
         for column in thing.columns:
             _add_column(entity, column)
         for fill in thing.fills:
@@ -67,11 +70,17 @@ def _points(points: Floats) -> list[Point3]:
     return [Point3(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
 
-def _add_line(entity: SceneEntity, line: Line) -> None:
+def _drawn(lines: Sequence[Line], dash: float) -> Iterator[Floats]:
+    """The points of each line: its corners, or the ends of its dashes."""
+    ends = iter(dashes([line.points for line in lines if line.dashed], dash))
+    return (next(ends) if line.dashed else line.points for line in lines)
+
+
+def _add_line(entity: SceneEntity, line: Line, points: Floats) -> None:
     kind = LinePrimitive.Type.LINE_LIST if line.dashed else LinePrimitive.Type.LINE_STRIP
     part = entity.lines.add(type=kind, thickness=line.width, scale_invariant=True)
     _place(part.pose)
-    part.points.extend(_points(dashes(line.points, DASH) if line.dashed else line.points))
+    part.points.extend(_points(points))
     _colour(part.color, line.colour)
 
 
@@ -102,11 +111,11 @@ def image_annotations(things: Sequence[Thing], t_ns: int) -> bytes:
     message = ImageAnnotations()
     if "timestamp" in ImageAnnotations.DESCRIPTOR.fields_by_name:  # since 0.4 of the schemas
         message.timestamp.FromNanoseconds(t_ns)
-    for line in (line for thing in things for line in thing.lines):
+    lines = [line for thing in things for line in thing.lines]
+    for line, ends in zip(lines, _drawn(lines, DASH_PX), strict=True):
         kind = PointsAnnotation.Type.LINE_LIST if line.dashed else PointsAnnotation.Type.LINE_STRIP
         part = message.points.add(type=kind, thickness=line.width)
         part.timestamp.FromNanoseconds(t_ns)
-        ends = dashes(line.points, DASH_PX) if line.dashed else line.points
         # There pixels begin at whole numbers
         part.points.extend([Point2(x=x, y=y) for x, y in (ends + 0.5).tolist()])
         _colour(part.outline_color, line.colour)

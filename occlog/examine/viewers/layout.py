@@ -80,7 +80,7 @@ def _space(topics: Mapping[str, str], scene: Scene | None) -> dict[str, object]:
     }
     cone = {"visible": True, "distance": 1, "planarProjectionFactor": 1}
     if PARTICLES in topics:
-        shown[PARTICLES] = {"visible": True, "colorMode": "rgba-fields", "pointSize": 4, "pointShape": "circle"}
+        shown[PARTICLES] = {"visible": True, "colorMode": "rgba-fields", "pointSize": 2, "pointShape": "circle"}
     shown |= {t: cone for t in topics if t.endswith("/calibration")}
     middle, size = np.zeros(2), 10.0
     if scene is not None and (scene.room is not None or scene.cameras or scene.arrays):

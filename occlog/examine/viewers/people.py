@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,7 +32,8 @@ NAME_SIZE, NAME_PX = 0.3, 14.0
 """Height of a name in space [m] and in an image [px]."""
 
 
-class Person(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Person:
     """The estimate of a target [m]."""
 
     t_ns: int
@@ -48,6 +50,17 @@ class Person(NamedTuple):
     def unsure(self) -> bool:
         """Whether it is drawn dashed: no camera sees it, or something speaks against it."""
         return bool(self.doubt) or (self.seen_by is not None and not self.seen_by)
+
+    @cached_property
+    def rim(self) -> Floats | None:
+        """(k, 2) around the 95 % ellipse of its place; None where that is not known."""
+        return rim(self.xy, self.covariance) if np.isfinite(self.covariance).all() else None
+
+    @cached_property
+    def body(self) -> Floats:
+        """(2 n, 3) around its feet and its head."""
+        ring = around(self.xy, np.full(2, 0.5 * self.width))
+        return np.vstack([at_height(ring, self.floor), at_height(ring, self.floor + self.height)])
 
 
 class Palette:
@@ -164,8 +177,8 @@ class Crowd:
     def _in_space(self, person: Person) -> Thing:
         colour = self._palette(person.target)
         lines = []
-        if np.isfinite(person.covariance).all():
-            lines.append(Line(at_height(rim(person.xy, person.covariance), 0.02), colour, 2.0, person.unsure))
+        if person.rim is not None:
+            lines.append(Line(at_height(person.rim, 0.02), colour, 2.0, person.unsure))
         trail = self.trail(person.target)
         if len(trail) > 1:
             lines.append(Line(at_height(trail, 0.02), faded(colour, 0.7), 2.0))
@@ -211,17 +224,11 @@ def true_in_space(rows: Truth, metres: float) -> list[Thing]:
     return things
 
 
-def _body(person: Person) -> Floats:
-    """(2 n, 3) points around the feet and the head of a person [m]."""
-    ring = around(person.xy, np.full(2, 0.5 * person.width))
-    return np.vstack([at_height(ring, person.floor), at_height(ring, person.floor + person.height)])
-
-
 def body_in_image(person: Person, camera: Camera, metres: float) -> Floats | None:
     """(4,) left, top, right, bottom [px] around a person; None where it is not wholly before the camera, or beside."""
     away = person.xy / metres - camera.ground
     aside = float(wrap_angle(np.arctan2(away[1], away[0]) - camera.yaw))
-    pixels = camera.project(_body(person) / metres)
+    pixels = camera.project(person.body / metres)
     # Far aside, distortion folds the plane back into the image
     if abs(aside) > 0.5 * camera.fov + SLACK or not np.isfinite(pixels).all():
         return None
@@ -233,9 +240,9 @@ def body_in_image(person: Person, camera: Camera, metres: float) -> Floats | Non
 
 def feet_in_image(person: Person, camera: Camera, metres: float) -> Floats | None:
     """(k, 2) the 95 % ellipse of the place on the floor as the camera sees it [px]; None where it does not."""
-    if not np.isfinite(person.covariance).all() or not camera.above_floor:
+    if person.rim is None or not camera.above_floor:
         return None
-    pixels = camera.project(at_height(rim(person.xy, person.covariance), person.floor) / metres)
+    pixels = camera.project(at_height(person.rim, person.floor) / metres)
     return pixels if np.isfinite(pixels).all() else None
 
 

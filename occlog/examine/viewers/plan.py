@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from occlog.records.scene import Occluder, Scene
 
 from .sensors import placed
 from .shapes import FLOOR, GREY, PILLAR, SHADOW, WALL, Fill, Line, Text, Thing, at_height, fan, triangles
+
+if TYPE_CHECKING:
+    from shapely import Polygon
 
 NAME_SIZE = 0.25
 """Height of the name of a sensor or an occluder [m]."""
@@ -57,42 +61,49 @@ def _prism(occluder: Occluder, metres: float) -> Thing:
 def static_shadows(scene: Scene, metres: float) -> list[Thing]:
     """The parts of the floor behind static occluders, for each camera [m]."""
     things = []
-    for camera in scene.cameras:
-        if not camera.placed:
-            continue
-        eye = metres * camera.position
-        shapes = [shadow(eye, metres * o.polygon, metres * o.height, scene, metres) for o in scene.occluders]
-        fills = [Fill(fan(shape, LIFTED), SHADOW) for shape in shapes if shape is not None]
+    room = walls(scene, metres)
+    for camera in (c for c in scene.cameras if c.placed):
+        eye = (metres * camera.position)[None]
+        found = [shadows(eye, metres * o.polygon[None], metres * np.array([o.height]), room) for o in scene.occluders]
+        fills = [Fill(fan(shape, LIFTED), SHADOW) for (shape,) in found if shape is not None]
         if fills:
             things.append(Thing(f"static {camera.name}", fills=fills))
     return things
 
 
-def shadow(eye: Floats, base: Floats, height: float, scene: Scene, metres: float) -> Floats | None:
-    """(k, 2) convex part of the floor that an upright prism hides from a point, its own base with it [m].
+def walls(scene: Scene, metres: float) -> Polygon | None:
+    """What ends shadows: the convex hull of the room [m]; None where there is no room."""
+    import shapely
+
+    return None if scene.room is None else shapely.convex_hull(shapely.MultiPoint(metres * scene.room))
+
+
+def shadows(eyes: Floats, bases: Floats, heights: Floats, room: Polygon | None) -> list[Floats | None]:
+    """(k, 2) convex part of the floor that each upright prism hides from its eye, its own base with it [m].
 
     A prism as high as the eye hides all behind it, up to the walls; a lower one as far as the floor is seen again
-    over its top.
+    over its top. None where there is no such part.
 
     Args:
-        eye: (3,).
-        base: (K, 2) polygon, of which the convex hull counts.
-        height: of the prism, > 0.
-        scene: whose room ends the shadow.
-        metres: length of the scene's unit.
+        eyes: (n, 3).
+        bases: (n, K, 2) polygons, of which the convex hulls count.
+        heights: (n,) of the prisms, > 0.
+        room: what ends the shadows (see `walls`).
     """
     import shapely
 
-    hull = shapely.convex_hull(shapely.MultiPoint(base))
-    if hull.geom_type != "Polygon" or hull.contains(shapely.Point(eye[:2])):
-        return None
-    away = base - eye[:2]
-    far = REACH / np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-    grown = far if eye[2] <= height else np.minimum(far, eye[2] / (eye[2] - height))
-    both = np.vstack([base, eye[:2] + np.maximum(grown, 1.0)[:, None] * away])
-    area = shapely.convex_hull(shapely.MultiPoint(both))
-    if scene.room is not None:
-        area = shapely.intersection(area, shapely.convex_hull(shapely.MultiPoint(metres * scene.room)))
-    if area.geom_type != "Polygon" or area.is_empty:
-        return None
-    return np.asarray(area.exterior.coords)[:-1]
+    feet, polygon = eyes[:, None, :2], shapely.GeometryType.POLYGON
+    hulls = shapely.convex_hull(shapely.multipoints(shapely.points(bases)))
+    there = (shapely.get_type_id(hulls) == polygon) & ~shapely.contains(hulls, shapely.points(eyes[:, :2]))
+    away = bases - feet
+    grown = REACH / np.maximum(np.linalg.norm(away, axis=2), 1e-9)
+    over = eyes[:, 2] > heights
+    seen_again = eyes[over, 2] / (eyes[over, 2] - heights[over])
+    grown[over] = np.minimum(grown[over], seen_again[:, None])
+    both = np.concatenate([bases, feet + np.maximum(grown, 1.0)[:, :, None] * away], axis=1)
+    areas = shapely.convex_hull(shapely.multipoints(shapely.points(both)))
+    if room is not None:
+        areas = shapely.intersection(areas, room)
+    there &= (shapely.get_type_id(areas) == polygon) & ~shapely.is_empty(areas)
+    rings = shapely.get_exterior_ring(areas)
+    return [shapely.get_coordinates(ring)[:-1] if ok else None for ring, ok in zip(rings, there.tolist(), strict=True)]

@@ -20,6 +20,8 @@ SHADOW: Rgba = (0.1, 0.1, 0.15, 0.3)
 CHOSEN: Rgba = (0.9, 0.62, 0.0, 0.9)
 RIM = 36
 """Corners of an ellipse."""
+_TURNS = np.linspace(0.0, 2.0 * np.pi, RIM + 1)
+UNIT_CIRCLE = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 SIGMAS_95 = float(np.sqrt(5.991))
 """Half axes of the ellipse that holds 95 % of a Gaussian in the plane, in standard deviations."""
 
@@ -107,23 +109,15 @@ def rim(middle: Floats, covariance: Floats) -> Floats:
 
 def around(middle: Floats, half: Floats, axes: Floats | None = None) -> Floats:
     """(RIM + 1, 2) points around an ellipse with half axes (2,) along the columns of (2, 2) `axes`."""
-    t = np.linspace(0.0, 2.0 * np.pi, RIM + 1)
-    unit = np.column_stack([np.cos(t), np.sin(t)]) * half
+    unit = UNIT_CIRCLE * half
     return np.asarray(middle + (unit if axes is None else unit @ axes.T))
 
 
 def at_height(points: Floats, z: float) -> Floats:
     """(k, 3) points of the plan at a height."""
-    return np.column_stack([points, np.full(len(points), z)])
-
-
-def dashes(points: Floats, length: float) -> Floats:
-    """(2 n, d) ends of the dashes of a way, of about `length`, with gaps as long between them."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    count = int(np.clip(round(float(way[-1]) / (2.0 * length)), 6, 200))
-    ends = (np.arange(count)[:, None] + np.array([0.0, 0.5])) / count * way[-1]
-    return np.column_stack([np.interp(ends.reshape(-1), way, points[:, k]) for k in range(points.shape[1])])
+    out = np.empty((len(points), 3))
+    out[:, :2], out[:, 2] = points, z
+    return out
 
 
 def fan(polygon: Floats, z: float) -> Floats:

@@ -11,7 +11,7 @@ from occlog.array_types import Floats
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 
 from .people import Crowd, Palette, Person
-from .plan import LIFTED, shadow
+from .plan import LIFTED, shadows, walls
 from .sensors import placed
 from .shapes import CHOSEN, GREY, SHADOW, Column, Fill, Line, Thing, at_height, faded, fan, rim
 
@@ -21,8 +21,9 @@ UNKNOWN_REACH = 8.0
 """Length of a sight line that is of no target whose place is known [m]."""
 MARK = 0.3
 """Diameter of the mark of a camera that was selected [m]."""
-SIDES = 8
-"""Corners of a person that throws a shadow."""
+_TURNS = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+AROUND = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
+"""(8, 2) corners of a person that throws a shadow, of radius 1."""
 
 
 class Sight:
@@ -32,6 +33,7 @@ class Sight:
         """Take the scene, the length of its unit [m], the colours, and where targets are."""
         self._scene, self._metres, self._palette, self._crowd = scene, metres, palette, crowd
         self._sensors: Mapping[str, Camera | MicrophoneArray] = {sensor.name: sensor for sensor in placed(scene)}
+        self._walls = walls(scene, metres)
 
     def lines(self, sensor: str, targets: Sequence[int], azimuths: Sequence[float]) -> list[Thing] | None:
         """Sight lines of one sensor and time.
@@ -70,18 +72,23 @@ class Sight:
     def shadows(self, t_ns: int) -> list[Thing]:
         """The parts of the floor that people hide from each camera."""
         people = self._crowd.at(t_ns)
+        cameras = [c for c in self._scene.cameras if c.placed]
+        if not people or not cameras:
+            return []
+        middles = np.array([person.xy for person in people])
+        radii = 0.5 * np.array([person.width for person in people])
+        bases = middles[:, None] + radii[:, None, None] * AROUND
+        heights = np.array([person.height for person in people])
+        eyes = np.array([self._metres * camera.position for camera in cameras])
+        n, m = len(cameras), len(people)
+        shapes = shadows(np.repeat(eyes, m, axis=0), np.tile(bases, (n, 1, 1)), np.tile(heights, n), self._walls)
         things = []
-        for camera in (c for c in self._scene.cameras if c.placed):
-            shapes = [self._shadow(camera, person) for person in people]
-            fills = [Fill(fan(shape, LIFTED), faded(SHADOW, 0.2)) for shape in shapes if shape is not None]
+        for k, camera in enumerate(cameras):
+            own = [shape for shape in shapes[k * m : (k + 1) * m] if shape is not None]
+            fills = [Fill(fan(shape, LIFTED), faded(SHADOW, 0.2)) for shape in own]
             if fills:
                 things.append(Thing(f"behind people, from {camera.name}", fills=fills))
         return things
-
-    def _shadow(self, camera: Camera, person: Person) -> Floats | None:
-        turn = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
-        base = person.xy + 0.5 * person.width * np.column_stack([np.cos(turn), np.sin(turn)])
-        return shadow(self._metres * camera.position, base, person.height, self._scene, self._metres)
 
 
 def _seen(eye: Floats, azimuth: float, person: Person | None, palette: Palette) -> Line:

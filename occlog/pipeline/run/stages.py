@@ -23,7 +23,7 @@ from occlog.io.files.inputs import STANDARD_INPUT
 from occlog.io.files.yaml_file import lines_of, read_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.measure.detect.command import METHODS as DETECTIONS
-from occlog.records.tables import Truth, TruthBoxes
+from occlog.records.tables import Particles, Truth, TruthBoxes
 from occlog.settings import declared
 from occlog.simulate.command import KINDS
 from occlog.track.catalogue import BOXES, METHODS, READS, VIEW
@@ -34,6 +34,8 @@ READER = "reader"
 OVERLAY = "overlay"
 """Stage that draws tracks over the video: of everybody unless it is false, of a target where it is there."""
 STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
+PARTICLES = "cloud"
+"""Key of `track` that is true where the folder is to have the table `particles`."""
 PRIORS = ("hull", "kalman", "acoustic")
 KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
@@ -164,7 +166,7 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     if _of_everybody(config):
         yield from _everybody(config, folder, recording, out, scene)
         return
-    tracked = {"output": out["tracks"], "diagnostics": out["diagnostics"]}
+    config, tracked = _with_particles(config, folder, {"output": out["tracks"], "diagnostics": out["diagnostics"]})
     inputs = dict(scene)
     if "priors" in config.values:
         stage, found = _priors(config, folder, recording, out, scene)
@@ -185,6 +187,17 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     yield _report(config, folder, out, metrics, shown)
     if OVERLAY in config.values:
         yield from _overlay(config, folder, recording, out["tracks"], {**scene, "diagnostics": str(out["diagnostics"])})
+
+
+def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> tuple[Config, dict[str, Path]]:
+    """Take the key that asks for the particles out of a configuration, and add their table to what `track` writes."""
+    values = config.stage("track")
+    asked = values.pop(PARTICLES, False)
+    if not isinstance(asked, bool):
+        raise InputError(f"{config.at('track', PARTICLES)}: want true or false (outputs of a run lie in its folder)")
+    if asked:
+        tracked = {**tracked, PARTICLES: folder / f"{Particles.NAME}.parquet"}
+    return replace(config, values={**config.values, "track": values}), tracked
 
 
 def _overlay(config: Config, folder: Path, recording: Path, tracks: Path, inputs: dict[str, object]) -> Iterator[Stage]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from people_boxes import boxes, hall, truth
 
@@ -13,11 +14,12 @@ from occlog.errors import ExitCode
 from occlog.io.files.json_file import write_json
 from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.run import run as stages_in_order
 from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
 from occlog.pipeline.run.stages import Stage, plan, read_config
-from occlog.records.tables import PeopleTracks, Tracks
+from occlog.records.tables import Particles, PeopleTracks, Tracks
 
 SCENE = """
 occlog_scene: 1
@@ -83,6 +85,33 @@ def test_all_stages_then_only_what_changed(config: Path, capsys: pytest.CaptureF
 
     (config.parent / "out" / "metrics.json").write_text("{}")  # an output that somebody changed is made again
     assert stages(config, capsys)["evaluate"] == "done"
+
+
+def test_particles_are_among_the_outputs_where_they_are_asked_for(
+    config: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = config.parent / "out"
+    config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, cloud: true}"))
+    assert stages(config, capsys)["track"] == "done"
+    particles = read_table(folder / "particles.parquet", Particles)
+    tracks = read_table(folder / "tracks.parquet", Tracks)
+    assert set(particles.t_ns.tolist()) == set(tracks.t_ns.tolist())
+    first = particles.take(particles.t_ns == tracks.t_ns[0])
+    assert len(first) == 200
+    assert np.average(first.x, weights=first.weight) == pytest.approx(tracks.x[0], abs=1e-6)
+    assert stages(config, capsys)["track"] == "up to date"
+    assert "/particles" in shown_topics(folder)
+    config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, cloud: p.parquet}"))
+    capsys.readouterr()
+    assert run(["run", str(config), "-o", str(folder), "-q"]) == ExitCode.BAD_INPUT
+    assert "line 5: track.cloud: want true or false (outputs of a run lie in its folder)" in capsys.readouterr().err
+
+
+def shown_topics(folder: Path) -> set[str]:
+    """Topics of what viewers are given of a run."""
+    path = folder.parent / "shown.mcap"
+    assert run(["export", str(folder), "-o", str(path), "-q"]) == 0
+    return {topic.name for topic in open_recording(path).topics}
 
 
 def test_a_change_that_leaves_outputs_the_same_stops_early(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
