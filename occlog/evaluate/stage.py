@@ -201,7 +201,7 @@ def evaluate(
         )
     compared = _without_truth(tracks, bearings, scene, config)
     if tracks is not None and bearings is not None and truth is None and not compared:
-        notes.append(_no_meeting(bearings, config))
+        notes.append(no_meeting(bool(np.any(bearings.seen & (bearings.target_id >= 0))), config))
     metrics |= compared
     if found is not None and isinstance(tracks, PeopleTracks):
         metrics |= held_out_box_metrics(tracks, found, scene, config)
@@ -213,9 +213,14 @@ def evaluate(
     return Evaluation(figures, errors, bound, looks=looks, notes=tuple(notes))
 
 
-def _no_meeting(bearings: Bearings, config: EvaluateConfig) -> str:
-    """Why no track was compared with where sight lines meet, and what to do."""
-    if np.any(bearings.seen & (bearings.target_id >= 0)):
+def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
+    """Why no track was compared with where sight lines meet, and what to do.
+
+    Args:
+        labelled: a bearing says which target it is of.
+        config: how far apart bearings of one scan may be.
+    """
+    if labelled:
         return (
             f"warning: at no time bearings of one target come from {config.lines_min_sensors} sensors within "
             f"{config.lines_window_s:g} s, so that the tracks are compared with nothing; widen it (lines_window)"
