@@ -76,6 +76,7 @@ class InStretches:
         parameters: Mapping[str, object],
         many: ManyConfig | None,
         asked: str | None,
+        more: Mapping[str, float] | None = None,
     ) -> Evaluation:
         """All figures; tables of errors, failures, counts and the bound are written as they come.
 
@@ -84,6 +85,7 @@ class InStretches:
             parameters: for the provenance of tables.
             many: settings of the figures of many targets, with a match distance; None: these are not wanted.
             asked: which identities are a target's own, as the user asked for it.
+            more: figures of what is beside these.
         """
         known, unit, config, sources = self.known, self._scene.length_unit, self._config, self._sources
         made = Made() if sources.tracks is None else Made.of(sources.tracks.provenance)
@@ -134,6 +136,7 @@ class InStretches:
             if seen is not None:
                 seen.finish(bound_out.write if bound_out is not None else lambda _: None)
             metrics, notes = self._figures(streams, seen, smoothed=made.smoothed)
+            metrics |= {name: float(value) for name, value in (more or {}).items()}
             if ground is not None and many is not None:
                 metrics = {**metrics, **{name: v for name, v in ground.metrics().items() if name not in metrics}}
                 apart = line_of_errors_apart(metrics, unit, config.match)

@@ -36,10 +36,11 @@ from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.plugins.chosen import Chosen
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Bearings, Diagnostics, Doa, Truth
+from occlog.records.tables import Bearings, Diagnostics, Doa, Truth, TruthBoxes, Views
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
+from .beside_tracks import BesideTracks
 from .by_plugin import with_plugins
 from .in_stretches import BOUND_WITHOUT_DISTANCES, InStretches, parameters_of
 from .inputs import Paths, in_frames, open_tables, provenance_of, read_tables
@@ -152,18 +153,22 @@ def run_in_stretches(
     many_given: Mapping[str, object],
     frames: tuple[int, int] | None = None,
 ) -> tuple[Evaluation, str] | None:
-    """The same as `run_evaluate` of tracks, truth, bearings and diagnostics with nothing beside them, in flat memory.
+    """The same as `run_evaluate` in flat memory.
 
-    None where there is anything else, or nothing to compare, or short tables in a recording.
+    None where there are measurements, sensors held out or a scene to write, views of some frames, nothing to compare,
+    or short tables in a recording.
     """
-    more = (paths.measurements, paths.views, paths.cooperation, paths.write_scene)
-    if any(p is not None for p in more) or given.get("held_out"):
+    if paths.measurements is not None or paths.write_scene is not None or given.get("held_out"):
         return None
     tracks, truth, scene = open_tables(paths)
-    if truth is not None and not truth.has(Truth):
+    views = None if paths.views is None else open_input(paths.views)
+    positions = tracks is not None or paths.directions is not None
+    if truth is not None and not truth.has(Truth if positions else TruthBoxes):
+        return None
+    if views is not None and (truth is None or not truth.has(TruthBoxes) or frames is not None):
         return None
     bearings = streamed_bearings(paths.bearings, paths.doa, paths.doa_labels, scene)
-    recorded = [truth, *(None if p is None else open_input(p) for p in (paths.bearings, paths.doa))]
+    recorded = [truth, views, *(None if p is None else open_input(p) for p in (paths.bearings, paths.doa))]
     if any(o is not None and o.recording is not None for o in recorded) and not _any_long(tracks, *recorded):
         return None
     unit = scene.length_unit
@@ -172,20 +177,31 @@ def run_in_stretches(
     diagnostics = None if paths.diagnostics is None else open_input(paths.diagnostics, Diagnostics)
     sources = Sources(tracks, truth, bearings, diagnostics)
     if frames is not None:
-        sources = replace(sources, during=span_of_frames(_times_of_frames(sources), frames))
-    compared = InStretches(sources, scene, config)
-    if not compared.can:
+        during = span_of_frames(_times_of_frames(sources), frames)
+        if during is None:
+            return None
+        sources = replace(sources, during=during)
+    compared = InStretches(sources, scene, config) if positions else None
+    if compared is not None and not compared.can:
         return None
+    cooperation = None if paths.cooperation is None else open_input(paths.cooperation)
+    more = BesideTracks(views, truth, cooperation, sources).figures(
+        config, None if compared is None else compared.known.tracks_ns
+    )
     many, unknown = None, None
     asked_for = bool(many_given) or paths.failures is not None or paths.counts is not None
-    if compared.several or (asked_for and tracks is not None and truth is not None):
+    both = tracks is not None and truth is not None
+    if (compared is not None and compared.several) or (asked_for and both):
         many, unknown = many_config(unit, own_targets_by(config, numbered_itself), many_given)
     parameters = parameters_of(paths, config, many)
     asked = None if many_given.get("own") is None else str(many_given["own"])
-    result = compared.evaluate(paths, parameters, many, asked)
+    if compared is not None:
+        result = compared.evaluate(paths, parameters, many, asked, more)
+    else:
+        result = Evaluation({name: float(value) for name, value in more.items()})
     notes = result.notes if unknown is None else (*result.notes, unknown)
     result = replace(result, notes=_notes(paths, own_numbers, notes))
-    rest = replace(paths, errors=None, bound=None)
+    rest = paths if compared is None else replace(paths, errors=None, bound=None)
     rest = rest if many is None else replace(rest, failures=None, counts=None)  # the others are written already
     _write(rest, result, unit, parameters)
     return result, unit
@@ -204,9 +220,9 @@ def _any_long(*inputs: Opened | None) -> bool:
 
 
 def _rows(opened: Opened) -> int:
-    """How many rows an input has; of a recording the number of its messages of bearings, which have one or more."""
+    """How many rows an input has; of a recording the number of messages of bearings or of boxes."""
     if opened.recording is not None:
-        return opened.recording.messages(Bearings)
+        return max(opened.recording.messages(table) for table in (Bearings, Views, TruthBoxes))
     return 0 if opened.foreign is not None else describe(opened.path)["rows"]
 
 

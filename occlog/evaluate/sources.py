@@ -47,17 +47,18 @@ class Sources:
 
     def rows_of_bearings(self) -> Iterator[Bearings]:
         """All bearings; none without any."""
-        return iter(()) if self.bearings is None else _during(self.bearings(), self.during)
+        return iter(()) if self.bearings is None else rows_during(self.bearings(), self.during)
 
     def rows_of_diagnostics(self) -> Iterator[Diagnostics]:
         """All diagnostics; none without any."""
         return self._rows(self.diagnostics, Diagnostics)
 
     def _rows(self, opened: Opened | None, table: type[T]) -> Iterator[T]:
-        return iter(()) if opened is None else _during(opened.rows(table), self.during)
+        return iter(()) if opened is None else rows_during(opened.rows(table), self.during)
 
 
-def _during(chunks: Iterable[T], span: Span | None) -> Iterator[T]:
+def rows_during(chunks: Iterable[T], span: Span | None) -> Iterator[T]:
+    """The chunks without rows of other times; None: as they are."""
     for chunk in chunks:
         yield chunk if span is None else chunk.take((times(chunk) >= span[0]) & (times(chunk) < span[1]))
 
@@ -96,8 +97,8 @@ def streamed_bearings(
     return rows if own or directions is not None else None
 
 
-def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span:
-    """Times from the first of these frames on, up to that of the one after the last.
+def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | None:
+    """Times from the first of these frames on, up to that of the one after the last; None: there is no frame at all.
 
     Args:
         chunks: times by which frames are numbered, in their order, each as often as may be.
@@ -119,6 +120,8 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span:
         if 0 <= first < stop and count <= stop < count + len(found):
             return low, int(found[stop - count])
         count, latest = count + len(found), int(found[-1])
+    if not count:
+        return None
     if not 0 <= first < min(stop, count):
         raise no_frames(frames, count)
     return low, high
