@@ -94,7 +94,7 @@ def make_many(folder: Path, rows: int) -> None:
 
 
 def make_seen(folder: Path, rows: int) -> None:
-    """Bearings of one person in four cameras, with tracks, truth and a scene; views of people in two, and true boxes."""
+    """Bearings of one person in four cameras, with tracks, truth and a scene; the boxes of `make_many` as views."""
     made, middle, size = Provenance("detect"), 10.0, rows // len(PLACES)
     cameras = tuple(
         Camera(
@@ -129,19 +129,19 @@ def make_seen(folder: Path, rows: int) -> None:
             told |= {c.name: np.full(n, "") for c in Diagnostics.columns() if not c.optional and c.kind == "U"}
             names = np.full(n, ",".join(PLACES))
             diagnostics.write(Diagnostics.of(**told | shared | {"cameras": names, "ess": np.full(n, 100.0)}))
-            u = np.empty((n, len(cameras)))
+            u, azimuth = np.empty((n, len(cameras))), np.empty((n, len(cameras)))
             for k, camera in enumerate(cameras):
                 h, d = planar_offsets(np.column_stack([x, y]), camera.ground, camera.yaw)
                 u[:, k] = -500.0 * h / d + random.normal(0.0, 2.0, n)
+                azimuth[:, k] = u_to_azimuth(u[:, k], camera.yaw, 500.0)
             at = np.repeat(step * STEP_NS, len(cameras))
-            yaw = np.tile([c.yaw for c in cameras], n)
             bearings.write(
                 Bearings.of(
                     t_ns=at,
                     sensor=np.tile(list(PLACES), n),
                     target_id=np.zeros(len(at), np.int32),
                     seen=np.ones(len(at), np.bool_),
-                    bearing=u_to_azimuth(u.ravel(), yaw, 500.0),
+                    bearing=azimuth.ravel(),
                     sigma=np.full(len(at), 0.004),
                     u_px=u.ravel(),
                     sigma_px=np.full(len(at), 2.0),
@@ -200,14 +200,13 @@ def measure(folder: Path, rows: int) -> dict[str, float]:
     out["evaluate of several"] = peak_mb("evaluate", many, "--truth", people, "--match", "optimal", *tables, "--quiet")
     out["evaluate in images"] = peak_mb("evaluate", boxes, "--truth", true_boxes, "--quiet")
     seen, fared = f"--bearings={folder / 'seen.parquet'}", f"--diagnostics={folder / 'fared.parquet'}"
-    place, true = f"--scene={folder / 'scene.yaml'}", f"--truth={folder / 'seen_truth.parquet'}"
+    room, true = f"--scene={folder / 'scene.yaml'}", f"--truth={folder / 'seen_truth.parquet'}"
     ours, bound = str(folder / "seen_tracks.parquet"), f"--bound={folder / 'bound.parquet'}"
-    out["evaluate bearings"] = peak_mb("evaluate", seen, true, place, "--quiet")
-    out["evaluate tracks and bearings"] = peak_mb("evaluate", ours, seen, fared, true, place, bound, "--quiet")
-    out["evaluate without truth"] = peak_mb("evaluate", ours, seen, place, "--quiet")
-    out["evaluate some frames"] = peak_mb(
-        "evaluate", ours, true, place, f"--frames={rows // 40}:{rows // 5}", "--quiet"
-    )
+    out["evaluate bearings"] = peak_mb("evaluate", seen, true, room, "--quiet")
+    out["evaluate tracks and bearings"] = peak_mb("evaluate", ours, seen, fared, true, room, bound, "--quiet")
+    out["evaluate without truth"] = peak_mb("evaluate", ours, seen, room, "--quiet")
+    some = f"--frames={rows // 40}:{rows // 5}"
+    out["evaluate some frames"] = peak_mb("evaluate", ours, true, room, some, "--quiet")
     views = f"--views={folder / 'views.parquet'}"
     out["evaluate views"] = peak_mb("evaluate", views, f"--truth={true_boxes}", "--quiet")
     out["report of several"] = peak_mb("report", many, "--truth", people, "-o", str(folder / "many.html"))

@@ -35,13 +35,13 @@ class SightStreams:
             scene: the sensors.
             made: how the tracks were made.
             held_out: sensors that the tracks were made without.
-            in_memory: how many distances of a camera are kept in memory.
+            in_memory: how many distances of all cameras are kept in memory.
         """
         self._evidence, self._scene, self._made, self._held_out = evidence, scene, made, held_out
         self._of_estimates, self._of_frames = (Sight(scene, made.window_ns) for _ in range(2))
         self._alone = _AloneStreams(evidence)
         unsure = [c for c in scene.cameras if c.sigma_yaw > 0.0 or c.sigma_position > 0.0]
-        self._distances = {c.name: Spool(in_memory) for c in unsure}
+        self._distances = {c.name: Spool(in_memory // len(unsure)) for c in unsure}
 
     @property
     def margin_ns(self) -> int:
