@@ -90,7 +90,7 @@ def view_metrics(views: Views, truth: TruthBoxes, config: EvaluateConfig) -> Met
 class ViewFigures:
     """Gathers results of frames that have true boxes (or are known to have none), while these stream by."""
 
-    def __init__(self, config: EvaluateConfig, in_memory: int = IN_MEMORY) -> None:
+    def __init__(self, config: EvaluateConfig, in_memory: int = IN_MEMORY // 8) -> None:
         """No frame yet; `in_memory`: how many errors of a kind are kept in memory."""
         self._overlap, self._in_memory = config.box_overlap, in_memory
         self._whole = _Results(in_memory)
