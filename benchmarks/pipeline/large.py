@@ -11,9 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from occlog.io.files.parquet import TableWriter
+from occlog.core.sight.camera import planar_offsets, u_to_azimuth
+from occlog.io.files.parquet import TableWriter, iter_table
 from occlog.io.files.provenance import Provenance
-from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
+from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.scene import Camera, Scene, camera_rotation
+from occlog.records.tables import (
+    APPEARANCE_BINS,
+    Bearings,
+    Boxes,
+    Diagnostics,
+    Tracks,
+    Truth,
+    TruthBoxes,
+    Views,
+)
 
 NAME = "large"
 SUMMARY = "peak memory of evaluate, report, diff, export and info: ten times as many rows to fewer"
@@ -22,6 +34,8 @@ ROWS = int(os.environ.get("OCCLOG_BENCHMARK_ROWS", "400000"))
 """Rows of the shorter tables; more than are drawn whole by `report`."""
 STEP_NS, CHUNK = 10**8, 50_000
 PEOPLE = 50
+PLACES = {"a": (0.0, 0.0), "b": (20.0, 0.0), "c": (20.0, 20.0), "d": (0.0, 20.0)}
+"""Cameras, which look at the middle of a room."""
 
 
 def make(folder: Path, rows: int) -> None:
@@ -79,6 +93,79 @@ def make_many(folder: Path, rows: int) -> None:
             boxes.write(Boxes.of(**seen, box=who, target_id=labels.ravel(), **place, **size))
 
 
+def make_seen(folder: Path, rows: int) -> None:
+    """Bearings of one person in four cameras, with tracks, truth and a scene; the boxes of `make_many` as views."""
+    made, middle, size = Provenance("detect"), 10.0, rows // len(PLACES)
+    cameras = tuple(
+        Camera(
+            name=name,
+            position=np.array([*place, 0.0]),
+            rotation=camera_rotation(float(np.arctan2(middle - place[1], middle - place[0])), 0.0, 0.0),
+            focal_px=np.array([500.0, 500.0]),
+            principal_px=np.zeros(2),
+            fov=np.pi / 2,
+            sigma_read_px=2.0,
+        )
+        for name, place in PLACES.items()
+    )
+    room = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]])
+    (folder / "scene.yaml").write_text(scene_to_yaml(Scene(cameras=cameras, room=room)))
+    with (
+        TableWriter(folder / "seen_tracks.parquet", Tracks, made) as tracks,
+        TableWriter(folder / "seen_truth.parquet", Truth, made) as truth,
+        TableWriter(folder / "seen.parquet", Bearings, made) as bearings,
+        TableWriter(folder / "fared.parquet", Diagnostics, made) as diagnostics,
+    ):
+        for start in range(0, size, CHUNK):
+            step = np.arange(start, min(start + CHUNK, size))
+            n, random = len(step), np.random.default_rng(start)
+            x, y = middle + 4.0 * np.cos(0.02 * step), middle + 4.0 * np.sin(0.022 * step)
+            off = random.normal(0.0, 0.1, (2, n))
+            shared = {"t_ns": step * STEP_NS, "target_id": np.zeros(n, np.int32)}
+            truth.write(Truth.of(**shared, role=np.full(n, "target"), x=x, y=y, z=np.zeros(n)))
+            spread = {"cov_xx": np.full(n, 0.01), "cov_xy": np.zeros(n), "cov_yy": np.full(n, 0.01)}
+            tracks.write(Tracks.of(**shared, x=x + off[0], y=y + off[1], vx=off[0], vy=off[1], **spread))
+            told = {c.name: np.zeros(n, c.dtype) for c in Diagnostics.columns() if not c.optional and c.kind != "U"}
+            told |= {c.name: np.full(n, "") for c in Diagnostics.columns() if not c.optional and c.kind == "U"}
+            names = np.full(n, ",".join(PLACES))
+            diagnostics.write(Diagnostics.of(**told | shared | {"cameras": names, "ess": np.full(n, 100.0)}))
+            u, azimuth = np.empty((n, len(cameras))), np.empty((n, len(cameras)))
+            for k, camera in enumerate(cameras):
+                h, d = planar_offsets(np.column_stack([x, y]), camera.ground, camera.yaw)
+                u[:, k] = -500.0 * h / d + random.normal(0.0, 2.0, n)
+                azimuth[:, k] = u_to_azimuth(u[:, k], camera.yaw, 500.0)
+            at = np.repeat(step * STEP_NS, len(cameras))
+            bearings.write(
+                Bearings.of(
+                    t_ns=at,
+                    sensor=np.tile(list(PLACES), n),
+                    target_id=np.zeros(len(at), np.int32),
+                    seen=np.ones(len(at), np.bool_),
+                    bearing=azimuth.ravel(),
+                    sigma=np.full(len(at), 0.004),
+                    u_px=u.ravel(),
+                    sigma_px=np.full(len(at), 2.0),
+                    score=np.full(len(at), np.nan),
+                )
+            )
+    views_of_boxes(folder)
+
+
+def views_of_boxes(folder: Path) -> None:
+    """The boxes of `make_many` as views."""
+    with TableWriter(folder / "views.parquet", Views, Provenance("detect")) as views:
+        for boxes in iter_table(folder / "boxes.parquet", Boxes, CHUNK // 2):
+            n = len(boxes)
+            same = {name: getattr(boxes, name) for name in ("t_ns", "sensor", "frame", "width_px", "height_px")}
+            nan = {c.name: np.full(n, np.nan) for c in Views.columns() if c.kind == "f8" and not c.optional}
+            place = {"left_px": boxes.left_px, "top_px": boxes.top_px, "x_px": boxes.left_px + 0.5 * boxes.width_px}
+            place |= {"y_px": boxes.top_px, "area_px": boxes.width_px * boxes.height_px}
+            place |= {"cov_xx_px": np.ones(n), "cov_xy_px": np.zeros(n), "cov_yy_px": np.ones(n)}
+            identity = {"cluster": boxes.box, "target_id": np.full(n, -1, np.int32)}
+            looks = np.full((n, APPEARANCE_BINS), np.nan, dtype=np.float32)
+            views.write(Views.of(**nan | same | place | identity, appearance=looks))
+
+
 def peak_mb(*args: str) -> float:
     """Largest resident set [MB] of an occlog command that must succeed."""
     quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
@@ -92,7 +179,7 @@ def peak_mb(*args: str) -> float:
 def measure(folder: Path, rows: int) -> dict[str, float]:
     """Peak of each command."""
     # In a process of its own: the system counts what a parent has in memory as its child's
-    for how in (make, make_many):
+    for how in (make, make_many, make_seen):
         maker = multiprocessing.get_context("spawn").Process(target=how, args=(folder, rows))
         maker.start()
         maker.join()
@@ -112,6 +199,16 @@ def measure(folder: Path, rows: int) -> dict[str, float]:
     tables = [f"--{name}={folder / name}.parquet" for name in ("failures", "counts")]
     out["evaluate of several"] = peak_mb("evaluate", many, "--truth", people, "--match", "optimal", *tables, "--quiet")
     out["evaluate in images"] = peak_mb("evaluate", boxes, "--truth", true_boxes, "--quiet")
+    seen, fared = f"--bearings={folder / 'seen.parquet'}", f"--diagnostics={folder / 'fared.parquet'}"
+    room, true = f"--scene={folder / 'scene.yaml'}", f"--truth={folder / 'seen_truth.parquet'}"
+    ours, bound = str(folder / "seen_tracks.parquet"), f"--bound={folder / 'bound.parquet'}"
+    out["evaluate bearings"] = peak_mb("evaluate", seen, true, room, "--quiet")
+    out["evaluate tracks and bearings"] = peak_mb("evaluate", ours, seen, fared, true, room, bound, "--quiet")
+    out["evaluate without truth"] = peak_mb("evaluate", ours, seen, room, "--quiet")
+    some = f"--frames={rows // 40}:{rows // 5}"
+    out["evaluate some frames"] = peak_mb("evaluate", ours, true, room, some, "--quiet")
+    views = f"--views={folder / 'views.parquet'}"
+    out["evaluate views"] = peak_mb("evaluate", views, f"--truth={true_boxes}", "--quiet")
     out["report of several"] = peak_mb("report", many, "--truth", people, "-o", str(folder / "many.html"))
     out["export coco"] = peak_mb("export", boxes, "-o", str(folder / "out.json"))
     return out

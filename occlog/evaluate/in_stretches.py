@@ -10,43 +10,65 @@ from pathlib import Path
 import numpy as np
 
 from occlog.io.files.parquet import TableWriter
-from occlog.io.open import Opened, open_input
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
-from occlog.records.tables import Diagnostics, Errors, Tracks, Truth
+from occlog.records.tables import Bound, Errors, Tracks
 from occlog.records.views import Counts, Failures
 from occlog.track.images.run.provenance import own_notes
 from occlog.track.plausibility.verdict import Evidence
 
-from .errors.streamed import CompareStreams, PairSums, Stretch, stretches
+from .errors.streamed import Beside, CompareStreams, PairSums, Stretch, stretches
 from .errors.survey import Survey, survey
 from .inputs import Paths, provenance_of
 from .matching.config import EvaluateConfig
+from .matching.outline import Outlines
 from .mot.apart import line_of_errors_apart
 from .mot.config import ManyConfig
 from .mot.on_ground import GroundFigures, GroundPart, places_of
+from .sources import Sources
 from .stage import Evaluation
 from .verdict import AgainstTruth, Made, with_truth
+from .with_bearings import WithBearings
+
+BOUND_WITHOUT_DISTANCES = (
+    "the bound knows nothing of the ranges, signal strengths or time differences of the tracks, so that no ratio to it "
+    "means anything; give --measurements"
+)
+"""What is said of tracks that were made with measurements of distances, where these are not given."""
 
 
 class InStretches:
-    """Tracks and their truth, which are gone through several times."""
+    """Tracks, their truth and bearings, which are gone through several times."""
 
-    def __init__(self, tracks: Opened, truth: Opened, scene: Scene, config: EvaluateConfig) -> None:
+    def __init__(self, sources: Sources, scene: Scene, config: EvaluateConfig) -> None:
         """Nothing is read but what must be known of the whole (`survey`)."""
-        self._tracks, self._truth, self._scene, self._config = tracks, truth, scene, config
-        self.known: Survey = survey(tracks.rows(Tracks), truth.rows(Truth))
+        self._sources, self._scene, self._config = sources, scene, config
+        self._outlines, self._high = Outlines(), False
+        truth = sources.rows_of_truth()
+        truth = truth if sources.bearings is None else self._outlines.watch(truth)
+        self.known: Survey = survey(self._watched(sources.rows_of_tracks()), truth)
+
+    def _watched(self, chunks: Iterator[Tracks]) -> Iterator[Tracks]:
+        for chunk in chunks:
+            self._high = self._high or bool(np.isfinite(chunk.z).any())
+            yield chunk
 
     @property
     def can(self) -> bool:
         """Whether there is something to compare; whole tables say better what is wrong with the others."""
-        known = self.known
-        return bool(known.tracks and known.targets) and (self._config.match != "id" or bool(self._by_number()))
+        known, sources = self.known, self._sources
+        missing = (sources.tracks is not None and not known.tracks) or (sources.truth is not None and not known.targets)
+        return not missing and (not self._compares or self._config.match != "id" or bool(self._by_number()))
+
+    @property
+    def _compares(self) -> bool:
+        """Whether there are tracks and a truth."""
+        return self._sources.tracks is not None and self._sources.truth is not None
 
     @property
     def several(self) -> bool:
-        """Whether there are several tracks or targets."""
-        return max(len(self.known.tracks), len(self.known.targets)) > 1
+        """Whether there are several tracks or targets to compare."""
+        return self._compares and max(len(self.known.tracks), len(self.known.targets)) > 1
 
     def evaluate(
         self,
@@ -54,34 +76,33 @@ class InStretches:
         parameters: Mapping[str, object],
         many: ManyConfig | None,
         asked: str | None,
+        more: Mapping[str, float] | None = None,
     ) -> Evaluation:
-        """All figures; tables of errors, failures and counts are written as they come.
+        """All figures; tables of errors, failures, counts and the bound are written as they come.
 
         Args:
             paths: inputs and outputs.
             parameters: for the provenance of tables.
             many: settings of the figures of many targets, with a match distance; None: these are not wanted.
             asked: which identities are a target's own, as the user asked for it.
+            more: figures of what is beside these.
         """
-        known, unit, config = self.known, self._scene.length_unit, self._config
-        made = Made.of(self._tracks.provenance)
+        known, unit, config, sources = self.known, self._scene.length_unit, self._config, self._sources
+        made = Made() if sources.tracks is None else Made.of(sources.tracks.provenance)
         against, evidence = AgainstTruth(made, self._scene), Evidence(rows=known.estimates)
+        if sources.diagnostics is not None:
+            evidence.rows = 0
+            for rows in sources.rows_of_diagnostics():
+                evidence.fared(rows)
         with ExitStack() as stack:
-
-            def written(path: Path | None, table: type[Table]) -> TableWriter | None:
-                if path is None:
-                    return None
-                provenance = provenance_of(paths, parameters)
-                return stack.enter_context(
-                    TableWriter(path, table, provenance, overwrite=paths.overwrite, length_unit=unit)
-                )
-
-            errors_out = written(paths.errors, Errors)
-            failures_out = None if many is None else written(paths.failures, Failures)
-            counts_out = None if many is None else written(paths.counts, Counts)
+            out = Written(stack, paths, parameters, unit)
+            errors_out = out.table(paths.errors, Errors)
+            failures_out = None if many is None else out.table(paths.failures, Failures)
+            counts_out = None if many is None else out.table(paths.counts, Counts)
+            bound_out = out.table(paths.bound, Bound)
             theirs, ours = (np.array(list(each), dtype=np.int64) for each in (known.targets, known.tracks))
             ground = None if many is None else GroundFigures(theirs, ours, known.frames, many, unit)
-            by_distance = None if config.match == "id" or known.single is not None else PairSums(known)
+            by_distance = None if not self._compares or config.match == "id" or known.single else PairSums(known)
             if ground is not None or by_distance is not None:
                 begin = 0
                 for part in self._stretches(many):
@@ -93,11 +114,17 @@ class InStretches:
                         if counts_out is not None:
                             counts_out.write(counts)
             pairs = self._by_number() if by_distance is None else by_distance.pairs()
-            if known.single is not None:
+            if self._compares and known.single is not None:
                 pairs = dict([known.single])
+            seen, beside = None, None
+            if sources.bearings is not None:
+                seen = WithBearings(sources, known, self._outlines, self._scene, config)
+                beside = seen.begin(pairs, evidence, made, high_tracks=self._high)
             streams, begin = CompareStreams(known, pairs, config, unit), 0
-            for part in self._stretches(many):
-                errors = streams.add(part)
+            for part in self._stretches(many, beside):
+                errors = streams.add(part) if self._compares else Errors.empty()
+                if seen is not None:
+                    seen.add(part, errors, streams.late)
                 against.add(errors)
                 if errors_out is not None:
                     errors_out.write(errors)
@@ -106,25 +133,52 @@ class InStretches:
                     begin += len(part.times)
                     if failures_out is not None:
                         failures_out.write(failures)
-            metrics = streams.metrics() | ({"tracks_smoothed": 1.0} if made.smoothed else {})
-            notes = () if streams.note is None else (streams.note,)
+            if seen is not None:
+                seen.finish(bound_out.write if bound_out is not None else lambda _: None)
+            metrics, notes = self._figures(streams, seen, smoothed=made.smoothed)
+            metrics |= {name: float(value) for name, value in (more or {}).items()}
             if ground is not None and many is not None:
                 metrics = {**metrics, **{name: v for name, v in ground.metrics().items() if name not in metrics}}
                 apart = line_of_errors_apart(metrics, unit, config.match)
                 notes = (*notes, *ground.notes(), *own_notes(paths.tracks, many.own, asked), *apart)
-            if paths.diagnostics is not None:
-                evidence.rows = 0
-                for rows in open_input(paths.diagnostics).rows(Diagnostics):
-                    evidence.fared(rows)
-            findings = with_truth(evidence, made, against, unknown=known.unknown, metrics=metrics)
-        return Evaluation(metrics, notes=notes, findings=findings)
+            findings = None
+            if against.rows or sources.diagnostics is not None or (seen is not None and seen.rows):
+                findings = with_truth(evidence, made, against, unknown=known.unknown, metrics=metrics)
+            if made.measured and seen is not None and seen.bound_rows:
+                notes = (*notes, BOUND_WITHOUT_DISTANCES)
+        return Evaluation(metrics, notes=notes, findings=None if sources.tracks is None else findings)
+
+    def _figures(
+        self, streams: CompareStreams, seen: WithBearings | None, *, smoothed: bool
+    ) -> tuple[dict[str, float], tuple[str, ...]]:
+        """Figures in the order of whole tables, and what the user must know."""
+        known, notes = self.known, list[str]()
+        metrics: dict[str, float] = {}
+        if self._compares:
+            notes += [] if streams.note is None else [streams.note]
+            metrics |= streams.metrics()
+        elif self._sources.tracks is not None:
+            metrics |= {"tracks": len(known.tracks), "estimates_without_truth": known.estimates}
+        if seen is not None:
+            metrics |= seen.against_truth()
+        if self._compares:
+            metrics |= streams.settled(None if seen is None else seen.settled_bound)
+        metrics |= {} if seen is None else seen.noise()
+        metrics |= {"tracks_smoothed": 1.0} if smoothed else {}
+        if seen is not None:
+            compared = seen.meeting()
+            if self._sources.truth is None and not compared:
+                notes.append(seen.note())
+            metrics |= compared
+        return {name: float(value) for name, value in metrics.items()}, tuple(notes)
 
     def _by_number(self) -> dict[int, int]:
         return {track: track for track in self.known.tracks if track in self.known.targets}
 
-    def _stretches(self, many: ManyConfig | None) -> Iterator[Stretch]:
+    def _stretches(self, many: ManyConfig | None, beside: Beside | None = None) -> Iterator[Stretch]:
         gap = 0 if many is None else many.gap_ns(self._config.limit_ns)
-        return stretches(self._tracks.rows(Tracks), self._truth.rows(Truth), self.known, self._config, gap)
+        rows = self._sources.rows_of_tracks(), self._sources.rows_of_truth()
+        return stretches(*rows, self.known, self._config, gap, beside)
 
     def _part(self, part: Stretch, begin: int, many: ManyConfig) -> GroundPart:
         limit, unit = self._config.limit_ns, self._scene.length_unit
@@ -135,6 +189,22 @@ class InStretches:
             for each in (self.known.targets, self.known.tracks)
         )
         return GroundPart(places, begin, part.rows, part.targets, (over[0], over[1]))
+
+
+class Written:
+    """Tables that are written while rows come."""
+
+    def __init__(self, stack: ExitStack, paths: Paths, parameters: Mapping[str, object], unit: str) -> None:
+        """Tables are complete when the stack is left."""
+        self._stack, self._paths, self._parameters, self._unit = stack, paths, parameters, unit
+
+    def table(self, path: Path | None, table: type[Table]) -> TableWriter | None:
+        """A table; None without a path."""
+        if path is None:
+            return None
+        provenance = provenance_of(self._paths, self._parameters)
+        writer = TableWriter(path, table, provenance, overwrite=self._paths.overwrite, length_unit=self._unit)
+        return self._stack.enter_context(writer)
 
 
 def parameters_of(paths: Paths, config: EvaluateConfig, many: ManyConfig | None) -> dict[str, object]:

@@ -17,7 +17,6 @@ from occlog.io.open import Opened, check_unit, losses_of, open_if_ours, open_inp
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import Radio, measurements_of_reads
 from occlog.measure.scans.shadowing import Shadowing
-from occlog.measure.scans.sources import bearings_of_doa
 from occlog.records.columns import Table
 from occlog.records.measurements import Measurements
 from occlog.records.people import PeopleTracks
@@ -27,7 +26,6 @@ from occlog.records.tables import (
     Boxes,
     Cooperation,
     Diagnostics,
-    Doa,
     Reads,
     Tracks,
     Truth,
@@ -35,6 +33,7 @@ from occlog.records.tables import (
     Views,
 )
 
+from .sources import no_frames, streamed_bearings
 from .verdict import Made
 
 T = TypeVar("T", bound=Table)
@@ -166,7 +165,7 @@ def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
     timed = (tables.tracks, tables.truth, tables.bearings, tables.cooperation, tables.diagnostics, tables.found)
     times = _times_of_frames(tables)
     if any(table is not None for table in timed) and not 0 <= first < min(stop, len(times)):
-        raise InputError(f"frames {first}:{stop}: there are {len(times)} of them, numbered from 0")
+        raise no_frames(frames, len(times))
     low = int(times[first]) if first < len(times) else 0
     high = int(times[stop]) if stop < len(times) else np.iinfo(np.int64).max
 
@@ -244,23 +243,9 @@ def _rows_of(opened: Opened | None, table: type[T]) -> T | None:
 
 
 def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Bearings | None:
-    """All bearings, and directions of arrival as such: as `occlog track` reads them.
-
-    Those of a recording are used along with its bearings unless others are named.
-    """
-    measured = None if path is None else open_input(path)
-    directions = None if doa is None else open_input(doa)
-    recorded = measured is not None and measured.recording is not None
-    if directions is None and recorded and measured is not None and measured.has(Doa):
-        directions = measured
-    parts: list[Bearings] = []
-    if measured is not None and (not recorded or directions is None or measured.has(Bearings)):
-        parts.append(measured.read(Bearings))
-    if directions is not None:
-        parts += bearings_of_doa([directions.read(Doa)], scene, labels)
-    elif labels:
-        raise UsageError("doa_labels wants directions of arrival; give some (doa)")
-    return Bearings.merge(parts) if len(parts) > 1 else next(iter(parts), None)
+    """All bearings, and directions of arrival as such: see `streamed_bearings`."""
+    rows = streamed_bearings(path, doa, labels, scene)
+    return None if rows is None else Bearings.concat(rows())
 
 
 def provenance_of(paths: Paths, parameters: Mapping[str, object]) -> Provenance:

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from occlog.array_types import NS
+from occlog.array_types import NS, Ints
 from occlog.cli import options
 from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
@@ -36,18 +36,20 @@ from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.plugins.chosen import Chosen
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Doa, Truth
+from occlog.records.tables import Bearings, Diagnostics, Doa, Truth, TruthBoxes, Views
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
+from .beside_tracks import BesideTracks
 from .by_plugin import with_plugins
-from .in_stretches import InStretches, parameters_of
+from .in_stretches import BOUND_WITHOUT_DISTANCES, InStretches, parameters_of
 from .inputs import Paths, in_frames, open_tables, provenance_of, read_tables
+from .sources import Sources, span_of_frames, streamed_bearings
 from .stage import Evaluation, evaluate
 from .verdict import judge
 
 LONG = 200_000
-"""Rows of tracks from which on a recording with their truth is gone through twice, so that memory stays flat."""
+"""Rows of a table from which on a recording beside it is gone through several times, so that memory stays flat."""
 
 
 def run_evaluate(
@@ -69,8 +71,8 @@ def run_evaluate(
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
     options.check_outputs(paths.inputs, written, paths.overwrite)
-    if frames is None and not plugged:
-        found = run_in_stretches(paths, given, many_given)
+    if not plugged:
+        found = run_in_stretches(paths, given, many_given, frames)
         if found is not None:
             return found
     t = read_tables(paths, everybody=bool(given.get("held_out")) and paths.views is not None)
@@ -116,8 +118,7 @@ def run_evaluate(
         held_out=config.held_out,
     )
     if t.made.measured and paths.measurements is None and len(result.bound):
-        less = "the bound knows nothing of the ranges, signal strengths or time differences of the tracks, so that no "
-        result = replace(result, notes=(*result.notes, f"{less}ratio to it means anything; give --measurements"))
+        result = replace(result, notes=(*result.notes, BOUND_WITHOUT_DISTANCES))
     result = replace(result, notes=_notes(paths, own_numbers, result.notes), findings=findings)
     told_of = {"metrics": [each.provenance(unit) for each in plugged]} if plugged else {}
     parameters = {**parameters_of(paths, config, many), **told_of}
@@ -147,44 +148,82 @@ def _notes(paths: Paths, own_numbers: bool, found: tuple[str, ...]) -> tuple[str
 
 
 def run_in_stretches(
-    paths: Paths, given: Mapping[str, object], many_given: Mapping[str, object]
+    paths: Paths,
+    given: Mapping[str, object],
+    many_given: Mapping[str, object],
+    frames: tuple[int, int] | None = None,
 ) -> tuple[Evaluation, str] | None:
-    """The same as `run_evaluate` of tracks and their truth with nothing beside them but diagnostics, in flat memory.
+    """The same as `run_evaluate` in flat memory.
 
-    None where there is anything else, or nothing to compare, or short tracks with their truth in a recording.
+    None where there are measurements, sensors held out or a scene to write, views of some frames, nothing to compare,
+    or short tables in a recording.
     """
-    more = (paths.directions, paths.measurements, paths.views, paths.cooperation, paths.write_scene)
-    if paths.tracks is None or paths.truth is None or any(p is not None for p in more):
+    if paths.measurements is not None or paths.write_scene is not None or given.get("held_out"):
         return None
     tracks, truth, scene = open_tables(paths)
-    if tracks is None or truth is None or not truth.has(Truth) or given.get("held_out"):
+    views = None if paths.views is None else open_input(paths.views)
+    positions = tracks is not None or paths.directions is not None
+    if truth is not None and not truth.has(Truth if positions else TruthBoxes):
         return None
-    if truth.recording is not None and not _is_long(tracks):
+    if views is not None and (truth is None or not truth.has(TruthBoxes) or frames is not None):
+        return None
+    bearings = streamed_bearings(paths.bearings, paths.doa, paths.doa_labels, scene)
+    recorded = [truth, views, *(None if p is None else open_input(p) for p in (paths.bearings, paths.doa))]
+    if any(o is not None and o.recording is not None for o in recorded) and not _any_long(tracks, *recorded):
         return None
     unit = scene.length_unit
     config, numbered_itself, own_numbers = _configured(paths, given, unit)
     begin_work()
-    compared = InStretches(tracks, truth, scene, config)
-    if not compared.can:
+    diagnostics = None if paths.diagnostics is None else open_input(paths.diagnostics, Diagnostics)
+    sources = Sources(tracks, truth, bearings, diagnostics)
+    if frames is not None:
+        during = span_of_frames(_times_of_frames(sources), frames)
+        if during is None:
+            return None
+        sources = replace(sources, during=during)
+    compared = InStretches(sources, scene, config) if positions else None
+    if compared is not None and not compared.can:
         return None
+    cooperation = None if paths.cooperation is None else open_input(paths.cooperation)
+    more = BesideTracks(views, truth, cooperation, sources).figures(
+        config, None if compared is None else compared.known.tracks_ns
+    )
     many, unknown = None, None
-    if compared.several or many_given or paths.failures is not None or paths.counts is not None:
+    asked_for = bool(many_given) or paths.failures is not None or paths.counts is not None
+    both = tracks is not None and truth is not None
+    if (compared is not None and compared.several) or (asked_for and both):
         many, unknown = many_config(unit, own_targets_by(config, numbered_itself), many_given)
     parameters = parameters_of(paths, config, many)
     asked = None if many_given.get("own") is None else str(many_given["own"])
-    result = compared.evaluate(paths, parameters, many, asked)
+    if compared is not None:
+        result = compared.evaluate(paths, parameters, many, asked, more)
+    else:
+        result = Evaluation({name: float(value) for name, value in more.items()})
     notes = result.notes if unknown is None else (*result.notes, unknown)
     result = replace(result, notes=_notes(paths, own_numbers, notes))
-    rest = replace(paths, errors=None)
+    rest = paths if compared is None else replace(paths, errors=None, bound=None)
     rest = rest if many is None else replace(rest, failures=None, counts=None)  # the others are written already
     _write(rest, result, unit, parameters)
     return result, unit
 
 
-def _is_long(opened: Opened) -> bool:
+def _times_of_frames(sources: Sources) -> Iterator[Ints]:
+    """Times by which frames are numbered."""
+    if sources.truth is not None:
+        return (rows.t_ns[rows.role == "target"] for rows in sources.rows_of_truth())
+    return (rows.t_ns for rows in sources.rows_of_bearings())
+
+
+def _any_long(*inputs: Opened | None) -> bool:
     """Whether a table is so long that it is worth to go through a recording, which has images too, more than once."""
-    ours = opened.recording is None and opened.foreign is None
-    return ours and describe(opened.path)["rows"] > LONG
+    return any(opened is not None and _rows(opened) > LONG for opened in inputs)
+
+
+def _rows(opened: Opened) -> int:
+    """How many rows an input has; of a recording the number of messages of bearings or of boxes."""
+    if opened.recording is not None:
+        return max(opened.recording.messages(table) for table in (Bearings, Views, TruthBoxes))
+    return 0 if opened.foreign is not None else describe(opened.path)["rows"]
 
 
 def _measured(path: Path, result: Evaluation, scene: Scene, *, overwrite: bool) -> Evaluation:

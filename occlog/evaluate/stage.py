@@ -201,7 +201,7 @@ def evaluate(
         )
     compared = _without_truth(tracks, bearings, scene, config)
     if tracks is not None and bearings is not None and truth is None and not compared:
-        notes.append(_no_meeting(bearings, config))
+        notes.append(no_meeting(bool(np.any(bearings.seen & (bearings.target_id >= 0))), config))
     metrics |= compared
     if found is not None and isinstance(tracks, PeopleTracks):
         metrics |= held_out_box_metrics(tracks, found, scene, config)
@@ -213,9 +213,14 @@ def evaluate(
     return Evaluation(figures, errors, bound, looks=looks, notes=tuple(notes))
 
 
-def _no_meeting(bearings: Bearings, config: EvaluateConfig) -> str:
-    """Why no track was compared with where sight lines meet, and what to do."""
-    if np.any(bearings.seen & (bearings.target_id >= 0)):
+def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
+    """Why no track was compared with where sight lines meet, and what to do.
+
+    Args:
+        labelled: a bearing says which target it is of.
+        config: how far apart bearings of one scan may be.
+    """
+    if labelled:
         return (
             f"warning: at no time bearings of one target come from {config.lines_min_sensors} sensors within "
             f"{config.lines_window_s:g} s, so that the tracks are compared with nothing; widen it (lines_window)"
@@ -278,17 +283,41 @@ def cooperation_figures(asked: Cooperation, tracks: Tracks | None = None) -> dic
         `cooperation_shared`, `cooperation_frames`, `cooperation_period_s` (NaN if it cannot be
         told), and `cooperation_requests_CAUSE`; a request with several causes counts for each.
     """
-    own = asked.take(asked.cause != SHARED)
-    causes = Counter(cause for text in own.cause.tolist() for cause in text.split(","))
-    times = np.unique(own.t_ns)
-    span, count = (times[-1] - times[0] if len(times) else 0), len(times) - 1
-    if tracks is not None and len(tracks):
-        span, count = tracks.t_ns[-1] - tracks.t_ns[0], len(times)
-    return {
-        "cooperation_requests": float(len(own)),
-        "cooperation_answered": float(np.count_nonzero(own.answered)),
-        "cooperation_shared": float(len(asked) - len(own)),
-        "cooperation_frames": float(asked.frames.sum()),
-        "cooperation_period_s": float(span) / NS / count if count > 0 else math.nan,
-        **{f"cooperation_requests_{c}": float(causes[c]) for c in (*CAUSES, *sorted(set(causes) - set(CAUSES)))},
-    }
+    found = CooperationCounts()
+    found.add(asked)
+    return found.figures(None if tracks is None or not len(tracks) else (int(tracks.t_ns[0]), int(tracks.t_ns[-1])))
+
+
+class CooperationCounts:
+    """Counts requests while they stream by."""
+
+    def __init__(self) -> None:
+        """No request yet."""
+        self._rows = self._own = self._answered = self._frames = self._times = 0
+        self._causes: Counter[str] = Counter()
+        self._span: tuple[int, int] | None = None
+
+    def add(self, asked: Cooperation) -> None:
+        """Requests of some more times."""
+        own = asked.take(asked.cause != SHARED)
+        self._rows, self._own = self._rows + len(asked), self._own + len(own)
+        self._answered += int(np.count_nonzero(own.answered))
+        self._frames += int(asked.frames.sum())
+        self._causes.update(cause for text in own.cause.tolist() for cause in text.split(","))
+        times = np.unique(own.t_ns)
+        self._times += len(times)
+        if len(times):
+            self._span = (int(times[0]) if self._span is None else self._span[0]), int(times[-1])
+
+    def figures(self, tracked: tuple[int, int] | None) -> dict[str, float]:
+        """As `cooperation_figures`; `tracked`: first and last time of the tracks; None: there are none."""
+        first, last = tracked or self._span or (0, 0)
+        count, causes = (self._times if tracked else self._times - 1), self._causes
+        return {
+            "cooperation_requests": float(self._own),
+            "cooperation_answered": float(self._answered),
+            "cooperation_shared": float(self._rows - self._own),
+            "cooperation_frames": float(self._frames),
+            "cooperation_period_s": float(last - first) / NS / count if count > 0 else math.nan,
+            **{f"cooperation_requests_{c}": float(causes[c]) for c in (*CAUSES, *sorted(set(causes) - set(CAUSES)))},
+        }

@@ -66,6 +66,16 @@ class Made(NamedTuple):
         )
 
 
+def used(bearings: Bearings, made: Made, held_out: tuple[str, ...]) -> Bearings:
+    """Bearings that tracks were made from, as far as that is known; `held_out`: sensors that these did not have."""
+    use = np.isin(bearings.sensor, list(held_out), invert=True)
+    if made.sensors is not None:
+        use &= np.isin(bearings.sensor, sorted(made.sensors))
+    if not made.unlabelled:
+        use &= bearings.target_id >= 0
+    return bearings.take(use)
+
+
 def judge(
     tracks: Tracks | None,
     scene: Scene | None,
@@ -97,12 +107,8 @@ def judge(
         found.rows = 0
         found.fared(diagnostics)
     if seen is not None and scene is not None and len(tracks):
-        use = np.isin(seen.sensor, list(held_out), invert=True)
-        if made.sensors is not None:
-            use &= np.isin(seen.sensor, sorted(made.sensors))
-        if not made.unlabelled:
-            use &= seen.target_id >= 0
-        found.saw(tracks, whole(tracks, seen.take(use), scene, diagnostics, made.window_ns), scene)
+        mine = used(seen, made, held_out)
+        found.saw(tracks, whole(tracks, mine, scene, diagnostics, made.window_ns), scene)
     against = AgainstTruth(made, scene)
     if errors is not None:
         against.add(errors)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import Generic, NamedTuple, TypeVar
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -97,12 +97,62 @@ class Side(Generic[T]):
     def between(self, low: int, high: int) -> T:
         """Rows from a time on, up to another, which is left out unless it is the last one that there is."""
         at = times(self.rows)
-        stop = len(at) if high == LAST else int(np.searchsorted(at, high))
+        stop = len(at) if high >= LAST else int(np.searchsorted(at, high))
         return self.rows.take(slice(int(np.searchsorted(at, max(low, FIRST))), stop))
 
 
+class Limits(NamedTuple):
+    """A stretch of time.
+
+    Attributes:
+        begin: its first moment.
+        end: that after its last one, which is left out; `LAST`: there is none.
+    """
+
+    begin: int
+    end: int
+
+    def of(self, side: Side[T]) -> T:
+        """Rows of a table in the stretch."""
+        return side.between(self.begin, self.end)
+
+    def about(self, side: Side[T], before_ns: int, after_ns: int | None = None) -> T:
+        """The same and what is so near before and after it; `after_ns` None: as `before_ns`."""
+        after = before_ns if after_ns is None else after_ns
+        return side.between(self.begin - before_ns, LAST if self.end == LAST else self.end + after)
+
+
+def in_step(sides: Sequence[Side[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
+    """Go through tables side by side, in stretches of time that hold every row once.
+
+    While the caller looks at a stretch the sides have all rows of it and those that are at most their margins away.
+
+    Args:
+        sides: tables of which nothing is read yet.
+        margins_ns: of each how far about a stretch rows are there, >= 0.
+
+    Raises:
+        InputError: the chunks of a table are not in the order of time.
+    """
+    begin = FIRST
+    while begin < LAST:
+        # The side that lags behind is read first
+        arrived = [LAST if s.until == LAST else s.until - m for s, m in zip(sides, margins_ns, strict=True)]
+        behind = min(range(len(sides)), key=arrived.__getitem__)
+        sides[behind].pull()
+        arrived[behind] = LAST if sides[behind].until == LAST else sides[behind].until - margins_ns[behind]
+        end = min(arrived)
+        if end <= begin:
+            continue
+        yield Limits(begin, end)
+        begin = end
+        if end != LAST:
+            for side, margin_ns in zip(sides, margins_ns, strict=True):
+                side.rows = side.between(end - margin_ns, LAST)
+
+
 def windows(a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], margin_ns: int) -> Iterator[Window[A, B]]:
-    """Go through two tables side by side, in stretches of time that hold every row once.
+    """Go through two tables as `in_step` does, with the rows of each stretch and those about it.
 
     Args:
         a: chunks of the first table in the order of time; a time may be split over two chunks.
@@ -114,23 +164,7 @@ def windows(a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], marg
         InputError: the chunks of a table are not in the order of time.
     """
     left, right = Side(a, kinds[0]), Side(b, kinds[1])
-    begin = FIRST
-    while begin < LAST:
-        # The side that lags behind is read first
-        if left.until <= right.until:
-            left.pull()
-        else:
-            right.pull()
-        until = min(left.until, right.until)
-        end = LAST if until == LAST else until - margin_ns
-        if end <= begin:
-            continue
-        low, high = begin - margin_ns, LAST if end == LAST else until
-        found = Window(
-            left.between(begin, end), right.between(begin, end), left.between(low, high), right.between(low, high)
-        )
+    for part in in_step((left, right), (margin_ns, margin_ns)):
+        found = Window(part.of(left), part.of(right), part.about(left, margin_ns), part.about(right, margin_ns))
         if len(found.a) or len(found.b):
             yield found
-        begin = end
-        if end != LAST:
-            left.rows, right.rows = left.between(end - margin_ns, LAST), right.between(end - margin_ns, LAST)

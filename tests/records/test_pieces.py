@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.records.pieces import whole_times, windows
+from occlog.records.pieces import LAST, Side, in_step, whole_times, windows
 from occlog.records.tables import Tracks
 
 
@@ -57,3 +57,22 @@ def test_windows_refuse_chunks_that_go_back() -> None:
     back = [at(np.array([5, 6])), at(np.array([4]))]
     with pytest.raises(InputError, match=r"tracks: t_ns goes back between two chunks \(4\)"):
         list(windows(back, [at(np.array([9]))], (Tracks, Tracks), 0))
+
+
+@pytest.mark.parametrize("rows", [1, 4, 1000])
+def test_three_tables_go_side_by_side_with_margins_of_their_own(rows: int) -> None:
+    random, margins = np.random.default_rng(rows), (0, 5, 40)
+    tables = [at(np.sort(random.integers(0, 300, n))) for n in (70, 20, 200)]
+    sides = [Side(chunks(table, rows + k), Tracks) for k, table in enumerate(tables)]
+    found: list[list[Tracks]] = [[], [], []]
+    ends = []
+    for limits in in_step(sides, margins):
+        ends.append(limits.end)
+        for k, (side, table, margin) in enumerate(zip(sides, tables, margins, strict=True)):
+            found[k].append(limits.of(side))
+            near = (table.t_ns >= limits.begin - margin) & (table.t_ns < min(limits.end + margin, LAST))
+            np.testing.assert_array_equal(limits.about(side, margin).x, table.x[near])
+    assert ends == sorted(ends)
+    assert ends[-1] == LAST
+    for parts, table in zip(found, tables, strict=True):
+        np.testing.assert_array_equal(np.concatenate([part.x for part in parts]), table.x)

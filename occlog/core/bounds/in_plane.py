@@ -196,16 +196,35 @@ def smoothing_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Fl
     Returns:
         (T, n, n); never above those of `posterior_bound`, and equal to it at the last step.
     """
-    told, F, Q, P0 = (np.ascontiguousarray(a, dtype=np.float64) for a in (information, F, Q, P0))
-    return np.asarray(_backwards(_recursion(told, F, Q, P0), told, F, Q))
+    return smoothing_bound_before(posterior_bound(information, F, Q, P0), information, F, Q, np.zeros_like(P0))[0]
+
+
+def smoothing_bound_before(
+    bounds: Floats, information: Floats, F: Floats, Q: Floats, later: Floats
+) -> tuple[Floats, Floats]:
+    """The same for a part of the steps, of which what comes after it is known: trajectories may come in pieces.
+
+    Args:
+        bounds: (T, n, n) of filtering (`posterior_bound`).
+        information: (T, n, n) Fisher information of all measurements of a step.
+        F: (T, n, n) transition into each step.
+        Q: (T, n, n) covariance of the motion noise of that transition.
+        later: (n, n) what the steps after these tell about the state at the last of them; 0 of the last part.
+
+    Returns:
+        (T, n, n) bounds, and (n, n) what these steps and those after them tell about the state before the first.
+    """
+    parts = (np.ascontiguousarray(a, dtype=np.float64) for a in (bounds, information, F, Q, later))
+    smoothed, before = _backwards(*parts)
+    return np.asarray(smoothed), np.asarray(before)
 
 
 @kernel
-def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats) -> Floats:
+def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats, later: Floats) -> tuple[Floats, Floats]:
     smoothed = np.empty_like(bounds)
     n = bounds.shape[1]
     eye = np.eye(n)
-    B = np.zeros((n, n))
+    B = later
     for k in range(bounds.shape[0] - 1, -1, -1):
         # Combine past and future: (P^-1 + B)^-1 = (1 + P B)^-1 P
         P = np.linalg.solve(eye + bounds[k] @ B, bounds[k])
@@ -214,7 +233,7 @@ def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats) -> Flo
         Y = information[k] + B
         Z = np.linalg.solve(eye + Y @ Q[k], Y)
         B = F[k].T @ (0.5 * (Z + Z.T)) @ F[k]
-    return smoothed
+    return smoothed, B
 
 
 def polygon_covariance(polygon: Floats) -> Floats:

@@ -132,11 +132,20 @@ def motion_bound(
     Returns:
         (T, 2d, 2d) bounds of the error covariance.
     """
+    return (smoothing_bound if smoothed else posterior_bound)(*motion_steps(information, dt, acceleration_density), P0)
+
+
+def motion_steps(information: Floats, dt: Floats, acceleration_density: float = 0.0) -> tuple[Floats, Floats, Floats]:
+    """What the recursion is given: information about the state, transitions and their noise; see `motion_bound`.
+
+    Returns:
+        Three (T, 2d, 2d).
+    """
     d = information.shape[1]
     full = np.zeros((len(dt), 2 * d, 2 * d))
     full[:, :d, :d] = information
     F, Q = (_each_axis(m, d) for m in constant_velocity_steps(dt, acceleration_density))
-    return (smoothing_bound if smoothed else posterior_bound)(full, F, Q, P0)
+    return full, F, Q
 
 
 def direct_bound(

@@ -7,15 +7,19 @@ the one that reaches further down in the image is the nearer, as people stand on
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.errors import box_overlap, intersection_areas, pair_within, quantile, ratio, root_mean_square
+from occlog.core.metrics.errors import box_overlap, intersection_areas, pair_within, ratio
+from occlog.core.metrics.sums import Sum
 from occlog.errors import InputError
+from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.io.files.spool import IN_MEMORY, Spool
 from occlog.records.tables import TruthBoxes, Views
 
 Metrics = dict[str, float]
@@ -62,28 +66,6 @@ def _boxes(table: Views | TruthBoxes) -> Floats:
     return np.column_stack([table.left_px, table.top_px, table.width_px, table.height_px])
 
 
-def match_views(views: Views, truth: TruthBoxes, config: EvaluateConfig) -> tuple[dict[str, list[FrameResult]], int]:
-    """Results of every frame that has true boxes (or is known to have none), by sensor, and views in other frames.
-
-    Frames are the same when sensor and time are.  InputError if no frame is in both tables.
-    """
-    found: dict[str, list[FrameResult]] = {}
-    used = shared = 0
-    by_frame = dict(_frames(views))
-    for (sensor, t), rows in _frames(truth):
-        mine = by_frame.get((sensor, t), np.zeros(0, dtype=np.int64))
-        shared += (sensor, t) in by_frame
-        used += len(mine)
-        result = match_frame(views.take(mine), truth.take(rows), config.box_overlap)
-        found.setdefault(sensor, []).append(result)
-    if len(views) and len(truth) and not shared:
-        raise InputError(
-            f"views: no frame of theirs (first: {views.sensor[0]} at {views.t_ns[0]} ns) is among the true boxes "
-            f"(first: {truth.sensor[0]} at {truth.t_ns[0]} ns); times and sensor names must be the same"
-        )
-    return found, len(views) - used
-
-
 def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]:
     """Sensor and time of every frame with its rows."""
     order = np.lexsort((table.t_ns, table.sensor))
@@ -96,45 +78,109 @@ def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]
 
 
 def view_metrics(views: Views, truth: TruthBoxes, config: EvaluateConfig) -> Metrics:
-    """Figures over all sensors from sums, then for each class, then for each sensor."""
-    found, elsewhere = match_views(views, truth, config)
-    everything = [r for results in found.values() for r in results]
-    out = _figures(everything, "") | {"views_without_truth": elsewhere}
-    for number, name in enumerate(CLASSES):
-        out |= _class_figures(everything, number, name)
-    if len(found) > 1:
-        for sensor, results in found.items():
-            out |= _figures(results, f"_sensor_{sensor}")
-    return out
+    """Figures over all sensors from sums, then for each class, then for each sensor.
+
+    Frames are the same when sensor and time are.  InputError if no frame is in both tables.
+    """
+    found = ViewFigures(config)
+    found.add(views, truth)
+    return found.metrics()
 
 
-def _figures(results: list[FrameResult], whose: str) -> Metrics:
-    matched = sum(int(np.count_nonzero(r.found)) for r in results)
-    boxes, views = sum(len(r.kind) for r in results), sum(r.views for r in results)
-    return {
-        f"views_frames{whose}": len(results),
-        f"views_true_boxes{whose}": boxes,
-        f"views_matched{whose}": matched,
-        f"views_false{whose}": views - matched,
-        f"views_recall{whose}": ratio(matched, boxes),
-        f"views_precision{whose}": ratio(matched, views),
-        **_errors(np.concatenate([np.zeros(0), *(r.error_px[r.found] for r in results)]), whose),
-    }
+class ViewFigures:
+    """Gathers results of frames that have true boxes (or are known to have none), while these stream by."""
+
+    def __init__(self, config: EvaluateConfig, in_memory: int = IN_MEMORY // 8) -> None:
+        """No frame yet; `in_memory`: how many errors of a kind are kept in memory."""
+        self._overlap, self._in_memory = config.box_overlap, in_memory
+        self._whole = _Results(in_memory)
+        self._classes = [_Results(in_memory) for _ in CLASSES]
+        self._sensors: dict[str, _Results] = {}
+        self._used = self._shared = self._views = 0
+        self._first_view: tuple[str, int] | None = None
+        self._first_box: tuple[str, int] | None = None
+
+    def add(self, views: Views, truth: TruthBoxes) -> None:
+        """Views and true boxes of some more times."""
+        self._first_view = self._first_view or _first(views)
+        self._first_box = self._first_box or _first(truth)
+        by_frame = dict(_frames(views))
+        self._views += len(views)
+        for (sensor, t), rows in _frames(truth):
+            mine = by_frame.get((sensor, t), np.zeros(0, dtype=np.int64))
+            self._shared += (sensor, t) in by_frame
+            self._used += len(mine)
+            result = match_frame(views.take(mine), truth.take(rows), self._overlap)
+            self._whole.add(result, result.found)
+            for number, own in enumerate(self._classes):
+                own.add(result, result.found & (result.kind == number), int(np.count_nonzero(result.kind == number)))
+            self._sensors.setdefault(sensor, _Results(self._in_memory)).add(result, result.found)
+
+    def metrics(self) -> Metrics:
+        """Figures over all sensors from sums, then for each class, then for each sensor.
+
+        Raises:
+            InputError: no frame is in both tables.
+        """
+        view, box = self._first_view, self._first_box
+        if view is not None and box is not None and not self._shared:
+            raise InputError(
+                f"views: no frame of theirs (first: {view[0]} at {view[1]} ns) is among the true boxes "
+                f"(first: {box[0]} at {box[1]} ns); times and sensor names must be the same"
+            )
+        out = self._whole.figures("") | {"views_without_truth": self._views - self._used}
+        for own, name in zip(self._classes, CLASSES, strict=True):
+            out |= own.figures_of_class(name)
+        if len(self._sensors) > 1:
+            for sensor, own in sorted(self._sensors.items()):
+                out |= own.figures(f"_sensor_{sensor}")
+        return out
 
 
-def _class_figures(results: list[FrameResult], number: int, name: str) -> Metrics:
-    boxes = sum(int(np.count_nonzero(r.kind == number)) for r in results)
-    errors = np.concatenate([np.zeros(0), *(r.error_px[r.found & (r.kind == number)] for r in results)])
-    return {
-        f"views_true_boxes_{name}": boxes,
-        f"views_recall_{name}": ratio(len(errors), boxes),
-        **_errors(errors, f"_{name}"),
-    }
+def _first(table: Views | TruthBoxes) -> tuple[str, int] | None:
+    """Sensor and time of the first row; None without rows."""
+    return (str(table.sensor[0]), int(table.t_ns[0])) if len(table) else None
 
 
-def _errors(errors: Floats, whose: str) -> Metrics:
-    return {
-        f"views_error_rms{whose}_px": root_mean_square(errors),
-        f"views_error_median{whose}_px": quantile(np.abs(errors), 0.5),
-        f"views_error_bias{whose}_px": ratio(float(errors.sum()), len(errors)),
-    }
+class _Results:
+    """Counts and errors of some frames."""
+
+    def __init__(self, in_memory: int) -> None:
+        self._frames = self._boxes = self._found = 0
+        self._views = 0
+        self._sum, self._squares, self._sizes = Sum(), Sum(), Spool(in_memory)
+
+    def add(self, result: FrameResult, found: Bools, boxes: int | None = None) -> None:
+        """A frame, and which of its true boxes count as found; `boxes`: how many count, if not all."""
+        errors = result.error_px[found]
+        self._frames, self._views = self._frames + 1, self._views + result.views
+        self._boxes += len(result.kind) if boxes is None else boxes
+        self._found += len(errors)
+        self._sum.add(float(errors.sum()))
+        self._squares.add(float(np.square(errors).sum()))
+        self._sizes.add(np.abs(errors))
+
+    def figures(self, whose: str) -> Metrics:
+        return {
+            f"views_frames{whose}": self._frames,
+            f"views_true_boxes{whose}": self._boxes,
+            f"views_matched{whose}": self._found,
+            f"views_false{whose}": self._views - self._found,
+            f"views_recall{whose}": ratio(self._found, self._boxes),
+            f"views_precision{whose}": ratio(self._found, self._views),
+            **self._errors(whose),
+        }
+
+    def figures_of_class(self, name: str) -> Metrics:
+        return {
+            f"views_true_boxes_{name}": self._boxes,
+            f"views_recall_{name}": ratio(self._found, self._boxes),
+            **self._errors(f"_{name}"),
+        }
+
+    def _errors(self, whose: str) -> Metrics:
+        return {
+            f"views_error_rms{whose}_px": math.sqrt(ratio(self._squares.value, self._found)),
+            f"views_error_median{whose}_px": quantiles_of(self._sizes, (0.5,))[0],
+            f"views_error_bias{whose}_px": ratio(self._sum.value, self._found),
+        }

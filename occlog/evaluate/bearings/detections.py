@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from occlog.core.metrics.errors import ratio
+from occlog.core.metrics.sums import Sum
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks, look_at
 from occlog.evaluate.matching.paths import paths_of, sensors_of
@@ -43,12 +44,6 @@ class Counts:
     def missed(self) -> int:
         """Looks at a visible target without a bearing within the gate."""
         return self.visible - self.detected
-
-
-def add_counts(parts: Iterable[Counts]) -> Counts:
-    """All parts together."""
-    rows = list(parts)
-    return Counts(**{f.name: sum(getattr(c, f.name) for c in rows) for f in fields(Counts)})
 
 
 def count(found: SensorLooks) -> Counts:
@@ -100,11 +95,45 @@ def looks_of(
 
 def detection_metrics(looks: Mapping[str, SensorLooks]) -> Metrics:
     """Figures over all sensors, from sums, then for each sensor."""
-    counts = {name: count(found) for name, found in looks.items()}
-    out = _figures(add_counts(counts.values()), "")
-    for name, part in counts.items():
-        out |= _figures(part, f"_sensor_{name}")
-    return out
+    found = DetectionFigures()
+    found.add(looks)
+    return found.metrics()
+
+
+class DetectionFigures:
+    """Counts looks while they stream by."""
+
+    def __init__(self) -> None:
+        """No look yet."""
+        self._sensors: dict[str, dict[str, Sum]] = {}
+
+    def add(self, looks: Mapping[str, SensorLooks]) -> None:
+        """Looks of some more frames, by sensor."""
+        for name, found in looks.items():
+            own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(Counts)})
+            part = count(found)
+            for f in fields(Counts):
+                own[f.name].add(float(getattr(part, f.name)))
+
+    def metrics(self) -> Metrics:
+        """Figures over all sensors, from sums, then for each sensor."""
+        counts = {name: _counts(own) for name, own in sorted(self._sensors.items())}
+        out = _figures(add_counts(counts.values()), "")
+        for name, part in counts.items():
+            out |= _figures(part, f"_sensor_{name}")
+        return out
+
+
+def _counts(sums: Mapping[str, Sum]) -> Counts:
+    """Whole numbers, and sums."""
+    whole = {f.name: isinstance(f.default, int) for f in fields(Counts)}
+    return Counts(**{name: int(s.value) if whole[name] else s.value for name, s in sums.items()})  # type: ignore[arg-type]
+
+
+def add_counts(parts: Iterable[Counts]) -> Counts:
+    """All parts together."""
+    rows = list(parts)
+    return Counts(**{f.name: sum(getattr(c, f.name) for c in rows) for f in fields(Counts)})
 
 
 def _figures(c: Counts, whose: str) -> Metrics:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Floats, Ints
-from occlog.core.metrics.errors import quantile, ratio, root_mean_square
+from occlog.array_types import Floats, Ints
+from occlog.core.metrics.errors import ratio
+from occlog.core.metrics.sums import Sum
 from occlog.core.sight import triangulate
+from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import paths_of, sensors_of
+from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
+from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.records.pieces import LAST
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks
+
+from .scans import ScanCuts, Scans, labelled
 
 Metrics = dict[str, float]
 
@@ -35,20 +42,19 @@ def meeting_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> 
     Sensors held out are left out.  Scans with fewer than `lines_min_sensors` lines are not
     in the result.
     """
-    use = bearings.seen & (bearings.target_id >= 0) & ~np.isin(bearings.sensor, config.held_out)
-    rows = bearings.take(use)
+    rows = labelled(bearings, config)
     sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
-    grounds = {name: s.ground for name, s in sensors.items()}
-    return {int(k): _meet(rows.take(rows.target_id == k), grounds, config) for k in np.unique(rows.target_id)}
+    return {scans.target: meet(scans, sensors, config) for scans in ScanCuts(config).add(rows, LAST)}
 
 
-def _meet(rows: Bearings, grounds: Mapping[str, Floats], config: EvaluateConfig) -> Meetings:
-    starts = scan_starts(rows, round(config.lines_window_s * NS))
+def meet(scans: Scans, sensors: Mapping[str, Sensor], config: EvaluateConfig) -> Meetings:
+    """Meeting points of a target's scans, by sensors with these names."""
+    rows, starts = scans.rows, scans.starts
     size = np.diff(starts)
     keep = size >= config.lines_min_sensors
     rows, size = rows.take(np.repeat(keep, size)), size[keep]
     starts = np.concatenate([[0], np.cumsum(size)])
-    origins = np.array([grounds[name] for name in rows.sensor.tolist()]).reshape(-1, 2)
+    origins = np.array([sensors[name].ground for name in rows.sensor.tolist()]).reshape(-1, 2)
     found = triangulate.sight_lines_meet(
         origins, rows.bearing, rows.sigma, starts=starts, loss=config.lines_loss, min_crossing=config.lines_min_crossing
     )
@@ -66,51 +72,66 @@ def _meet(rows: Bearings, grounds: Mapping[str, Floats], config: EvaluateConfig)
     )
 
 
-def scan_starts(rows: Bearings, window_ns: int) -> Ints:
-    """First row of each scan, then the number of rows.
-
-    A scan lasts at most `window_ns` after its first row and holds each sensor at most once.
-    """
-    starts, begin, present = [0], 0, set[str]()
-    times, sensors = rows.t_ns.tolist(), rows.sensor.tolist()
-    for n, (t, sensor) in enumerate(zip(times, sensors, strict=True)):
-        if n and (t - times[begin] > window_ns or sensor in present):
-            starts.append(n)
-            begin, present = n, set()
-        present.add(sensor)
-    return np.array([*starts, len(rows)] if len(rows) else [0], dtype=np.int64)
-
-
 def meeting_metrics(tracks: Tracks, bearings: Bearings, scene: Scene, config: EvaluateConfig) -> Metrics:
     """Distances of the tracks from the meeting points of their own bearings' sight lines; empty without scans."""
-    meetings = meeting_points(bearings, scene, config)
-    total = sum(len(m.t_ns) for m in meetings.values())
-    if not total:
-        return {}
-    paths = paths_of(tracks)
-    distance = [np.zeros(0)]
-    for target, m in meetings.items():
-        if target in paths:
-            xy, good = paths[target].at(m.t_ns, config.bridge_ns)
-            good &= m.status == triangulate.MET
-            distance.append(np.hypot(*(xy[good] - m.xy[good]).T))
-    return _figures(np.concatenate(distance), list(meetings.values()), total, scene.length_unit, config)
+    found, paths, rows = MeetingFigures(scene.length_unit, config), paths_of(tracks), labelled(bearings, config)
+    sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
+    for scans in ScanCuts(config).add(rows, LAST):
+        found.add(scans, sensors, paths.get(scans.target))
+    return found.metrics()
 
 
-def _figures(distance: Floats, meetings: list[Meetings], total: int, unit: str, config: EvaluateConfig) -> Metrics:
-    met = sum(int(np.count_nonzero(m.status == triangulate.MET)) for m in meetings)
-    spread = np.concatenate([np.sqrt(m.covariance[:, 0, 0] + m.covariance[:, 1, 1]) for m in meetings])
-    out: Metrics = {
-        "sight_lines_scans": total,
-        "sight_lines_refused": total - met,
-        "sight_lines_compared": len(distance),
-        f"sight_lines_distance_max_{unit}": quantile(distance, 1.0),
-        f"sight_lines_distance_p95_{unit}": quantile(distance, 0.95),
-        f"sight_lines_distance_median_{unit}": quantile(distance, 0.5),
-        f"sight_lines_distance_rms_{unit}": root_mean_square(distance),
-        f"sight_lines_sigma_median_{unit}": quantile(spread[np.isfinite(spread)], 0.5),
-        "sight_lines_residual_rms_mrad": 1e3 * root_mean_square(np.concatenate([m.residual for m in meetings])),
-    }
-    if config.lines_limit is not None:
-        out["sight_lines_share_within"] = ratio(int(np.count_nonzero(distance <= config.lines_limit)), len(distance))
-    return out
+class MeetingFigures:
+    """Gathers distances of tracks from where sight lines meet, while scans stream by."""
+
+    def __init__(self, unit: str, config: EvaluateConfig, in_memory: int = IN_MEMORY) -> None:
+        """No scan yet.
+
+        Args:
+            unit: of lengths.
+            config: how sight lines meet, and how far apart samples of tracks may be.
+            in_memory: how many numbers of a kind are kept in memory.
+        """
+        self._unit, self._config = unit, config
+        self._total = self._met = self._within = self._residuals = 0
+        self._distance, self._spread = Spool(in_memory), Spool(in_memory)
+        self._squares, self._residual_squares = Sum(), Sum()
+
+    def add(self, scans: Scans, sensors: Mapping[str, Sensor], path: Path | None) -> None:
+        """Some more scans of a target, by sensors with these names, and its track, or the part of it about them."""
+        found = meet(scans, sensors, self._config)
+        met = found.status == triangulate.MET
+        self._total, self._met = self._total + len(met), self._met + int(np.count_nonzero(met))
+        spread = np.sqrt(found.covariance[:, 0, 0] + found.covariance[:, 1, 1])
+        self._spread.add(spread[np.isfinite(spread)])
+        self._residuals += len(found.residual)
+        self._residual_squares.add(float(np.square(found.residual).sum()))
+        if path is not None:
+            xy, good = path.at(found.t_ns, self._config.bridge_ns)
+            good &= met
+            distance = np.hypot(*(xy[good] - found.xy[good]).T)
+            self._distance.add(distance)
+            self._squares.add(float(np.square(distance).sum()))
+            if self._config.lines_limit is not None:
+                self._within += int(np.count_nonzero(distance <= self._config.lines_limit))
+
+    def metrics(self) -> Metrics:
+        """The figures; none without scans."""
+        if not self._total:
+            return {}
+        unit, compared = self._unit, self._distance.count
+        largest, high, middle = quantiles_of(self._distance, (1.0, 0.95, 0.5))
+        out: Metrics = {
+            "sight_lines_scans": self._total,
+            "sight_lines_refused": self._total - self._met,
+            "sight_lines_compared": compared,
+            f"sight_lines_distance_max_{unit}": largest,
+            f"sight_lines_distance_p95_{unit}": high,
+            f"sight_lines_distance_median_{unit}": middle,
+            f"sight_lines_distance_rms_{unit}": math.sqrt(ratio(self._squares.value, compared)),
+            f"sight_lines_sigma_median_{unit}": quantiles_of(self._spread, (0.5,))[0],
+            "sight_lines_residual_rms_mrad": 1e3 * math.sqrt(ratio(self._residual_squares.value, self._residuals)),
+        }
+        if self._config.lines_limit is not None:
+            out["sight_lines_share_within"] = ratio(self._within, compared)
+        return out

@@ -11,17 +11,25 @@ Errors of the poses are in it, as they are for a filter.  What is wrong in the s
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 from scipy.special import chdtri
 
-from occlog.array_types import NS, Floats, Ints
+from occlog.array_types import Floats, Ints
+from occlog.core.metrics.sums import Sum, group_medians
 from occlog.core.sight import triangulate
+from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import sensors_of
+from occlog.evaluate.matching.paths import Sensor, sensors_of
+from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.records.pieces import LAST
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
 
-from .meeting import Metrics, scan_starts
+from .scans import ScanCuts, Scans, labelled
+
+Metrics = dict[str, float]
 
 FEWEST_SCANS = 20
 """From fewer scans no noise is learned."""
@@ -42,25 +50,49 @@ def noise_metrics(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> M
     Returns:
         Figures, NaN where fewer than `FEWEST_SCANS` labelled scans of at least three sensors met; none where none did.
     """
-    use = bearings.seen & (bearings.target_id >= 0) & ~np.isin(bearings.sensor, config.held_out)
-    rows = bearings.take(use)
-    if not len(rows):
-        return {}
-    grounds = {name: s.ground for name, s in sensors_of(scene, np.unique(rows.sensor).tolist()).items()}
-    found = [
-        _misses(own, np.array([grounds[name] for name in own.sensor.tolist()]), config)
-        for own in (rows.take(rows.target_id == k) for k in np.unique(rows.target_id))
-    ]
-    squares, degrees = np.concatenate([s for s, _ in found]), np.concatenate([d for _, d in found])
-    if not len(squares):
-        return {}
-    scale = noise_scale(squares, degrees)
-    sigma_px = rows.sigma_px[np.isfinite(rows.sigma_px)]
-    return {
-        "noise_scans": len(squares),
-        "noise_scale": scale,
-        "noise_px": scale * float(np.median(sigma_px)) if len(sigma_px) else float("nan"),
-    }
+    found, cuts = NoiseFigures(config), ScanCuts(config)
+    rows = labelled(bearings, config)
+    sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
+    found.see(rows)
+    for scans in cuts.add(rows, LAST):
+        found.add(scans, sensors)
+    return found.metrics()
+
+
+class NoiseFigures:
+    """Gathers by how far the sight lines of scans miss one another, while scans stream by."""
+
+    def __init__(self, config: EvaluateConfig, in_memory: int = IN_MEMORY) -> None:
+        """No scan yet; `in_memory`: how many numbers of a kind are kept in memory."""
+        self._config = config
+        self._squares, self._degrees, self._sigma_px = (Spool(in_memory) for _ in range(3))
+
+    def see(self, rows: Bearings) -> None:
+        """Some more labelled rows, of scans or not."""
+        self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
+
+    def add(self, scans: Scans, sensors: Mapping[str, Sensor]) -> None:
+        """Some more scans of a target, by sensors with these names."""
+        origins = np.array([sensors[name].ground for name in scans.rows.sensor.tolist()]).reshape(-1, 2)
+        squares, degrees = _misses(scans, origins, self._config)
+        self._squares.add(squares)
+        self._degrees.add(degrees.astype(np.float64))
+
+    def metrics(self) -> Metrics:
+        """The figures; none where no scan of three lines met."""
+        if not self._squares.count:
+            return {}
+        squares, degrees = self._squares.whole, self._degrees.whole
+        if squares is not None and degrees is not None:
+            scale = noise_scale(squares, degrees.astype(np.int64))
+        else:
+            scale = _noise_scale_of_many(self._squares, self._degrees)
+        known = self._sigma_px.count > 0
+        return {
+            "noise_scans": self._squares.count,
+            "noise_scale": scale,
+            "noise_px": scale * median_of(self._sigma_px) if known else float("nan"),
+        }
 
 
 def noise_scale(squares: Floats, degrees: Ints) -> float:
@@ -79,9 +111,32 @@ def noise_scale(squares: Floats, degrees: Ints) -> float:
     return float(np.sqrt(scale2))
 
 
-def _misses(rows: Bearings, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:
+def _noise_scale_of_many(squares: Spool, degrees: Spool) -> float:
+    """`noise_scale` of numbers in files."""
+
+    def blocks() -> Iterator[tuple[Floats, Floats]]:
+        return zip(squares.blocks(), degrees.blocks(), strict=True)
+
+    def shares() -> Iterator[tuple[Ints, Floats]]:
+        for square, degree in blocks():
+            yield np.zeros(len(square), dtype=np.int64), square / chdtri(degree, 0.5)
+
+    scale2 = float(group_medians(shares, np.array([squares.count]))[0])
+    for _ in range(ITERATIONS):
+        total, expected = Sum(), Sum()
+        for square, degree in blocks():
+            believed = square <= scale2 * chdtri(degree, CHANCE)
+            total.add(float(square[believed].sum()))
+            expected.add(float(degree[believed].sum()))
+        before, scale2 = scale2, total.value / expected.value
+        if scale2 == before:  # nothing changes any more
+            break
+    return float(np.sqrt(scale2))
+
+
+def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:
     """Sums of squared residuals and degrees of freedom of one target's scans that met with three lines or more."""
-    starts = scan_starts(rows, round(config.lines_window_s * NS))
+    rows, starts = scans.rows, scans.starts
     found = triangulate.sight_lines_meet(
         origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.lines_min_crossing
     )

@@ -210,32 +210,47 @@ def _bound_of(
     looked = np.unique(np.concatenate([ranged, *(m.t_ns for m in mine.values())]))
     if not len(looked):
         return Bound.empty()
-    d = _dimension(target, path, errors, config)
+    d = dimension(target, high=bool(path.high.any()), in_space=bool(in_space(errors).any()), config=config)
     wanted = errors.t_ns[errors.t_ns >= looked[0]] if len(errors) else looked
     times = np.union1d(looked, wanted)
-    information, n_seen = _information(times, mine, sensors, d)
+    information, n_seen = information_of(times, mine, sensors, d)
     if measured is not None and len(ranged):
         if d == 3:
-            raise InputError("evaluate: measurements of distances count in a bound on the ground alone; set bound_in")
-        _add_distances(information, n_seen, times, measured, target, path, config)
-    filtered, smoothed = (_recursion(times, information, scene, config, smoothed=later) for later in (False, True))
+            raise distances_in_space()
+        add_distances(information, n_seen, times, measured, target, path, config)
+    told, F, Q = motion_of(information, np.diff(times, prepend=times[0]) / NS, scene, config)
+    P0 = prior_of(d, scene, config)
+    filtered, smoothed = (bound(told, F, Q, P0)[:, :d, :d] for bound in (crlb.posterior_bound, crlb.smoothing_bound))
     rows = np.searchsorted(times, wanted)
     rows = rows[path.at(wanted, config.limit_ns)[1]]
-    return _table(times[rows], target, filtered[rows], smoothed[rows], n_seen[rows])
+    return bound_table(times[rows], target, filtered[rows], smoothed[rows], n_seen[rows])
 
 
-def _dimension(target: int, path: Path, errors: Errors, config: EvaluateConfig) -> int:
-    """2 or 3: `auto` is in space for a target of whose errors one at least is."""
-    if config.bound_in == "ground" or (config.bound_in == "auto" and not in_space(errors).any()):
+def distances_in_space() -> InputError:
+    """What is said of distances where the bound is in space."""
+    return InputError("evaluate: measurements of distances count in a bound on the ground alone; set bound_in")
+
+
+def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig) -> int:
+    """2 or 3: `auto` is in space for a target of whose errors one at least is.
+
+    Args:
+        target: identity in the truth.
+        high: whether its true height is known anywhere.
+        in_space: whether one of its errors is in space.
+        config: what is asked for.
+    """
+    if config.bound_in == "ground" or (config.bound_in == "auto" and not in_space):
         return 2
-    if not path.high.any():
+    if not high:
         raise InputError(
             f"truth: target {target} has no height (z), which a bound in space needs; bound_in ground needs none"
         )
     return 3
 
 
-def _table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n_seen: Ints) -> Bound:
+def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n_seen: Ints) -> Bound:
+    """Rows of a target from (T, d, d) bounds of filtering and of smoothing."""
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     space = {}
     if covariance.shape[1] == 3:
@@ -264,7 +279,9 @@ def _table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n_seen
     )
 
 
-def _information(times: Ints, looks: Mapping[str, Looks], sensors: Mapping[str, Sensor], d: int) -> tuple[Floats, Ints]:
+def information_of(
+    times: Ints, looks: Mapping[str, Looks], sensors: Mapping[str, Sensor], d: int
+) -> tuple[Floats, Ints]:
     """(T, d, d) information of all bearings at each time, and how many there were."""
     total, n_seen = np.zeros((len(times), d, d)), np.zeros(len(times), dtype=np.int64)
     of_sensor = space_information if d == 3 else ground_information
@@ -276,7 +293,7 @@ def _information(times: Ints, looks: Mapping[str, Looks], sensors: Mapping[str, 
     return total, n_seen
 
 
-def _add_distances(
+def add_distances(
     information: Floats,
     n_seen: Ints,
     times: Ints,
@@ -300,30 +317,37 @@ def counted(looks: Looks) -> Bools:
     return looks.reported & (looks.in_view | looks.hit)
 
 
-def _recursion(times: Ints, information: Floats, scene: Scene, config: EvaluateConfig, *, smoothed: bool) -> Floats:
-    """(T, d, d) bounds of the position of filters or smoothers, with the motion of the configuration."""
-    d = information.shape[1]
-    dt = np.diff(times, prepend=times[0]) / NS
-    P0 = _prior(d, scene, config)
+def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateConfig) -> tuple[Floats, Floats, Floats]:
+    """Information about the state, transitions and their noise for the recursion, with the motion of the configuration.
+
+    Args:
+        information: (T, d, d) about the position.
+        dt: (T,) time since the step before [s]; of the first 0.
+        scene: whose unit of lengths the noise of the motion has.
+        config: the motion.
+
+    Returns:
+        Three (T, n, n); the position comes first in the state.
+    """
     if config.motion == "waypoint":
         usual = EvaluateConfig.in_unit(scene.length_unit)
         sigma_v = usual.sigma_v if config.sigma_v is None else config.sigma_v
-        bound = crlb.smoothing_bound if smoothed else crlb.posterior_bound
-        return bound(information, *crlb.known_drift_steps(dt, sigma_v or 0.0, d), P0)
-    prior = np.zeros((2 * d, 2 * d))
-    prior[:d, :d], prior[d:, d:] = P0, config.sigma_speed**2 * np.eye(d)
-    whole = bounds3d.motion_bound(information, dt, prior, config.acceleration_density, smoothed=smoothed)
-    return whole[:, :d, :d]
+        return information, *crlb.known_drift_steps(dt, sigma_v or 0.0, information.shape[1])
+    return bounds3d.motion_steps(information, dt, config.acceleration_density)
 
 
-def _prior(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
-    """(d, d) covariance of the position at the first look: as told, else of a point anywhere in the room."""
-    out = np.zeros((d, d))
+def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
+    """(n, n) covariance of the state at the first look: a position as told, else of a point anywhere in the room."""
+    place = np.zeros((d, d))
     if config.prior_cov is None:
-        out[:2, :2] = crlb.polygon_covariance(scene.region)
+        place[:2, :2] = crlb.polygon_covariance(scene.region)
     else:
         xx, xy, yy = config.prior_cov
-        out[:2, :2] = [[xx, xy], [xy, yy]]
+        place[:2, :2] = [[xx, xy], [xy, yy]]
     if d == 3:
-        out[2, 2] = scene.room_height**2 / 12.0 if config.prior_z is None else config.prior_z
+        place[2, 2] = scene.room_height**2 / 12.0 if config.prior_z is None else config.prior_z
+    if config.motion == "waypoint":
+        return place
+    out = np.zeros((2 * d, 2 * d))
+    out[:d, :d], out[d:, d:] = place, config.sigma_speed**2 * np.eye(d)
     return out

@@ -7,18 +7,18 @@ by distance `PairSums`), then side by side in stretches of time (`CompareStreams
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Ints
+from occlog.array_types import Bools, Ints
 from occlog.core.metrics.errors import pair_by_sums, ratio
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.io.files.spool import IN_MEMORY
-from occlog.records.pieces import windows
+from occlog.records.pieces import Limits, Side, in_step
 from occlog.records.tables import Errors, Tracks, Truth
 
 from .on_ground import Gaps, apart, errors_of, settled
@@ -37,6 +37,8 @@ class Stretch(NamedTuple):
         targets: path of each target that is there or near, in it and about it.
         tracks: path of each track, likewise.
         times: of true targets, each once.
+        limits: first moment, and that after the last one.
+        sides: tracks and truth, which have as much about the stretch as was asked for.
     """
 
     rows: Tracks
@@ -44,10 +46,33 @@ class Stretch(NamedTuple):
     targets: Mapping[int, Path]
     tracks: Mapping[int, Path]
     times: Ints
+    limits: Limits
+    sides: tuple[Side[Tracks], Side[Truth]]
+
+
+class Beside(NamedTuple):
+    """Tables that are gone through beside tracks and truth, and how much of these there is about a stretch [ns].
+
+    Attributes:
+        sides: the other tables, of which nothing is read yet.
+        margins_ns: of each of them.
+        tracks_ns: of tracks, if more than what is bridged.
+        truth_ns: of the truth, likewise.
+    """
+
+    sides: Sequence[Side[Any]] = ()
+    margins_ns: Sequence[int] = ()
+    tracks_ns: int = 0
+    truth_ns: int = 0
 
 
 def stretches(
-    tracks: Iterable[Tracks], truth: Iterable[Truth], known: Survey, config: EvaluateConfig, track_gap_ns: int = 0
+    tracks: Iterable[Tracks],
+    truth: Iterable[Truth],
+    known: Survey,
+    config: EvaluateConfig,
+    track_gap_ns: int = 0,
+    beside: Beside | None = None,
 ) -> Iterator[Stretch]:
     """Go through tracks and truth side by side.
 
@@ -59,16 +84,23 @@ def stretches(
         known: of the same chunks.
         config: how far apart samples may be.
         track_gap_ns: how far apart samples of tracks may be, if that is further.
+        beside: other tables, of which rows may be looked at while a stretch is.
     """
+    more = beside or Beside()
     limit = max(known.gaps_ns.values(), default=0) if config.limit_ns is None else config.limit_ns
     margin = max(limit, config.bridge_ns, track_gap_ns)
-    for found in windows(tracks, truth, (Tracks, Truth), margin):
+    ours, theirs = Side(tracks, Tracks), Side(truth, Truth)
+    margins = (max(margin, more.tracks_ns), max(margin, more.truth_ns), *more.margins_ns)
+    for limits in in_step((ours, theirs, *more.sides), margins):
+        rows, true = limits.of(ours), limits.of(theirs)
+        if not (len(rows) or len(true) or more.sides):
+            continue
         targets = {
             label: replace(path, gap_ns=known.gaps_ns[label])
-            for label, path in paths_of(found.about_b, "target").items()
+            for label, path in paths_of(limits.about(theirs, margin), "target").items()
         }
-        times = np.unique(found.b.t_ns[found.b.role == "target"])
-        yield Stretch(found.a, found.b, targets, paths_of(found.about_a), times)
+        times = np.unique(true.t_ns[true.role == "target"])
+        yield Stretch(rows, true, targets, paths_of(limits.about(ours, margin)), times, limits, (ours, theirs))
 
 
 class PairSums:
@@ -129,6 +161,8 @@ class CompareStreams:
         self._gaps, self._begun = Gaps(), dict[int, int]()
         self._transient = config.skip_s > 0 or config.from_ns is not None
         self._left_out = self._interpolated = self._covered = 0
+        self.late: Bools = np.zeros(0, dtype=np.bool_)
+        """Which errors of the last stretch are after the transient; none without one."""
 
     def add(self, part: Stretch) -> Errors:
         """Estimates of another stretch, in the order of time; their errors."""
@@ -154,8 +188,10 @@ class CompareStreams:
                 self._covered += int(np.count_nonzero(estimated.at(times, config.bridge_ns)[1]))
         errors = Errors.merge(found)
         self._figures.add(errors)
+        self.late = np.zeros(len(errors), dtype=np.bool_)
         if self._transient and len(errors):
-            self._late.add(errors.take(settled(errors, config, self._begun)))
+            self.late = settled(errors, config, self._begun)
+            self._late.add(errors.take(self.late))
         return errors
 
     @property
@@ -187,7 +223,12 @@ class CompareStreams:
         }
         if known.unknown:
             metrics = {name: value for name, value in metrics.items() if not name.startswith("nees_")}
-        if self._transient:
-            after = {**self._late.metrics(), "estimates": self._late.rows}
-            metrics |= {f"settled_{name}": value for name, value in after.items()}
         return {name: float(value) for name, value in metrics.items()}
+
+    def settled(self, bound: Callable[[], Metrics] | None = None) -> Metrics:
+        """The figures of errors, and of the bound, once more after the transient; none where there is none."""
+        if not (self._transient and self._figures.rows):
+            return {}
+        after = {**self._late.metrics(), "estimates": self._late.rows}
+        after |= {} if bound is None or not self._late.rows else bound()
+        return {f"settled_{name}": float(value) for name, value in after.items()}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Floats, Ints
 from occlog.core.metrics.errors import (
     CHI2_95_2D,
     CHI2_95_3D,
@@ -14,7 +16,7 @@ from occlog.core.metrics.errors import (
     quantile,
     ratio,
 )
-from occlog.core.metrics.sums import Sum, quantiles
+from occlog.core.metrics.sums import Sum, group_medians, quantiles
 from occlog.io.files.spool import IN_MEMORY, Spool
 from occlog.records.tables import Errors
 
@@ -82,6 +84,27 @@ class InSpace:
         }
 
 
+def quantiles_of(values: Spool, shares: Sequence[float]) -> list[float]:
+    """Quantiles as `np.quantile` has them, wherever the numbers are; NaN without any."""
+    whole = values.whole
+    if whole is not None:
+        return [quantile(whole, share) for share in shares]
+    return quantiles(values.blocks, values.count, shares)
+
+
+def median_of(values: Spool) -> float:
+    """The median as `np.median` has it; NaN without any number."""
+    whole = values.whole
+    if whole is not None:
+        return float(np.median(whole)) if len(whole) else float("nan")
+
+    def blocks() -> Iterator[tuple[Ints, Floats]]:
+        for block in values.blocks():
+            yield np.zeros(len(block), dtype=np.int64), block
+
+    return float(group_medians(blocks, np.array([values.count]))[0])
+
+
 class Spread:
     """Mean and quantiles of distances."""
 
@@ -102,11 +125,7 @@ class Spread:
 
     def metrics(self, name: str, unit: str) -> Metrics:
         """Mean, median, 95 % quantile and the largest one."""
-        whole = self._values.whole
-        if whole is not None:
-            middle, high = (quantile(whole, share) for share in (0.5, 0.95))
-        else:
-            middle, high = quantiles(self._values.blocks, self._values.count, (0.5, 0.95))
+        middle, high = quantiles_of(self._values, (0.5, 0.95))
         return {
             f"{name}_mean_{unit}": self.mean,
             f"{name}_median_{unit}": middle,

@@ -72,7 +72,7 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = IN
         truth: likewise.
         in_memory: how many times are kept in memory; more go to a file without a name.
     """
-    found, steps = Survey(), _Steps(in_memory)
+    found, steps = Survey(), Steps(in_memory)
     latest: int | None = None
     for rows in truth:
         if not len(rows):
@@ -81,7 +81,8 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = IN
         own = rows.role == "target"
         t_ns, labels = rows.t_ns[own], rows.target_id[own]
         for label, at in _by_identity(labels, t_ns):
-            steps.add(label, at, found.targets.get(label))
+            before = found.targets.get(label)
+            steps.add(label, at, None if before is None else before.last_ns)
             _live(found.targets, label, at)
         times = np.unique(t_ns)
         found.frames += int(np.count_nonzero(times != latest)) if latest is not None else len(times)
@@ -94,7 +95,7 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = IN
             _live(found.tracks, label, at)
         found.unknown = found.unknown or bool(np.isnan(part.cov_xx).any())
     found.tracks, found.targets = (dict(sorted(each.items())) for each in (found.tracks, found.targets))
-    found.gaps_ns = {label: usual_gap_ns(step) for label, step in steps.medians().items()}
+    found.gaps_ns = steps.usual_gaps_ns()
     return found
 
 
@@ -115,25 +116,31 @@ def _live(lives: dict[int, Life], label: int, t_ns: Ints) -> None:
     known.rows, known.last_ns = known.rows + len(t_ns), int(t_ns[-1])
 
 
-class _Steps:
-    """Times between one true position of a target and the next."""
+class Steps:
+    """Times between one true position of an object and the next."""
 
-    def __init__(self, in_memory: int) -> None:
+    def __init__(self, in_memory: int = IN_MEMORY) -> None:
+        """None yet; `in_memory`: how many are kept in memory."""
         self._number: dict[int, int] = {}
         self._steps, self._whose = Spool(in_memory), Spool(in_memory)
         self._counts: list[int] = []
 
-    def add(self, label: int, t_ns: Ints, known: Life | None) -> None:
+    def add(self, label: int, t_ns: Ints, last_ns: int | None) -> None:
+        """Times of some more positions of an object; `last_ns`: that of the one before, if there is one."""
         number = self._number.setdefault(label, len(self._number))
         if number == len(self._counts):
             self._counts.append(0)
-        steps = np.diff(t_ns if known is None else np.insert(t_ns, 0, known.last_ns)).astype(np.float64)
+        steps = np.diff(t_ns if last_ns is None else np.insert(t_ns, 0, last_ns)).astype(np.float64)
         self._counts[number] += len(steps)
         self._steps.add(steps)
         self._whose.add(np.full(len(steps), float(number)))
 
+    def usual_gaps_ns(self) -> dict[int, int]:
+        """Of each object the widest gap that is bridged unless one is given."""
+        return {label: usual_gap_ns(step) for label, step in self.medians().items()}
+
     def medians(self) -> dict[int, float]:
-        """Their median for each target; infinite without any."""
+        """Their median for each object; infinite without any."""
         found = group_medians(self._blocks, np.array(self._counts, dtype=np.int64)).tolist()
         return {label: math.inf if math.isnan(found[k]) else found[k] for label, k in self._number.items()}
 

@@ -115,6 +115,10 @@ class Recording:
         """Whether the recording holds rows of a table."""
         return any(t.schema == schema_of(table) for t in self.topics)
 
+    def messages(self, table: type[Table]) -> int:
+        """How many messages with rows of a table there are; a message has the rows of a sensor at a time."""
+        return sum(t.messages for t in self.topics if t.schema == schema_of(table))
+
     def attachment(self, name: str) -> bytes | None:
         """Content of an attached file, None if there is no such file."""
         if name not in self.attachments:

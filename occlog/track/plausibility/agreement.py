@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import ratio
-from occlog.records.scene import Scene
+from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Residuals, Tracks
 
 from .sight import SURE
@@ -123,7 +123,11 @@ def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
     for c in scene.cameras:
         if not len(tracks) or not (c.sigma_yaw > 0.0 or c.sigma_position > 0.0):
             continue
-        d = float(np.median(np.hypot(tracks.x - c.position[0], tracks.y - c.position[1])))
-        pose = float(c.focal_px[0]) ** 2 * (c.sigma_yaw**2 + (c.sigma_position / max(d, 1e-9)) ** 2)
-        out[c.name] = pose / (pose + c.sigma_read_px**2)
+        out[c.name] = pose_share(c, float(np.median(np.hypot(tracks.x - c.position[0], tracks.y - c.position[1]))))
     return out
+
+
+def pose_share(camera: Camera, distance: float) -> float:
+    """The same of one camera at one distance."""
+    pose = float(camera.focal_px[0]) ** 2 * (camera.sigma_yaw**2 + (camera.sigma_position / max(distance, 1e-9)) ** 2)
+    return pose / (pose + camera.sigma_read_px**2)

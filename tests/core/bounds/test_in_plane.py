@@ -107,6 +107,20 @@ def test_equals_the_printed_recursion_and_the_batch_inverse(seed: int, n: int) -
     np.testing.assert_allclose(bound[-1], batch_bound(*problem), rtol=1e-7, atol=1e-10)
 
 
+@pytest.mark.parametrize("cut", [1, 5, 11])
+@pytest.mark.parametrize("n", [2, 4])
+def test_trajectories_in_two_pieces_have_the_bounds_of_whole_ones(n: int, cut: int) -> None:
+    information, F, Q, P0 = random_problem(3, n, 12)
+    filtered, smoothed = (bound(information, F, Q, P0) for bound in (crlb.posterior_bound, crlb.smoothing_bound))
+    (I0, I1), (F0, F1), (Q0, Q1) = ((a[:cut], a[cut:]) for a in (information, F, Q))
+    first = crlb.posterior_bound(I0, F0, Q0, P0)
+    second = crlb.posterior_bound(I1, F1, Q1, first[-1])
+    np.testing.assert_array_equal(np.concatenate([first, second]), filtered)
+    after, told = crlb.smoothing_bound_before(second, I1, F1, Q1, np.zeros((n, n)))
+    before, _ = crlb.smoothing_bound_before(first, I0, F0, Q0, told)
+    np.testing.assert_array_equal(np.concatenate([before, after]), smoothed)
+
+
 def test_arguments_are_not_changed() -> None:
     problem = random_problem(0, 2, 5)
     copies = [a.copy() for a in problem]

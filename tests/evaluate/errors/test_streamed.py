@@ -72,7 +72,7 @@ def compare_streams(
     found = CompareStreams(known, {0: 0}, config, "m", in_memory=50)
     for part in stretches(*streams(), known, config):
         take(found.add(part))
-    return found.metrics(), found.note
+    return {**found.metrics(), **found.settled()}, found.note
 
 
 @pytest.mark.parametrize("config", [EvaluateConfig(), EvaluateConfig(max_gap_s=3.0), EvaluateConfig(skip_s=7.0)])

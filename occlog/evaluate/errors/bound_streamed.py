@@ -1,0 +1,334 @@
+"""Posterior Cramer-Rao bound in memory that does not grow with length: the figures and the table of `bound`.
+
+The information of each moment is put aside while stretches come by (`BoundStreams.add`).  Then the recursion goes
+through it forwards for the bound of filtering and backwards for that of smoothing (`BoundStreams.finish`), block by
+block, each target's from the state that the block before, or after, has left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.bounds import in_plane as crlb
+from occlog.core.metrics.errors import ratio
+from occlog.core.metrics.sums import Sum
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.matching.looks import SensorLooks
+from occlog.evaluate.matching.paths import Path, Sensor
+from occlog.io.files.blocks import BLOCK, Blocks, Records
+from occlog.records.scene import Scene
+from occlog.records.tables import Bound, Errors
+
+from .bound import (
+    Measured,
+    add_distances,
+    bound_table,
+    dimension,
+    distances_in_space,
+    information_of,
+    motion_of,
+    prior_of,
+)
+from .on_ground import in_space
+
+Metrics = dict[str, float]
+KINDS = ("bound", "smoothed")
+
+
+class Ways(NamedTuple):
+    """In how many dimensions information is put aside; which one is used of each target is known at the end."""
+
+    ground: bool
+    space: bool
+
+    @classmethod
+    def of(cls, config: EvaluateConfig, *, high: bool) -> Ways:
+        """`high`: whether any track and any target have heights."""
+        if config.bound_in == "auto":
+            return cls(True, high)
+        return cls(config.bound_in == "ground", config.bound_in == "space")
+
+
+@dataclass
+class _Target:
+    """What is known of one target."""
+
+    first_ns: int | None = None  # of its first look
+    errors: int = 0
+    late: int = 0
+    in_space: bool = False
+    ranged: bool = False
+    d: int = 2
+    last_ns: int | None = None
+    state: Floats | None = None  # that the last block has left
+
+
+class Figures:
+    """Sums over rows of the bound, and over those of errors beside them."""
+
+    def __init__(self) -> None:
+        """No rows yet."""
+        self.rows = 0
+        self._both = self._alone = 0  # rows in space: of bound and error, and of the bound
+        self._sums: dict[str, Sum] = {}
+
+    def add(self, table: Bound, error: Floats, error_space: Floats) -> None:
+        """Some more rows and their errors; NaN: there is none in space, or none at all."""
+        self.rows += len(table)
+        self._more("error", error)
+        for kind in KINDS:
+            self._more(kind, getattr(table, kind))
+        alone = np.isfinite(table.bound_space)
+        both = alone & np.isfinite(error_space)
+        self._both += int(np.count_nonzero(both))
+        self._alone += int(np.count_nonzero(alone))
+        self._more("error both", error_space[both])
+        for name, rows in (("alone", alone), ("both", both)):
+            for kind in KINDS:
+                self._more(f"{kind} {name}", getattr(table, f"{kind}_space")[rows])
+                self._more(f"{kind} z {name}", np.sqrt(getattr(table, f"{kind}_zz")[rows]))
+
+    def _more(self, name: str, values: Floats) -> None:
+        self._sums.setdefault(name, Sum()).add(float(np.square(values).sum()))
+
+    def _rms(self, name: str, count: int) -> float:
+        return float(np.sqrt(self._sums[name].value / count)) if count else float("nan")
+
+    @classmethod
+    def together(cls, parts: Iterable[Figures]) -> Figures:
+        """Those of all parts."""
+        out = cls()
+        out.add(Bound.empty(), np.zeros(0), np.zeros(0))
+        for part in parts:
+            out.rows += part.rows
+            out._both += part._both
+            out._alone += part._alone
+            for name, value in part._sums.items():
+                out._sums[name].add(value.value)
+        return out
+
+    def metrics(self, unit: str, whose: str, *, with_errors: bool) -> Metrics:
+        """As `bound_metrics` has them; without errors those of the bound alone."""
+        error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
+        out: Metrics = {f"bound_rmse{whose}_{unit}": least}
+        if with_errors:
+            out[f"bound_ratio{whose}"], out[f"bound_estimates{whose}"] = ratio(error, least), self.rows
+        out[f"smoothed_bound_rmse{whose}_{unit}"] = smoothed
+        if with_errors:
+            out[f"smoothed_bound_ratio{whose}"] = ratio(error, smoothed)
+        name, count = ("both", self._both) if self._both else ("alone", self._alone)
+        if not count:
+            return out
+        for kind, begin in zip(KINDS, ("", "smoothed_"), strict=True):
+            out[f"{begin}bound_rmse_z{whose}_{unit}"] = self._rms(f"{kind} z {name}", count)
+            out[f"{begin}bound_rmse_space{whose}_{unit}"] = self._rms(f"{kind} {name}", count)
+        for begin in ("", "smoothed_") if self._both else ():
+            least = out[f"{begin}bound_rmse_space{whose}_{unit}"]
+            out[f"{begin}bound_ratio_space{whose}"] = ratio(self._rms("error both", self._both), least)
+        return out
+
+
+class BoundStreams:
+    """Gathers information and errors while stretches come by, and then makes the bound of them."""
+
+    def __init__(self, scene: Scene, config: EvaluateConfig, high: set[int], ways: Ways, block: int = BLOCK) -> None:
+        """Nothing yet.
+
+        Args:
+            scene: room and unit.
+            config: motion, prior, dimensions.
+            high: targets whose true height is known anywhere.
+            ways: information of how many dimensions is put aside.
+            block: records that are worked on at once.
+        """
+        self._scene, self._config, self._high, self._ways = scene, config, high, ways
+        self._block = block
+        self._targets: dict[int, _Target] = {}
+        kinds: list[Any] = [("t_ns", "i8"), ("target", "i8"), ("n_seen", "i8"), ("error", "f8"), ("error_space", "f8")]
+        kinds += [(name, "?") for name in ("look", "estimate", "late", "known")]
+        kinds += [("ground", "f8", (2, 2))] if ways.ground else []
+        kinds += [("space", "f8", (3, 3))] if ways.space else []
+        self._record = np.dtype(kinds)
+        self._told = Blocks(self._record, block)
+        self.rows = 0
+        """Rows of the bound, once it is made."""
+        self._all: dict[int, Figures] = {}
+        self._estimates: dict[int, Figures] = {}
+        self._late: dict[int, Figures] = {}
+
+    def add(
+        self,
+        looks: Mapping[str, SensorLooks],
+        sensors: Mapping[str, Sensor],
+        errors: Errors,
+        late: Bools,
+        targets: Mapping[int, Path],
+        measured: Measured | None = None,
+    ) -> None:
+        """What there is in another stretch of time.
+
+        Args:
+            looks: of each sensor that counts, by its name.
+            sensors: of these names.
+            errors: in the order of time.
+            late: (N,) which of them are after the transient.
+            targets: path of each target, or the part of it about the stretch.
+            measured: distances.
+        """
+        labels = [errors.target_id.astype(np.int64), *(found.looks.target for found in looks.values())]
+        labels += [] if measured is None else [measured.target]
+        parts = [np.zeros(0, dtype=self._record)]
+        for target in np.unique(np.concatenate(labels)).tolist():
+            own = errors.target_id == target
+            known = self._targets.setdefault(target, _Target())
+            known.errors += int(np.count_nonzero(own))
+            known.late += int(np.count_nonzero(late[own]))
+            known.in_space |= bool(in_space(errors)[own].any())
+            parts.append(self._records(target, looks, sensors, errors.take(own), late[own], targets[target], measured))
+        rows = np.concatenate(parts)
+        self._told.append(rows[np.lexsort((rows["target"], rows["t_ns"]))])
+
+    def _records(
+        self,
+        target: int,
+        looks: Mapping[str, SensorLooks],
+        sensors: Mapping[str, Sensor],
+        errors: Errors,
+        late: Bools,
+        path: Path,
+        measured: Measured | None,
+    ) -> Records:
+        """A target's moments of a stretch."""
+        known = self._targets[target]
+        mine = {name: found.looks.take(found.looks.target == target) for name, found in looks.items()}
+        ranged = np.zeros(0, np.int64) if measured is None else measured.t_ns[measured.target == target]
+        looked = np.unique(np.concatenate([ranged, *(m.t_ns for m in mine.values())]))
+        if known.first_ns is None:
+            if not len(looked):
+                return np.zeros(0, dtype=self._record)
+            known.first_ns = int(looked[0])
+        wanted = errors.t_ns >= known.first_ns
+        times = np.union1d(looked, errors.t_ns[wanted])
+        out = np.zeros(len(times), dtype=self._record)
+        out["t_ns"], out["target"] = times, target
+        out["look"] = np.isin(times, looked)
+        out["known"] = path.at(times, self._config.limit_ns)[1]
+        out["error"] = out["error_space"] = np.nan
+        at = np.searchsorted(times, errors.t_ns[wanted])
+        out["estimate"][at], out["late"][at] = True, late[wanted]
+        out["error"][at], out["error_space"][at] = errors.error[wanted], errors.error_space[wanted]
+        for d, name in ((2, "ground"), (3, "space")):
+            if name not in (self._record.names or ()):
+                continue
+            information, n_seen = information_of(times, mine, sensors, d)
+            if measured is not None and len(ranged):
+                known.ranged = True
+                if d == 2:
+                    add_distances(information, n_seen, times, measured, target, path, self._config)
+            out[name], out["n_seen"] = information, np.maximum(out["n_seen"], n_seen)
+        return out
+
+    def finish(self, take: Callable[[Bound], None]) -> None:
+        """Make the bound of all that came, and give it away in pieces, in the order of time.
+
+        Raises:
+            InputError: as `compute_bound`.
+        """
+        self._told.end()
+        for target, known in sorted(self._targets.items()):
+            if known.first_ns is None:
+                continue
+            high = target in self._high
+            known.d = dimension(target, high=high, in_space=known.in_space, config=self._config)
+            if known.d == 3 and known.ranged:
+                raise distances_in_space()
+        most = max((known.d for known in self._targets.values()), default=2)
+        n = most if self._config.motion == "waypoint" else 2 * most
+        kinds: list[Any] = [("dt", "f8"), ("filtered", "f8", (n, n)), ("smoothed", "f8", (most, most))]
+        made = Blocks(np.dtype(kinds), self._block)
+        for number in range(self._told.count):
+            made.put(number, self._forwards(self._told.get(number), np.dtype(kinds)))
+        for known in self._targets.values():
+            known.state = None
+        for number in reversed(range(self._told.count)):
+            made.put(number, self._backwards(self._told.get(number), made.get(number).copy()))
+        for number in range(self._told.count):
+            take(self._table(self._told.get(number), made.get(number)))
+
+    def _forwards(self, told: Records, record: np.dtype[Any]) -> Records:
+        """The bound of filtering of a block."""
+        out = np.zeros(len(told), dtype=record)
+        for target, rows in _by_target(told):
+            known, t_ns = self._targets[target], told["t_ns"][rows]
+            dt = np.diff(t_ns, prepend=t_ns[0] if known.last_ns is None else known.last_ns) / NS
+            before = prior_of(known.d, self._scene, self._config) if known.state is None else known.state
+            filtered = crlb.posterior_bound(*self._steps(told, rows, dt, known.d), before)
+            known.state, known.last_ns = filtered[-1], int(t_ns[-1])
+            n = len(before)
+            out["dt"][rows] = dt
+            out["filtered"][rows[:, None, None], np.arange(n)[:, None], np.arange(n)] = filtered
+        return out
+
+    def _backwards(self, told: Records, made: Records) -> Records:
+        """The bound of smoothing beside that of filtering."""
+        for target, rows in _by_target(told):
+            known = self._targets[target]
+            d, n = known.d, known.d if self._config.motion == "waypoint" else 2 * known.d
+            later = np.zeros((n, n)) if known.state is None else known.state
+            steps = self._steps(told, rows, made["dt"][rows], d)
+            smoothed, known.state = crlb.smoothing_bound_before(made["filtered"][rows][:, :n, :n], *steps, later)
+            made["smoothed"][rows[:, None, None], np.arange(d)[:, None], np.arange(d)] = smoothed[:, :d, :d]
+        return made
+
+    def _steps(self, told: Records, rows: Ints, dt: Floats, d: int) -> tuple[Floats, Floats, Floats]:
+        information = np.ascontiguousarray(told["ground" if d == 2 else "space"][rows])
+        return motion_of(information, dt, self._scene, self._config)
+
+    def _table(self, told: Records, made: Records) -> Bound:
+        """Rows of the bound of a block, and their figures."""
+        parts = []
+        for target, rows in _by_target(told):
+            known = self._targets[target]
+            own = told[rows]
+            keep = own["known"] & (own["estimate"] if known.errors else own["look"])
+            rows, own, d = rows[keep], own[keep], known.d
+            table = bound_table(
+                own["t_ns"],
+                target,
+                made["filtered"][rows][:, :d, :d],
+                made["smoothed"][rows][:, :d, :d],
+                own["n_seen"],
+            )
+            self.rows += len(table)
+            nothing = np.full(len(table), np.nan)
+            self._all.setdefault(target, Figures()).add(table, nothing, nothing)
+            for figures, some in ((self._estimates, own["estimate"]), (self._late, own["late"])):
+                errors = own["error"][some], own["error_space"][some]
+                figures.setdefault(target, Figures()).add(table.take(some), *errors)
+            parts.append(table)
+        return Bound.merge(parts)
+
+    def metrics(self, unit: str, *, late: bool = False) -> Metrics:
+        """Figures as `bound_metrics` has them, of all errors or of those after the transient."""
+        counts = {k: known.late if late else known.errors for k, known in self._targets.items()}
+        beside = self._late if late else self._estimates
+        if any(counts.values()):
+            out = Figures.together(beside.values()).metrics(unit, "", with_errors=True)
+        else:
+            out = Figures.together(self._all.values()).metrics(unit, "", with_errors=False)
+        for target, own in sorted(self._all.items()):
+            if own.rows:
+                with_errors = counts[target] > 0
+                figures = beside[target] if with_errors else own
+                out |= figures.metrics(unit, f"_target_{target}", with_errors=with_errors)
+        return out
+
+
+def _by_target(told: Records) -> list[tuple[int, Ints]]:
+    """Rows of each target of a block, by rising identity."""
+    return [(target, np.flatnonzero(told["target"] == target)) for target in np.unique(told["target"]).tolist()]

@@ -1,0 +1,127 @@
+"""Paths of true objects about a stretch of time that are as good there as the whole ones.
+
+Most of what is asked of a path is told by its samples near by.  A rough place, over a gap of any width or before the
+first and after the last sample, is told by samples that may be far away: those are kept of the whole (`Outlines`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.evaluate.errors.survey import Steps
+from occlog.records.tables import Truth
+
+from .paths import Path
+
+NEAR_NS = 60 * NS
+"""Samples further apart than this are kept of the whole; so far about a stretch its samples are needed."""
+TARGET, OCCLUDER = "target", "occluder"
+
+
+@dataclass
+class _Outline:
+    """Samples of one object that are far from their neighbours, its first and its last one: time, x, y, z."""
+
+    t_ns: list[Ints] = field(default_factory=list)
+    xyz: list[Floats] = field(default_factory=list)
+    last: tuple[int, Floats] | None = None  # the last sample so far
+    last_high: tuple[int, Floats] | None = None  # the last one with a height
+
+    def add(self, t_ns: Ints, xyz: Floats) -> None:
+        high = np.isfinite(xyz[:, 2])
+        self.last = self._edges(t_ns, xyz, self.last)
+        self.last_high = self._edges(t_ns[high], xyz[high], self.last_high)
+
+    def _edges(self, t_ns: Ints, xyz: Floats, last: tuple[int, Floats] | None) -> tuple[int, Floats] | None:
+        """Keep samples on both sides of wide gaps, and the first one; the last one of all so far."""
+        if not len(t_ns):
+            return last
+        if last is not None:
+            t_ns, xyz = np.insert(t_ns, 0, last[0]), np.vstack([last[1], xyz])
+        wide = np.diff(t_ns) > NEAR_NS
+        keep = np.append(False, wide) | np.append(wide, False)
+        keep[0] |= last is None
+        self.t_ns.append(t_ns[keep])
+        self.xyz.append(xyz[keep])
+        return int(t_ns[-1]), xyz[-1:]
+
+    def whole(self) -> tuple[Ints, Floats]:
+        """(K,) times of the samples that are kept, not falling, and (K, 3) places."""
+        ends = [each for each in (self.last_high, self.last) if each is not None]
+        t_ns = np.concatenate([*self.t_ns, np.array([t for t, _ in ends], dtype=np.int64)])
+        xyz = np.concatenate([*self.xyz, *(place for _, place in ends)])
+        order = np.argsort(t_ns, kind="stable")
+        return t_ns[order], xyz[order]
+
+
+class Outlines:
+    """Gathers what must be known of the whole of true objects, while chunks pass by."""
+
+    def __init__(self) -> None:
+        """Nothing passed yet."""
+        self._found: dict[tuple[str, int], _Outline] = {}
+        self._steps = Steps()
+        self.high: set[int] = set()
+        """Targets whose height is known somewhere."""
+        self._kept: dict[tuple[str, int], tuple[Ints, Floats]] | None = None
+        self._gaps_ns: dict[int, int] = {}
+
+    def watch(self, chunks: Iterable[Truth]) -> Iterator[Truth]:
+        """The chunks as they are."""
+        for chunk in chunks:
+            self._add(chunk)
+            yield chunk
+
+    def _add(self, rows: Truth) -> None:
+        xyz = np.column_stack([rows.x, rows.y, rows.z])
+        for role in (TARGET, OCCLUDER):
+            own = np.flatnonzero(rows.role == role)
+            for label in np.unique(rows.target_id[own]).tolist():
+                mine = own[rows.target_id[own] == label]
+                known = self._found.setdefault((role, label), _Outline())
+                if role == OCCLUDER:
+                    self._steps.add(label, rows.t_ns[mine], None if known.last is None else known.last[0])
+                elif np.isfinite(rows.z[mine]).any():
+                    self.high.add(label)
+                known.add(rows.t_ns[mine], xyz[mine])
+
+    def labels(self, role: str) -> list[int]:
+        """Identities of objects, ascending."""
+        return sorted(label for known, label in self._found if known == role)
+
+    def gaps_ns(self, role: str, of_targets: dict[int, int]) -> dict[int, int]:
+        """Of each object the widest gap that is bridged unless one is given; `of_targets`: that of targets."""
+        if role == TARGET:
+            return of_targets
+        if not self._gaps_ns:
+            self._gaps_ns = self._steps.usual_gaps_ns()
+        return self._gaps_ns
+
+    def paths(self, near: Truth, limits: tuple[int, int], role: str, gaps_ns: dict[int, int]) -> dict[int, Path]:
+        """Path of each object, by rising identity, with what is known far away.
+
+        Args:
+            near: rows from the first of the limits on, up to the second, which is left out.
+            limits: at least `NEAR_NS` and the widest gap that is bridged about what is asked for.
+            role: of the objects.
+            gaps_ns: see the method of that name.
+        """
+        if self._kept is None:
+            self._kept = {name: each.whole() for name, each in self._found.items()}
+        own = np.flatnonzero(near.role == role)
+        order = own[np.argsort(near.target_id[own], kind="stable")]
+        names = near.target_id[order]
+        xyz = np.column_stack([near.x, near.y, near.z])
+        out = {}
+        for label in self.labels(role):
+            rows = order[np.searchsorted(names, label) : np.searchsorted(names, label, side="right")]
+            t_ns, far = self._kept[role, label]
+            before, after = t_ns < limits[0], t_ns >= limits[1]
+            at = np.concatenate([t_ns[before], near.t_ns[rows], t_ns[after]])
+            place = np.concatenate([far[before], xyz[rows], far[after]])
+            out[label] = Path(at, place[:, :2], place[:, 2], gaps_ns[label])
+        return out

@@ -1,0 +1,186 @@
+"""Bearings against truth and tracks in stretches of time: the figures of whole tables, in flat memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Bools
+from occlog.records.pieces import LAST, Side
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Bound, Diagnostics, Errors
+from occlog.track.plausibility.verdict import Evidence
+
+from .bearings.detections import DetectionFigures
+from .bearings.meeting import MeetingFigures
+from .bearings.noise import NoiseFigures
+from .bearings.scans import ScanCuts, labelled
+from .errors.bound_streamed import BoundStreams, Ways
+from .errors.streamed import Beside, Stretch
+from .errors.survey import Survey
+from .matching.config import EvaluateConfig
+from .matching.looks import SensorLooks, look_at
+from .matching.outline import NEAR_NS, OCCLUDER, TARGET, Outlines
+from .matching.paths import Path, Sensor, paths_of, sensors_of
+from .sight_streamed import SightStreams, in_rows_of
+from .sources import Sources
+from .stage import no_meeting
+from .verdict import Made
+
+Metrics = dict[str, float]
+
+
+class WithBearings:
+    """Gathers what bearings tell, while stretches come by."""
+
+    def __init__(
+        self, sources: Sources, known: Survey, outlines: Outlines, scene: Scene, config: EvaluateConfig
+    ) -> None:
+        """Nothing came yet.
+
+        Args:
+            sources: what is compared; there are bearings, and tracks, a truth or both.
+            known: of tracks and truth.
+            outlines: of the truth.
+            scene: the sensors.
+            config: gates, limits, bound.
+        """
+        self._sources, self._known, self._outlines = sources, known, outlines
+        self._scene, self._config = scene, config
+        self._sensors: dict[str, Sensor] = {}
+        self._cuts, self._noise = ScanCuts(config), NoiseFigures(config)
+        self._meeting = None if sources.tracks is None else MeetingFigures(scene.length_unit, config)
+        self._detections = None if sources.truth is None else DetectionFigures()
+        self._bound: BoundStreams | None = None
+        self._labels: dict[int, int] = {}
+        self._sight: SightStreams | None = None
+        self._unmatched = 0
+        self._labelled = False
+        self.rows = 0
+        """Bearings so far."""
+
+    def begin(self, pairs: Mapping[int, int], evidence: Evidence, made: Made, *, high_tracks: bool) -> Beside:
+        """Open the bearings; what is to be gone through beside tracks and truth.
+
+        Args:
+            pairs: which target each track is of.
+            evidence: takes what bearings say of the tracks.
+            made: how the tracks were made.
+            high_tracks: whether any track has a height.
+        """
+        sources, config = self._sources, self._config
+        self._bearings = Side(sources.rows_of_bearings(), Bearings)
+        self._diagnostics: Side[Diagnostics] | None = None
+        margin_ns = 0
+        if sources.tracks is not None:
+            self._sight = SightStreams(evidence, self._scene, made, config.held_out)
+            margin_ns = self._sight.margin_ns
+            if sources.diagnostics is not None and evidence.rows == self._known.estimates:
+                rows = in_rows_of(sources.rows_of_tracks(), sources.rows_of_diagnostics())
+                self._diagnostics = Side(rows, Diagnostics)
+        if sources.truth is not None:
+            taken = set(pairs.values())
+            targets = self._outlines.labels(TARGET)
+            self._labels = {k: k for k in targets if k >= 0 and k not in taken} | dict(pairs)
+            ways = Ways.of(config, high=high_tracks and bool(self._outlines.high))
+            self._bound = BoundStreams(self._scene, config, self._outlines.high, ways)
+        sides: list[Side[Any]] = [self._bearings, *([] if self._diagnostics is None else [self._diagnostics])]
+        return Beside(
+            sides,
+            [margin_ns] * len(sides),
+            tracks_ns=max(config.bridge_ns + self._cuts.window_ns + 1, margin_ns),
+            truth_ns=0 if sources.truth is None else self._around_ns,
+        )
+
+    @property
+    def _around_ns(self) -> int:
+        """How far about a stretch samples of the truth are wanted."""
+        gaps = self._outlines.gaps_ns(OCCLUDER, {})
+        return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
+
+    def add(self, part: Stretch, errors: Errors, late: Bools) -> None:
+        """Another stretch, with its errors, and which of them are after the transient."""
+        rows, config = part.limits.of(self._bearings), self._config
+        self.rows += len(rows)
+        new = set(np.unique(rows.sensor).tolist()) - set(self._sensors)
+        self._sensors |= sensors_of(self._scene, new) if new else {}
+        own = labelled(rows, config)
+        self._noise.see(own)
+        self._labelled = self._labelled or len(own) > 0
+        tracks = self._tracks_about(part)
+        for scans in self._cuts.add(own, part.limits.end):
+            self._noise.add(scans, self._sensors)
+            if self._meeting is not None:
+                self._meeting.add(scans, self._sensors, tracks.get(scans.target))
+        if self._sight is not None:
+            self._sight.add(part.limits, part.sides[0], self._bearings, self._diagnostics)
+        if self._detections is not None and self._bound is not None:
+            targets, others = self._true_paths(part)
+            looks = self._looks(rows, targets, others)
+            self._detections.add(looks)
+            known = np.isin(rows.target_id, list(self._labels))
+            self._unmatched += int(np.count_nonzero((rows.target_id >= 0) & ~known))
+            counted = {name: found for name, found in looks.items() if name not in config.held_out}
+            self._bound.add(counted, self._sensors, errors, late, targets)
+
+    def _tracks_about(self, part: Stretch) -> Mapping[int, Path]:
+        """Tracks about the scans that end in a stretch, which may have begun before it."""
+        if self._meeting is None:
+            return {}
+        return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
+
+    def _true_paths(self, part: Stretch) -> tuple[dict[int, Path], dict[int, Path]]:
+        """Paths of targets and of moving occluders, which tell rough places far away, too."""
+        around = self._around_ns
+        near = part.limits.about(part.sides[1], around)
+        limits = (part.limits.begin - around, LAST if part.limits.end == LAST else part.limits.end + around)
+        gaps = (self._outlines.gaps_ns(role, self._known.gaps_ns) for role in (TARGET, OCCLUDER))
+        targets, others = (
+            self._outlines.paths(near, limits, role, gap) for role, gap in zip((TARGET, OCCLUDER), gaps, strict=True)
+        )
+        return targets, others
+
+    def _looks(self, rows: Bearings, targets: Mapping[int, Path], others: Mapping[int, Path]) -> dict[str, SensorLooks]:
+        return {
+            name: look_at(
+                self._sensors[name], rows.take(rows.sensor == name), self._labels, targets, others, self._config
+            )
+            for name in np.unique(rows.sensor).tolist()
+        }
+
+    def finish(self, take: Callable[[Bound], None]) -> None:
+        """Say that all stretches came; the bound is given away."""
+        if self._sight is not None:
+            self._sight.finish()
+        if self._bound is not None:
+            self._bound.finish(take)
+
+    @property
+    def bound_rows(self) -> int:
+        """Rows of the bound."""
+        return 0 if self._bound is None else self._bound.rows
+
+    def against_truth(self) -> Metrics:
+        """Figures of detections and of the bound; none without a truth."""
+        if self._detections is None or self._bound is None:
+            return {}
+        told: Metrics = {**self._detections.metrics(), "bearings_unmatched": self._unmatched}
+        return told | self._bound.metrics(self._scene.length_unit)
+
+    def settled_bound(self) -> Metrics:
+        """Figures of the bound after the transient; none without a bound."""
+        return self._bound.metrics(self._scene.length_unit, late=True) if self._bound and self._bound.rows else {}
+
+    def noise(self) -> Metrics:
+        """Figures of the noise of bearings."""
+        return self._noise.metrics()
+
+    def meeting(self) -> Metrics:
+        """Figures of where sight lines meet; none without tracks."""
+        return {} if self._meeting is None else self._meeting.metrics()
+
+    def note(self) -> str:
+        """Why no track was compared with where sight lines meet, and what to do."""
+        return no_meeting(self._labelled, self._config)
