@@ -323,6 +323,7 @@ def part_of(frames: Frames, first: int, stop: int) -> Frames:
     )
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("step", [1, 2, 7, 59])
 @pytest.mark.parametrize("ends_known", [True, False])
 @pytest.mark.parametrize("switch", [0.2, 0.6])

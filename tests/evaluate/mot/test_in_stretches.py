@@ -55,6 +55,7 @@ def views(seed: int) -> tuple[Boxes, TruthBoxes]:
     return rows_of(Boxes, ours), truth
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("rows", [10**6, 9, 1])
 @pytest.mark.parametrize(
     ("config", "options"),

@@ -26,6 +26,7 @@ def crowds(mask: np.ndarray, apart: SeenApart | None = None) -> Crowds:
     return find_people(cells, corners, SIDE, PRIOR, find_clusters(cells, corners, SIDE, PRIOR), apart)
 
 
+@pytest.mark.jit
 def test_silhouettes_hold_several_once_several_were_seen_apart() -> None:
     touching, apart, alone = (np.zeros((240, 320), dtype=np.uint8) for _ in range(3))
     for mask, places in ((touching, ((150, 120), (168, 104))), (apart, ((80, 120), (200, 120))), (alone, ((80, 120),))):

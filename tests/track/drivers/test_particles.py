@@ -55,6 +55,7 @@ def test_rows_have_times_targets_and_numbers_of_their_own() -> None:
     assert len(particle_rows([])) == 0
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("smooth", [False, True])
 def test_the_mean_of_the_particles_is_the_estimate_of_the_filter(smooth: bool) -> None:
     scene = room100()
@@ -79,6 +80,7 @@ def test_the_mean_of_the_particles_is_the_estimate_of_the_filter(smooth: bool) -
         np.testing.assert_allclose(mean, getattr(filtered, name), atol=1e-9)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("method", ["apf", "direct3d"])
 def test_the_command_writes_them(tmp_path: Path, method: str) -> None:
     recording, out, written = (str(tmp_path / name) for name in ("r.mcap", "t.parquet", "particles.parquet"))

@@ -45,16 +45,19 @@ def test_noise_is_a_constant_and_a_share_of_the_size() -> None:
     np.testing.assert_allclose(np.sqrt(noise[[1, 3], 1]), 0.01, rtol=0.35)
 
 
+@pytest.mark.jit
 def test_errors_that_last_are_told_from_those_that_do_not() -> None:
     assert lasting_of(taught()) < 0.007**2
     assert np.sqrt(lasting_of(taught(lasting=0.03, frames=600))) == pytest.approx(0.03, rel=0.25)
 
 
+@pytest.mark.jit
 def test_the_sway_of_bodies_is_what_white_acceleration_does_not_explain() -> None:
     assert np.sqrt(sway_of(taught(sway=0.08, frames=600))) == pytest.approx(0.08, rel=0.2)
     assert np.sqrt(sway_of(taught(sway=0.0))) < 0.045
 
 
+@pytest.mark.jit
 def test_errors_that_go_on_from_look_to_look_are_told_from_those_that_are_new() -> None:
     assert slowness_of(taught()) < 1.2
     assert slowness_of(taught(lasting=0.03, bias=0.06)) < 1.6

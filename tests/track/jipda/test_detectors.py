@@ -87,11 +87,13 @@ def test_at_first_the_settings_hold() -> None:
     assert bending_rate(counts) == pytest.approx(0.025)
 
 
+@pytest.mark.jit
 def test_the_rate_of_detection_is_that_of_people_in_plain_view() -> None:
     assert rates(after(200, 1.0, 3)).detection[0] == pytest.approx(0.5, abs=0.02)
     assert rates(after(200, 0.5, 3)).detection[0] == pytest.approx(JipdaConfig().detection)
 
 
+@pytest.mark.jit
 def test_the_curve_rises_and_is_learned_where_people_are_visible_in_part() -> None:
     curve = rates(after(200, 0.4, 1)).curve
     assert (np.diff(curve) >= 0.0).all()
@@ -101,6 +103,7 @@ def test_the_curve_rises_and_is_learned_where_people_are_visible_in_part() -> No
     assert (rates(first_counts(1, JipdaConfig()), JipdaConfig(visible=False)).curve == 1.0).all()
 
 
+@pytest.mark.jit
 def test_the_rate_of_detection_has_bounds() -> None:
     assert rates(after(400, 1.0, N)).detection[0] == pytest.approx(0.98)
 
@@ -138,6 +141,7 @@ def test_boxes_of_nobody_are_never_sure_to_be_there_again() -> None:
     assert again_rate(replace(counts, again=np.array([[99.0, 100.0]]))) == MOST_AGAIN
 
 
+@pytest.mark.jit
 def test_people_who_never_bend_are_expected_to_bend_more_seldom() -> None:
     seconds = 100 * 0.5 * N
     assert bending_rate(after(100, 1.0, 3)) == pytest.approx(2.0 / (2.0 * JipdaConfig().bend_s + seconds))
