@@ -7,8 +7,8 @@ another draw, `--cameras` only its rooms of cameras alone.
 
 A few gaps in which nobody sees the target make most of the mean square error, so that few runs have a great standard
 error, nearly all of it that of the gaps they happened to have.  So what is found is the sum of two means: of what the
-recursion of `occlog plan` says of the sight in `IDEAL` simulated runs, which are quick without a filter, and of how
-much farther off the filter was than the recursion said of the same run (a control variate; unbiased).
+filter of `occlog plan` is expected to make of the reports in `IDEAL` simulated runs, which are quick without a tracker,
+and of how much farther off the tracker was than that in the same run (a control variate; unbiased).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from occlog.array_types import Bools, Floats
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.measure.scans.sources import bearings_of_doa
 from occlog.plan.config import PlanConfig
-from occlog.plan.recursion import covariances_along, square_error_in_room
-from occlog.plan.stage import Planned, expected_error, plan_map, prepare
+from occlog.plan.filtering import Reports, errors_along, square_error_in_room
+from occlog.plan.stage import Planned, belief_of, expected_error, plan_map, prepare
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
 from occlog.records.tables import Bearings, Tracks, Truth
 from occlog.simulate.config import ObserveConfig, SoundConfig, WorldConfig
@@ -171,28 +171,32 @@ def found_error(room: Room, run: Run, seed: int) -> tuple[float, float]:
 
 
 def ideal_errors(plan: Planned, runs: Sequence[Run]) -> Floats:
-    """(R,) mean square error of each run that the recursion expects, given when each sensor saw the target."""
-    information = np.stack([_information(plan.scene, run) for run in runs], axis=1)
+    """(R,) mean square error of each run that is expected, given what each sensor reported of the target."""
+    parts = [_reports(plan.scene, run) for run in runs]
+    reports = Reports(*(np.stack(part, axis=1) for part in zip(*parts, strict=True)))
     places = np.stack([_places(run.truth) for run in runs])
-    late = _late(runs[0].truth)
-    total = np.zeros(len(runs))
-    for t, found in enumerate(covariances_along(information, plan.prior, plan.motion, plan.walked.dt)):
-        if late[t]:
-            total += square_error_in_room(found, places[:, t], plan.cells.xy, plan.cells.size)
-    return np.asarray(total / np.count_nonzero(late))
+    keep = int(np.count_nonzero(_late(runs[0].truth)))
+    found = errors_along(places, reports, plan.start, plan.motion, belief_of(plan.config), plan.walked.dt, keep)
+    square = square_error_in_room(
+        found.covariance.reshape(-1, 2, 2), found.place.reshape(-1, 2), plan.cells.xy, plan.cells.size
+    )
+    return np.asarray(square.reshape(len(runs), keep).mean(axis=1))
 
 
-def _information(scene: Scene, run: Run) -> Floats:
-    """(3, T) xx, xy, yy of the Fisher information of what was seen in a run about each place."""
+def _reports(scene: Scene, run: Run) -> Reports:
+    """What was seen in a run tells of the (T,) places of the target, with the errors that it has."""
     at = {c.name: c.ground for c in scene.cameras} | {a.name: a.position[:2] for a in scene.arrays}
     seen = run.bearings.take(run.bearings.seen)
     step = np.searchsorted(run.truth.t_ns, seen.t_ns)
     off = _places(run.truth)[step] - np.array([at[str(name)] for name in seen.sensor])
     across = np.column_stack([-off[:, 1], off[:, 0]]) / np.sum(off**2, axis=1)[:, None] / seen.sigma[:, None]
-    out = np.zeros((3, len(run.truth)))
-    for row, (i, j) in zip(out, ((0, 0), (0, 1), (1, 1)), strict=True):
+    away = np.angle(np.exp(1j * (seen.bearing - np.arctan2(off[:, 1], off[:, 0])))) / seen.sigma
+    reports = Reports(np.zeros((3, len(run.truth))), np.zeros((2, len(run.truth))))
+    for row, (i, j) in zip(reports.information, ((0, 0), (0, 1), (1, 1)), strict=True):
         np.add.at(row, step, across[:, i] * across[:, j])
-    return out
+    for row, part in zip(reports.noise, across.T, strict=True):
+        np.add.at(row, step, part * away)
+    return reports
 
 
 def planned(room: Room, runs: Sequence[Run]) -> Planned:

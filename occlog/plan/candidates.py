@@ -1,6 +1,7 @@
 """Sensors that may be added, ranked by the error over the floor with each; and the scene's own, by that without each.
 
-All are judged on the same walks and crowds, so that one sensor more never makes the expected error greater.
+All are judged on the same walks and crowds, with errors made of the same numbers, so that differences are known
+better than the errors themselves.
 """
 
 from __future__ import annotations

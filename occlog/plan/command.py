@@ -91,7 +91,7 @@ def command(
 
     For each place of the floor: the root mean square error of a filter that has followed a target there, and how
     probable it is that no, one, or several sensors see the target, among --people who walk about and hide it.  The
-    error is that of the best linear filter of the walk, by a recursion of covariances; no filter is run.
+    error is that of a filter that knows how often the walkers turn, along ways to each place; no recording is made.
 
     \b
       occlog plan examples/room.yaml --people 6 --within 0.3 -o plan.parquet --picture plan.png

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from occlog.settings import Settings, like, setting
 from occlog.simulate.config import WorldConfig
+from occlog.track.apf.config import ApfConfig
 
 MOST_PEOPLE = 1000
 
@@ -54,6 +55,12 @@ class PlanConfig(Settings):
         "Probability of a new destination within a second, beside those on arrival.",
         at_most=None,
         below=1,
+    )
+    sigma_v: float = like(
+        ApfConfig, "sigma_v", "Motion noise per axis, gathered in a second, that the filter expects; at least `sigma`."
+    )
+    sigma_a: float = like(
+        ApfConfig, "sigma_a", "Noise of the velocity per axis, gathered in a second, that the filter expects."
     )
     rate_hz: float = setting(
         1.0,

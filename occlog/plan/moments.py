@@ -1,7 +1,7 @@
-"""The second moments of a walk, counted: what a linear filter can know of it.
+"""The second moments of a walk, counted.
 
-Steps of the process of `occlog.plan.recursion` have, with its velocity of variance v^2 (both axes together), rate r of
-turning, noise s and a = (1 - exp(-r dt)) / r,
+Whoever walks straight on at speed v, turns r times a second to anywhere and has noise s of the place takes steps that
+have, with a = (1 - exp(-r dt)) / r,
 
     E[d_0 . d_k] = v^2 a^2 exp(-r (k - 1) dt),   k = 1, 2, ...
     E[d_0 . d_0] = 2 v^2 (dt - a) / r + 2 s^2 dt
@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-from .recursion import Motion
+from .filtering import Motion
 
 
 def moments_of(people: Floats, dt: float) -> Motion:

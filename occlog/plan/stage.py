@@ -9,13 +9,14 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.bounds.in_plane import polygon_covariance
+from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError
 from occlog.records.plans import PlanMap
 from occlog.records.scene import Scene
 
 from .config import PlanConfig
+from .filtering import Belief, Expected, Motion, Reports, errors_along, noise_of, square_error_in_room
 from .moments import moments_of
-from .recursion import Motion, end_covariance, square_error_in_room
 from .sensing import Sensor, Told, detection_of, plain_view, rate_of, told_by
 from .walks import Cells, Visits, Walked, cells_of, nearest_cell, people_walk, visits_of, ways_to
 
@@ -36,7 +37,8 @@ class Planned(NamedTuple):
     visits: Visits
     walked: Walked
     told: dict[str, Told]  # by sensor
-    prior: Floats  # (2, 2) covariance of a place in the room
+    chance: Floats  # (2, N, T) standard normals, of which the errors of all that is told are made
+    start: tuple[Floats, Floats]  # (2,) mean and (2, 2) covariance of a place in the room
     motion: Motion
     config: PlanConfig
     seed: int
@@ -84,7 +86,8 @@ def prepare(
         visits=visits,
         walked=walked,
         told={sensor.name: told_by(sensor, scene, walked, config, seed) for sensor in own},
-        prior=polygon_covariance(scene.room),
+        chance=generator(seed, Stage.PLAN, 3).standard_normal((2, *walked.ways.shape[:2])),
+        start=(cells.xy.mean(axis=0), polygon_covariance(scene.room)),
         motion=moments_of(people, dt),
         config=config,
         seed=seed,
@@ -103,37 +106,43 @@ def _weights(cells: Cells, paths: Floats | None) -> Floats:
     return np.asarray(count / count.sum())
 
 
-def covariances(planned: Planned, told: Sequence[Told]) -> Floats:
-    """(C, draws, 2, 2) covariances at each place for a set of sensors, before what the room tells."""
-    total = np.zeros((3, *planned.walked.ways.shape[:2]))
+def belief_of(config: PlanConfig) -> Belief:
+    """What the filter expects between turns."""
+    return Belief(config.sigma_v, config.sigma_a)
+
+
+def expected(planned: Planned, told: Sequence[Told]) -> Expected:
+    """What a filter makes of a set of sensors at the end of each way, before what the room tells."""
+    walked = planned.walked
+    total = np.zeros((3, *walked.ways.shape[:2]))
     for one in told:
         total += one.information
-    found = end_covariance(total, planned.prior, planned.motion, planned.walked.dt)
-    return found.reshape(len(planned.cells.xy), -1, 2, 2)
+    reports = Reports(total, noise_of(total, planned.chance))
+    return errors_along(walked.ways, reports, planned.start, planned.motion, belief_of(planned.config), walked.dt)
 
 
-def square_errors(planned: Planned, found: Floats) -> Floats:
-    """(C, draws) expected square errors of covariances, with what the room tells."""
+def square_errors(planned: Planned, found: Expected) -> Floats:
+    """(C, draws) mean square errors, with what the room tells."""
     cells = planned.cells
-    at = np.repeat(cells.xy, found.shape[1], axis=0)
-    return square_error_in_room(found.reshape(-1, 2, 2), at, cells.xy, cells.size).reshape(found.shape[:2])
+    square = square_error_in_room(found.covariance[:, -1], found.place[:, -1], cells.xy, cells.size)
+    return square.reshape(len(cells.xy), -1)
 
 
 def expected_error(planned: Planned, told: Sequence[Told]) -> float:
     """Root of the mean square error over the floor for a set of sensors."""
-    return float(np.sqrt(planned.weight @ square_errors(planned, covariances(planned, told)).mean(axis=1)))
+    return float(np.sqrt(planned.weight @ square_errors(planned, expected(planned, told)).mean(axis=1)))
 
 
 def plan_map(planned: Planned) -> PlanMap:
     """What is expected of the scene's sensors at each place."""
     told = list(planned.told.values())
-    before = covariances(planned, told)
+    before = expected(planned, told)
     square = square_errors(planned, before)
     mean = square.mean(axis=1)
     rmse = np.sqrt(mean)
     spread = square.std(axis=1, ddof=1) / np.sqrt(square.shape[1])
-    worst = np.linalg.eigvalsh(before)[..., -1]
-    limit = 0.25 * float(np.linalg.eigvalsh(planned.prior)[-1])
+    worst = np.linalg.eigvalsh(before.covariance[:, -1])[:, -1].reshape(square.shape)
+    limit = 0.25 * float(np.linalg.eigvalsh(planned.start[1])[-1])
     none, one = _seen_by(planned)
     return PlanMap.of(
         t_ns=np.zeros(len(rmse), dtype=np.int64),

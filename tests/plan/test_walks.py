@@ -12,9 +12,9 @@ from occlog.array_types import Bools, Floats
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.core.sight.visibility import behind_objects
 from occlog.plan.config import PlanConfig
+from occlog.plan.filtering import Belief, Motion, Reports, errors_along
 from occlog.plan.hiding import hide_behind_crowd
 from occlog.plan.moments import moments_of
-from occlog.plan.recursion import Motion, covariances_along, step_of
 from occlog.plan.stage import prepare
 from occlog.plan.walks import cells_of, nearest_cell, people_walk, visits_of, ways_to
 from occlog.records.scene import Camera, Occluder, Scene
@@ -113,24 +113,23 @@ def test_people_hide_the_target_as_often_and_as_long_as_in_the_simulator():
         assert expected == pytest.approx(found.mean(), abs=3.5 * error)
 
 
-def process(motion: Motion, dt: float, steps: int, many: int) -> Floats:
-    """(steps, many, 2) places of the process that the recursion is of."""
-    a, b, q = step_of(motion, dt)
+def turning(motion: Motion, dt: float, steps: int, many: int) -> Floats:
+    """(steps, many, 2) places of walkers who turn at random."""
     rng = np.random.default_rng(11)
-    root = np.linalg.cholesky(q)
     v = motion.speed * math.sqrt(0.5) * rng.standard_normal((many, 2))
     x, path = np.zeros((many, 2)), np.empty((steps, many, 2))
     for t in range(steps):
-        noise = np.einsum("ij,jnk->ink", root, rng.standard_normal((2, many, 2)))
-        x, v = x + a * v + noise[0], b * v + noise[1]
+        turns = rng.random(many) < -math.expm1(-motion.turns * dt)
+        v[turns] = motion.speed * math.sqrt(0.5) * rng.standard_normal((int(turns.sum()), 2))
+        x = x + dt * v + motion.sigma * math.sqrt(dt) * rng.standard_normal((many, 2))
         path[t] = x
     return path
 
 
 @pytest.mark.parametrize("motion", [Motion(1.2, 0.4, 0.05), Motion(0.8, 2.0, 0.2), Motion(1.0, 0.05, 0.0)])
-def test_the_moments_of_the_process_itself_are_found(motion: Motion):
+def test_the_moments_of_walkers_who_turn_at_random_are_found(motion: Motion):
     """400 walkers for 100 s: speed to 1 %, turns to 4 %, noise to 2 %, each three error bars or more."""
-    found = moments_of(process(motion, 0.1, 1000, 400), 0.1)
+    found = moments_of(turning(motion, 0.1, 1000, 400), 0.1)
     assert found.speed == pytest.approx(motion.speed, rel=0.03)
     assert found.turns == pytest.approx(motion.turns, rel=0.12)
     assert found.sigma == pytest.approx(motion.sigma, rel=0.06, abs=0.02)
@@ -151,34 +150,22 @@ def test_walkers_who_never_turn_keep_their_velocity():
     assert found.sigma < 0.05
 
 
-def test_a_filter_of_these_moments_is_as_far_off_in_a_crowd_as_its_covariance_says():
-    """A Kalman filter in gaps of 1 and 2 s of a crowded walk; the error bar of the ratio is 4 %."""
+def test_a_filter_of_these_moments_is_as_far_off_in_a_crowd_as_it_says():
+    """In gaps of 1 and 2 s of a crowded walk; the error bar of the ratio is 4 %."""
     dt, steps, variance = 0.1, 120, 0.01
     people = people_walk(SCENE, CROWD, dt, steps, seed=4)
     motion = moments_of(people, dt)
     rng = np.random.default_rng(8)
     starts = np.arange(0, len(people) - steps, steps)
     truth = np.concatenate([people[s : s + steps].transpose(1, 0, 2) for s in starts])
-    measured = truth + math.sqrt(variance) * rng.standard_normal(truth.shape)
     t = np.arange(steps)
     seen = ~((t % 40 >= 20) & (t % 40 < 30)) & ~(t >= 100)
-    information = np.zeros((3, 1, steps))
+    information = np.zeros((3, *truth.shape[:2]))
     information[0] = information[2] = seen / variance
-    told = np.array([np.trace(c[0]) for c in covariances_along(information, 9.0 * np.eye(2), motion, dt)])
-    # The filter itself, of one axis at a time
-    a, b, q = step_of(motion, dt)
-    F, H = np.array([[1.0, a], [0.0, b]]), np.array([1.0, 0.0])
-    P, state = np.diag([9.0, 0.5 * motion.speed**2]), np.zeros((2, len(truth), 2))
-    state[0] = measured[:, 0]
-    square = np.empty(steps)
-    for k in range(steps):
-        if k:
-            state, P = np.einsum("ij,jnk->ink", F, state), F @ P @ F.T + q
-        if seen[k]:
-            gain = P @ H / (H @ P @ H + variance)
-            state = state + gain[:, None, None] * (measured[:, k] - state[0])
-            P = P - np.outer(gain, H @ P)
-        square[k] = np.mean(np.sum((state[0] - truth[:, k]) ** 2, axis=-1))
-    for gap in (slice(60, 70), slice(100, 120)):
-        assert math.sqrt(square[gap].mean()) == pytest.approx(math.sqrt(told[gap].mean()), rel=0.12)
-    assert math.sqrt(square[20:].mean()) == pytest.approx(math.sqrt(told[20:].mean()), rel=0.12)
+    noise = np.sqrt(information[0]) * rng.standard_normal((2, *truth.shape[:2]))
+    start = ROOM.mean(axis=0), 3.0 * np.eye(2)
+    found = errors_along(truth, Reports(information, noise), start, motion, Belief(0.0, 0.0), dt, keep=100)
+    square = np.sum((found.place - truth[:, 20:]) ** 2, axis=-1).mean(axis=0)
+    told = np.trace(found.covariance, axis1=-2, axis2=-1).mean(axis=0)
+    for part in (slice(40, 50), slice(80, 100), slice(100)):
+        assert math.sqrt(square[part].mean()) == pytest.approx(math.sqrt(told[part].mean()), rel=0.12)
