@@ -23,6 +23,10 @@ from .watch import Watch, watching
 LARGE = "1" + "0" * 300
 FINDINGS = [
     ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "not UTF-8 text"),
+    ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1001", "9" * 400).encode(), "no list of longitudes"),
+    ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1,", "9" * 400 + ",").encode(), "where the scene lies"),
+    ("trajectories (GeoJSON)", seeds.GEOJSON.replace('d": 3', f'd": {"9" * 400}').encode(), "t.geojson: "),
+    ("trajectories (GeoJSON)", seeds.GEOJSON.replace("1000000000", "9" * 400).encode(), "t.geojson: "),
     ("truth (board)", b"sync_index,point_id,x_coord,y_coord,z_coord\n", "holds a header and no row"),
     ("arrays", b"x,y,z\n", "holds a header and no row"),
     (
