@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from occlog.array_types import NS
 from occlog.settings import Settings, setting
 
 MOST_STEPS = 4096
@@ -43,6 +42,8 @@ class LagConfig(Settings):
     @property
     def lag_ns(self) -> int | None:
         """The lag [ns]; None: estimates wait for everything that was recorded."""
+        from occlog.array_types import NS  # numpy comes with it, and settings are read for help, too
+
         return None if self.lag_s is None else round(self.lag_s * NS)
 
 
