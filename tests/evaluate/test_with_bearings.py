@@ -84,8 +84,7 @@ def read(path: Path) -> dict[str, Any]:
     return {name: np.nan if value is None else value for name, value in json.loads(path.read_text()).items()}
 
 
-@pytest.mark.parametrize("rows", [1, 13, 17, WHOLE])
-@pytest.mark.parametrize("way", range(len(WAYS)))
+@pytest.mark.parametrize(("way", "rows"), [(0, 1), (0, 13), (0, 17), (0, WHOLE), (1, 13), (2, 17)])
 @pytest.mark.parametrize("what", CASES)
 def test_the_command_gives_what_whole_tables_give(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, way: int, rows: int
