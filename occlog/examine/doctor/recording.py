@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -12,14 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap import records
 from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 
 from occlog.errors import InputError
 from occlog.io.frames.apart import decode_apart
 from occlog.io.models.fundamental_matrices import attached_epipolar
+from occlog.io.recording.layout import MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.reader import IMAGE_SCHEMA, ROWS_PER_CHUNK, Recording, open_linked, parse_image, sensor_of
 from occlog.io.recording.rows import RECORDED, RowCollector, schema_of
-from occlog.io.recording.salvage import CHANNEL, FAILURES, MESSAGE, SCHEMA, repeated_records, whole_records
+from occlog.io.recording.salvage import FAILURES, repeated_records, whole_records
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.records.columns import Table
 
@@ -29,7 +30,6 @@ from .rows import TableWatch, sift
 from .tables import note_losses
 from .video import look_at_video
 
-_MESSAGE = struct.Struct("<HIQQ")
 TABLES = {schema_of(table): table for table in RECORDED}
 
 
@@ -93,10 +93,10 @@ def _whole(path: Path, findings: Findings) -> Iterator[_Message]:
 
     def define(code: int, data: bytes) -> None:
         with suppress(*FAILURES):
-            if code == SCHEMA:
+            if code == Opcode.SCHEMA:
                 schema = records.Schema.read(ReadDataStream(io.BytesIO(data)))
                 schemas.setdefault(schema.id, schema)
-            elif code == CHANNEL:
+            elif code == Opcode.CHANNEL:
                 channel = records.Channel.read(ReadDataStream(io.BytesIO(data)))
                 channels.setdefault(channel.id, channel)
 
@@ -104,16 +104,16 @@ def _whole(path: Path, findings: Findings) -> Iterator[_Message]:
         for record in repeated_records(path):
             define(record.code, record.data)
         for record in whole_records(path, lambda at, what: findings.add("damaged-recording", f"byte {at}", what)):
-            if record.code != MESSAGE:
+            if record.code != Opcode.MESSAGE:
                 define(record.code, record.data)
                 continue
-            channel_id, number, log_ns, _ = _MESSAGE.unpack_from(record.data)
+            channel_id, number, log_ns, _ = MESSAGE_HEAD.unpack_from(record.data)
             channel = channels.get(channel_id)
             if channel is not None:
                 schema = schemas.get(channel.schema_id)
                 kind = "" if schema is None else str(schema.name)
                 yield _Message(
-                    channel.topic, kind, channel.message_encoding, number, log_ns, record.data[_MESSAGE.size :]
+                    channel.topic, kind, channel.message_encoding, number, log_ns, record.data[MESSAGE_HEAD.size :]
                 )
     except InputError as error:
         if not findings.has("unreadable"):

@@ -18,19 +18,19 @@ from typing import IO, NamedTuple
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC as MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES, chunk_head, unpacked
+from occlog.io.recording.layout import HEAD, MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.records.losses import Loss
 
-SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END, FOOTER = 3, 4, 5, 6, 15, 2
+READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 MAX_DEFINITION = 16 * 2**20
-_HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
 _DAMAGE = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 
 
@@ -139,20 +139,20 @@ class McapFile:
             at = len(MAGIC)
             while at < size:
                 file.seek(at)
-                head = file.read(_HEAD.size)
-                if len(head) < _HEAD.size:
+                head = file.read(HEAD.size)
+                if len(head) < HEAD.size:
                     self._lose(f"byte {at}", "the file ends within a record")
                     return
-                code, length = _HEAD.unpack(head)
-                if code in (DATA_END, FOOTER):
+                code, length = HEAD.unpack(head)
+                if code in (Opcode.DATA_END, Opcode.FOOTER):
                     return
-                if at + _HEAD.size + length > size:
-                    missing = at + _HEAD.size + length - size
+                if at + HEAD.size + length > size:
+                    missing = at + HEAD.size + length - size
                     self._lose(f"byte {at}", f"the file ends within a record, {missing} bytes before its end")
                     return
-                if code in (SCHEMA, CHANNEL, MESSAGE, CHUNK) and not self._skipped(code, at, topics):
+                if code in READ and not self._skipped(code, at, topics):
                     yield from self._record(file, at, code, length, topics)
-                at += _HEAD.size + length
+                at += HEAD.size + length
             self._lose(f"byte {at}", "the file ends without its end mark")
 
     def _scan_definitions(self) -> None:
@@ -160,17 +160,17 @@ class McapFile:
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             at = len(MAGIC)
-            while at + _HEAD.size <= size:
+            while at + HEAD.size <= size:
                 file.seek(at)
-                code, length = _HEAD.unpack(file.read(_HEAD.size))
-                at += _HEAD.size + length
-                if code in (SCHEMA, CHANNEL) and at <= size and length <= MAX_DEFINITION:
+                code, length = HEAD.unpack(file.read(HEAD.size))
+                at += HEAD.size + length
+                if code in (Opcode.SCHEMA, Opcode.CHANNEL) and at <= size and length <= MAX_DEFINITION:
                     with suppress(*_DAMAGE):
                         self._take(code, file.read(length), None, [])
 
     def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
         """Whether a chunk holds none of the topics, by the index."""
-        if code != CHUNK or topics is None or at not in self._chunks:
+        if code != Opcode.CHUNK or topics is None or at not in self._chunks:
             return False
         return not any(self._channels[c].topic in topics for c in self._chunks[at] if c in self._channels)
 
@@ -184,10 +184,10 @@ class McapFile:
         found: list[tuple[int, int, bytes]] = []
         try:
             data = file.read(length)
-            self._take(code, data, topics, found) if code != CHUNK else self._unpack(data, topics, found)
+            self._take(code, data, topics, found) if code != Opcode.CHUNK else self._unpack(data, topics, found)
         except _DAMAGE as error:
             reason = " ".join(str(error).split())[:100] or "data end early"
-            what = "chunk" if code == CHUNK else "record"
+            what = "chunk" if code == Opcode.CHUNK else "record"
             self._lose(f"byte {at}", f"a damaged {what} of {length} bytes was left out ({reason})")
             return
         # The messages of a chunk need not be in the order of time.
@@ -201,11 +201,11 @@ class McapFile:
             raise ValueError("wrong check sum")
         at = 0
         while at < len(records):
-            code, length = _HEAD.unpack_from(records, at)
-            at += _HEAD.size
+            code, length = HEAD.unpack_from(records, at)
+            at += HEAD.size
             if at + length > len(records):
                 raise ValueError("a record is longer than its chunk")
-            if code in (SCHEMA, CHANNEL, MESSAGE):
+            if code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
                 self._take(code, records[at : at + length], topics, found)
             at += length
 
@@ -213,15 +213,15 @@ class McapFile:
         self, code: int, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]]
     ) -> None:
         """Note a schema or a channel, or add a message."""
-        if code == SCHEMA:
+        if code == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(io.BytesIO(data)))
             self._schemas.setdefault(schema.id, schema)
-        elif code == CHANNEL:
+        elif code == Opcode.CHANNEL:
             channel = Channel.read(ReadDataStream(io.BytesIO(data)))
             self._channels.setdefault(channel.id, channel)
         else:
-            channel_id, _, log_ns, _ = _MESSAGE.unpack_from(data)
+            channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(data)
             if channel_id not in self._channels:
                 self._lose(f"channel {channel_id}", "its messages were left out: the channel's definition is lost")
             elif topics is None or self._channels[channel_id].topic in topics:
-                found.append((channel_id, log_ns, data[_MESSAGE.size :]))
+                found.append((channel_id, log_ns, data[MESSAGE_HEAD.size :]))

@@ -16,11 +16,12 @@ from mcap.records import ChunkIndex
 
 from occlog.errors import InputError
 
+from .layout import HEAD
+
 MAX_CHUNK_BYTES = 128 * 1024 * 1024
 """A chunk may not unpack to more than this: ours are 1 MiB plus one image, those of other recorders a few MiB."""
 KNOWN_COMPRESSION = ("", "zstd", "lz4")
-_RECORD = struct.Struct("<BQ")
-CHUNK = struct.Struct("<QQQI")
+CHUNK_HEAD = struct.Struct("<QQQI")
 """Times of a chunk, the size of its records and their check sum, before the name of the compression."""
 _LENGTH = struct.Struct("<I")
 _LZ4_GROWTH = 255
@@ -48,9 +49,9 @@ class ChunkHead(NamedTuple):
 
 def chunk_head(data: bytes) -> ChunkHead:
     """The head of a chunk's data; struct.error or UnicodeDecodeError where there is none."""
-    _, _, declared, crc = CHUNK.unpack_from(data)
-    (n,) = _LENGTH.unpack_from(data, CHUNK.size)
-    name = CHUNK.size + _LENGTH.size
+    _, _, declared, crc = CHUNK_HEAD.unpack_from(data)
+    (n,) = _LENGTH.unpack_from(data, CHUNK_HEAD.size)
+    name = CHUNK_HEAD.size + _LENGTH.size
     return ChunkHead(declared, crc, data[name : name + n].decode(), name + n + 8)
 
 
@@ -86,8 +87,8 @@ def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> None:
     LZ4 that is large enough to hold more than the limit is unpacked in parts, of which none is kept.
     """
     where = f"{path}: chunk at byte {index.chunk_start_offset}"
-    file.seek(index.chunk_start_offset + _RECORD.size)
-    start = file.read(CHUNK.size + _LENGTH.size + max(map(len, KNOWN_COMPRESSION)) + 8 + _FRAME_HEAD)
+    file.seek(index.chunk_start_offset + HEAD.size)
+    start = file.read(CHUNK_HEAD.size + _LENGTH.size + max(map(len, KNOWN_COMPRESSION)) + 8 + _FRAME_HEAD)
     head = chunk_head(start)
     for name in (index.compression, head.compression):
         if name not in KNOWN_COMPRESSION:
@@ -96,7 +97,7 @@ def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> None:
     size = max(index.uncompressed_size, head.declared)
     size = max(size, stated_size(start[head.begin :], head.compression) if head.compression else packed)
     if head.compression == "lz4" and size <= MAX_CHUNK_BYTES < packed * _LZ4_GROWTH:
-        file.seek(index.chunk_start_offset + _RECORD.size + head.begin)
+        file.seek(index.chunk_start_offset + HEAD.size + head.begin)
         size = _lz4_size(file, packed)
     if size > MAX_CHUNK_BYTES:
         raise InputError(f"{where} unpacks to {size} bytes or more; the limit is {MAX_CHUNK_BYTES}")

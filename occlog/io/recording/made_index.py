@@ -23,11 +23,9 @@ from mcap.summary import Summary
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC
 
-from .chunks import CHUNK as CHUNK_TIMES
-from .chunks import MAX_CHUNK_BYTES, check_chunk, chunk_head, unpacked
+from .chunks import CHUNK_HEAD, MAX_CHUNK_BYTES, check_chunk, chunk_head, unpacked
+from .layout import HEAD, MESSAGE_HEAD, damaged_mcap
 
-_HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
 _BLOCK = 1 << 20
 DATA = frozenset(
     (
@@ -107,7 +105,7 @@ def check_told(path: Path, told: Summary | None, made: Summary) -> None:
     for what in ("message", "attachment", "metadata"):
         says, has = (getattr(each.statistics, f"{what}_count") for each in (told, made))
         if says != has:
-            raise _damaged(path, f"its index tells of {says} records of the kind {what}, and there are {has}")
+            raise damaged_mcap(path, f"its index tells of {says} records of the kind {what}, and there are {has}")
 
 
 class _Pass:
@@ -129,7 +127,7 @@ class _Pass:
                 case Opcode.CHUNK:
                     self._chunk(at, length)
                 case Opcode.MESSAGE:
-                    channel, log_ns = self._message(at, self._file.read(_MESSAGE.size))
+                    channel, log_ns = self._message(at, self._file.read(MESSAGE_HEAD.size))
                     self._at.append(at)
                     self._log_ns.append(log_ns)
                     self._channel.append(channel)
@@ -139,7 +137,7 @@ class _Pass:
                     summary.attachment_indexes.append(self._attachment(at, length))
                 case Opcode.METADATA:
                     record = Metadata.read(_stream(self._read(at, length)))
-                    summary.metadata_indexes.append(MetadataIndex(at, _HEAD.size + length, record.name))
+                    summary.metadata_indexes.append(MetadataIndex(at, HEAD.size + length, record.name))
         first, last = self._span or (0, 0)
         summary.statistics = Statistics(
             attachment_count=len(summary.attachment_indexes),
@@ -160,9 +158,9 @@ class _Pass:
         at = len(RECORDING_MAGIC)
         while at < size:
             self._file.seek(at)
-            head = self._file.read(_HEAD.size)
-            code, length = _HEAD.unpack(head)
-            end = at + _HEAD.size + length
+            head = self._file.read(HEAD.size)
+            code, length = HEAD.unpack(head)
+            end = at + HEAD.size + length
             if end > size:
                 raise self._damaged(f"the record at byte {at} is said to end at byte {end} of {size}")
             if code == Opcode.DATA_END:
@@ -174,7 +172,7 @@ class _Pass:
             if code not in DATA and code < PRIVATE:
                 raise self._damaged(f"a record of kind {code} at byte {at}, where there can be none")
             self._sum(head, length)
-            self._file.seek(at + _HEAD.size)
+            self._file.seek(at + HEAD.size)
             yield at, code, length
             at = end
         raise self._damaged("the end of the data is missing")
@@ -195,10 +193,10 @@ class _Pass:
     def _chunk(self, at: int, length: int) -> None:
         data = self._read(at, length)
         head = chunk_head(data)
-        first, last = CHUNK_TIMES.unpack_from(data)[:2]
+        first, last = CHUNK_HEAD.unpack_from(data)[:2]
         packed = data[head.begin :]
         index = ChunkIndex(
-            chunk_length=_HEAD.size + length,
+            chunk_length=HEAD.size + length,
             chunk_start_offset=at,
             compression=head.compression,
             compressed_size=len(packed),
@@ -214,12 +212,12 @@ class _Pass:
             raise self._damaged(f"the chunk at byte {at} has a wrong check sum")
         begin, times = 0, []
         while begin < len(records):
-            code, size = _HEAD.unpack_from(records, begin)
-            begin += _HEAD.size
+            code, size = HEAD.unpack_from(records, begin)
+            begin += HEAD.size
             if begin + size > len(records):
                 raise self._damaged(f"the chunk at byte {at} ends within a record")
             if code == Opcode.MESSAGE:
-                channel, log_ns = self._message(at, records[begin : begin + _MESSAGE.size])
+                channel, log_ns = self._message(at, records[begin : begin + MESSAGE_HEAD.size])
                 times.append(log_ns)
                 # Where in the chunk is not asked: it is unpacked as a whole
                 index.message_index_offsets[channel] = 0
@@ -232,7 +230,7 @@ class _Pass:
 
     def _message(self, at: int, head: bytes) -> tuple[int, int]:
         """Channel and time of a message."""
-        channel, _, log_ns, _ = _MESSAGE.unpack(head)
+        channel, _, log_ns, _ = MESSAGE_HEAD.unpack(head)
         if channel not in self._summary.channels:
             raise self._damaged(f"a message at byte {at} is of channel {channel}, which is not defined")
         self._counts[channel] += 1
@@ -262,7 +260,7 @@ class _Pass:
         name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
         return AttachmentIndex(
             offset=at,
-            length=_HEAD.size + length,
+            length=HEAD.size + length,
             log_time=log_time,
             create_time=create_time,
             data_size=stream.read8(),
@@ -271,13 +269,7 @@ class _Pass:
         )
 
     def _damaged(self, what: str) -> InputError:
-        return _damaged(self._path, what)
-
-
-def _damaged(path: Path, what: str) -> InputError:
-    return InputError(
-        f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: `occlog recover {path} -o OUT.mcap`"
-    )
+        return damaged_mcap(self._path, what)
 
 
 def _stream(data: bytes) -> ReadDataStream:

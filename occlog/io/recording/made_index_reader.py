@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import struct
 from collections.abc import Collection, Iterable, Iterator
 from typing import IO, Protocol
 
@@ -15,9 +14,9 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from .chunks import MAX_CHUNK_BYTES
+from .layout import HEAD
 from .made_index import MadeIndex
 
-_HEAD = struct.Struct("<BQ")
 Found = tuple[Schema | None, Channel, Message]
 
 
@@ -70,7 +69,7 @@ class MadeIndexReader:
 
     def _inside(self, topics: Collection[str] | None) -> Iterator[tuple[int, Found]]:
         for index in self._summary.chunk_indexes:
-            self._file.seek(index.chunk_start_offset + _HEAD.size)
+            self._file.seek(index.chunk_start_offset + HEAD.size)
             for record in breakup_chunk(Chunk.read(ReadDataStream(self._file)), validate_crc=True):
                 if isinstance(record, Message) and self._wanted(record.channel_id, topics):
                     yield index.chunk_start_offset, self._with_channel(record)
@@ -81,7 +80,7 @@ class MadeIndexReader:
                 continue
             at = self._loose.at[n]
             self._file.seek(at)
-            _, length = _HEAD.unpack(self._file.read(_HEAD.size))
+            _, length = HEAD.unpack(self._file.read(HEAD.size))
             yield at, self._with_channel(Message.read(ReadDataStream(self._file), length))
 
     def _wanted(self, channel: int, topics: Collection[str] | None) -> bool:

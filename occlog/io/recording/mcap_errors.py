@@ -28,12 +28,11 @@ from occlog.io.files.content import RECORDING_MAGIC, mistaken_for
 from occlog.io.files.inputs import check_input
 
 from .chunks import MAX_CHUNK_BYTES, check_chunk
+from .layout import SALVAGE
 from .made_index import MadeIndex, check_told, is_complete, make_index
 from .made_index_reader import MadeIndexReader, McapMessages
 
 FOOTER_BYTES = 9 + 20
-SALVAGE = "`occlog recover {path} -o OUT.mcap`"
-"""What to do with a damaged recording that cannot be copied again."""
 
 _FAILURES = (
     McapError,

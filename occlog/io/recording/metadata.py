@@ -19,6 +19,7 @@ from mcap.writer import Writer
 from occlog.errors import InputError
 
 from .chunks import MAX_CHUNK_BYTES
+from .layout import damaged_mcap
 
 DIGESTS = "occlog.digests"
 """Record that has the SHA-256 of each other one by its name."""
@@ -69,7 +70,4 @@ def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
 
 def wrong_metadata(path: Path, name: str, at: int) -> InputError:
     """What to tell of a damaged record."""
-    return InputError(
-        f"{path}: damaged MCAP file: the metadata {name!r} at byte {at} changed since they were written (wrong "
-        f"digest); copy it again, or salvage it: `occlog recover {path} -o OUT.mcap`"
-    )
+    return damaged_mcap(path, f"the metadata {name!r} at byte {at} changed since they were written (wrong digest)")

@@ -13,6 +13,7 @@ from typing import IO, NamedTuple
 
 from mcap import records
 from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 
 from occlog.errors import InputError
 from occlog.io.files.atomic import open_output
@@ -21,24 +22,17 @@ from occlog.io.files.utc import utc
 from occlog.records.losses import Loss
 
 from .copy import moved_metadata
+from .layout import MESSAGE_HEAD
 from .metadata import add_metadata, damaged_metadata
 from .reader import sensor_of
 from .salvage import (
-    ATTACHMENT,
-    CHANNEL,
     FAILURES,
-    MESSAGE,
-    METADATA,
-    SCHEMA,
-    STATISTICS,
     Record,
     repeated_records,
     whole_records,
 )
 from .writer import FORMAT, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA, begin_mcap
 from .writer import METADATA as OURS
-
-_MESSAGE = struct.Struct("<HIQQ")
 
 
 class Recovered(NamedTuple):
@@ -110,7 +104,7 @@ class _Salvage:
     def define(self, record: Record) -> None:
         """Take what the index says of schemas, channels and numbers of messages."""
         with suppress(*FAILURES):
-            if record.code == STATISTICS:
+            if record.code == Opcode.STATISTICS:
                 statistics = records.Statistics.read(_stream(record))
                 self._counts = {int(k): int(n) for k, n in statistics.channel_message_counts.items()}
             else:
@@ -119,18 +113,18 @@ class _Salvage:
     def take(self, record: Record) -> None:
         """Write a message or an attachment, or keep what others need."""
         try:
-            if record.code == SCHEMA:
+            if record.code == Opcode.SCHEMA:
                 schema = records.Schema.read(_stream(record))
                 self._schemas.setdefault(schema.id, schema)
-            elif record.code == CHANNEL:
+            elif record.code == Opcode.CHANNEL:
                 channel = records.Channel.read(_stream(record))
                 self._channels.setdefault(channel.id, channel)
-            elif record.code == ATTACHMENT:
+            elif record.code == Opcode.ATTACHMENT:
                 self._attach(record)
-            elif record.code == METADATA:
+            elif record.code == Opcode.METADATA:
                 metadata = records.Metadata.read(_stream(record))
                 self._metadata[metadata.name] = dict(metadata.metadata)
-            elif record.code == MESSAGE:
+            elif record.code == Opcode.MESSAGE:
                 self._message(record)
         except FAILURES as error:
             self._lose(f"byte {record.at}", f"a damaged record is left out ({' '.join(str(error).split())[:80]})")
@@ -163,13 +157,15 @@ class _Salvage:
         return Recovered(messages, self._span, losses)
 
     def _message(self, record: Record) -> None:
-        channel_id, number, log_ns, publish_ns = _MESSAGE.unpack_from(record.data)
+        channel_id, number, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(record.data)
         if channel_id not in self._channels:
             self._lose(f"channel {channel_id}", "its messages are left out: what they are is lost")
             return
         if channel_id not in self._written:
             self._register(channel_id)
-        self._writer.add_message(self._written[channel_id], log_ns, record.data[_MESSAGE.size :], publish_ns, number)
+        self._writer.add_message(
+            self._written[channel_id], log_ns, record.data[MESSAGE_HEAD.size :], publish_ns, number
+        )
         if channel_id in self._open:
             # Numbers of a topic rise by one from message to message
             before, time_ns = self._last[channel_id]

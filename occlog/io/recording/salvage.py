@@ -18,20 +18,19 @@ from typing import IO, NamedTuple
 import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 
 from occlog.errors import InputError
 from occlog.io.files.content import PARQUET_MAGIC, RECORDING_MAGIC
 from occlog.io.files.inputs import check_input
 
-from .chunks import CHUNK as CHUNK_HEAD
-from .chunks import KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
+from .chunks import CHUNK_HEAD, KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
+from .layout import HEAD
 from .lz4_blocks import rest_of_block
 from .mcap_errors import FOOTER_BYTES, check_summary
 
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, STATISTICS, METADATA, DATA_END = 2, 3, 4, 5, 6, 9, 11, 12, 15
-LAST_CODE = DATA_END
+LAST_CODE = Opcode.DATA_END
 """Codes of records that the format defines go up to this one."""
-_HEAD = struct.Struct("<BQ")
 _LENGTH = struct.Struct("<I")
 _MARKS = tuple(_LENGTH.pack(len(name)) + name.encode() for name in KNOWN_COMPRESSION if name)
 """The name of the compression as it stands in the head of a chunk."""
@@ -81,20 +80,20 @@ def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
         at = len(RECORDING_MAGIC)
         while at < size:
             file.seek(at)
-            head = file.read(_HEAD.size)
-            if len(head) < _HEAD.size:
+            head = file.read(HEAD.size)
+            if len(head) < HEAD.size:
                 break
-            code, length = _HEAD.unpack(head)
-            if code in (DATA_END, FOOTER):
+            code, length = HEAD.unpack(head)
+            if code in (Opcode.DATA_END, Opcode.FOOTER):
                 return
-            end = at + _HEAD.size + length
+            end = at + HEAD.size + length
             if 0 < code <= LAST_CODE and end <= size:
                 yield from _one(file, at, code, length, damaged)
                 at = end
                 continue
             # A record that does not fit: its length is damaged, or the file was cut within it
             found = _next_chunk(file, at + 1, size)
-            if found is None and code == CHUNK:
+            if found is None and code == Opcode.CHUNK:
                 yield from _cut_chunk(file, at, size, damaged)
                 return
             damaged(at, "the file is cut within a record" if found is None else "damaged: read on at the next chunk")
@@ -110,14 +109,16 @@ def repeated_records(path: Path) -> list[Record]:
     size = path.stat().st_size
     with path.open("rb") as file, suppress(InputError, *FAILURES):
         check_summary(path, file)
-        file.seek(size - len(RECORDING_MAGIC) - FOOTER_BYTES + _HEAD.size)
+        file.seek(size - len(RECORDING_MAGIC) - FOOTER_BYTES + HEAD.size)
         (start,) = struct.unpack("<Q", file.read(8))
         end = size - len(RECORDING_MAGIC) - FOOTER_BYTES
         if not 0 < start < end or end - start > MAX_CHUNK_BYTES:
             return []
         file.seek(start)
         found = [
-            record for record in _split(file.read(end - start), start) if record.code in (SCHEMA, CHANNEL, STATISTICS)
+            record
+            for record in _split(file.read(end - start), start)
+            if record.code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
         ]
     return found
 
@@ -128,7 +129,7 @@ def _one(file: IO[bytes], at: int, code: int, length: int, damaged: Tell) -> Ite
         damaged(at, f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) is left out")
         return
     data = file.read(length)
-    if code != CHUNK:
+    if code != Opcode.CHUNK:
         yield Record(code, data, at)
         return
     try:
@@ -145,7 +146,7 @@ def _one(file: IO[bytes], at: int, code: int, length: int, damaged: Tell) -> Ite
 
 def _cut_chunk(file: IO[bytes], at: int, size: int, damaged: Tell) -> Iterator[Record]:
     """The complete records of a chunk in which the file was cut."""
-    file.seek(at + _HEAD.size)
+    file.seek(at + HEAD.size)
     try:
         data = file.read(min(size - at, MAX_CHUNK_BYTES))
         records = _unpacked(data, chunk_head(data))
@@ -182,9 +183,9 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
 def _split(records: bytes, at: int) -> Iterator[Record]:
     """The complete records in the unpacked bytes of a chunk."""
     begin = 0
-    while begin + _HEAD.size <= len(records):
-        code, length = _HEAD.unpack_from(records, begin)
-        begin += _HEAD.size
+    while begin + HEAD.size <= len(records):
+        code, length = HEAD.unpack_from(records, begin)
+        begin += HEAD.size
         if begin + length > len(records):
             return
         yield Record(code, records[begin : begin + length], at)
@@ -193,7 +194,7 @@ def _split(records: bytes, at: int) -> Iterator[Record]:
 
 def _next_chunk(file: IO[bytes], at: int, size: int) -> int | None:
     """Where the next record begins that looks like a whole compressed chunk; None: there is none."""
-    before = _HEAD.size + CHUNK_HEAD.size  # of the name of the compression
+    before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, _MARKS))
     begin = at
     while begin < size:
@@ -205,8 +206,8 @@ def _next_chunk(file: IO[bytes], at: int, size: int) -> int | None:
                 continue
             file.seek(start)
             head = file.read(before)
-            code, length = _HEAD.unpack_from(head)
-            if code == CHUNK and start + _HEAD.size + length <= size:
+            code, length = HEAD.unpack_from(head)
+            if code == Opcode.CHUNK and start + HEAD.size + length <= size:
                 return start
         begin += _BLOCK
     return None
