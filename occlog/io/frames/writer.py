@@ -101,10 +101,11 @@ class VideoWriter:
             raise OutputError(
                 f"{self.path}: only {written} of {self.frames} frames could be written; is the disk full?"
             )
-        if container is not None and container.problems:
-            raise OutputError(
-                f"{self.path}: was not written whole: {container.problems[-1][1]}; is the disk full or damaged?"
-            )
+        problems = [] if container is None else [what for _, what in container.problems]
+        if container is not None and container.largest is not None and len(set(container.largest)) > 1:
+            problems.append("the header states {} bytes for the largest frame, which has {}".format(*container.largest))
+        if problems:
+            raise OutputError(f"{self.path}: was not written whole: {problems[-1]}; is the disk full or damaged?")
         if (bad := self._damaged()) is not None:
             raise OutputError(f"{self.path}: frame {bad} was written and cannot be read back; is the disk damaged?")
         with self._draft.open("rb") as draft, open_output(self.path, self.overwrite, self.together) as file:

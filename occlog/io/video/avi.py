@@ -27,6 +27,16 @@ def recognised(data: mmap.mmap) -> bool:
     return len(data) >= 12 and data[:4] == b"RIFF" and data[8:12] == b"AVI "
 
 
+@dataclass(frozen=True, slots=True)
+class _Stream:
+    """What the header states of a video stream: its number, frame rate, number of frames, bytes of the largest one."""
+
+    number: int
+    rate: Fraction
+    announced: int
+    largest: int
+
+
 @dataclass
 class _Found:
     """What a walk through the file has met so far."""
@@ -48,10 +58,10 @@ def parse(data: mmap.mmap) -> Container:
     try:
         if found.header is None:
             raise BrokenContainerError(12, "the header is missing")
-        stream, rate, announced = _video_stream(data, found.header)
+        stream = _video_stream(data, found.header)
     except BrokenContainerError as bad:
         return unknown_frames("avi", *found.problems, (f"byte {bad.byte}", f"the header is damaged: {bad.what}"))
-    return _container(data, found, stream, rate, announced)
+    return _container(data, found, stream)
 
 
 def _walk_top(data: mmap.mmap, found: _Found) -> None:
@@ -90,24 +100,28 @@ def _is_name(kind: bytes) -> bool:
     return len(kind) == 4 and all(32 <= c < 127 for c in kind)
 
 
-def _video_stream(data: mmap.mmap, header: Span) -> tuple[int, Fraction, int]:
-    """Number of the first video stream, its frame rate and its announced number of frames."""
+def _video_stream(data: mmap.mmap, header: Span) -> _Stream:
+    """The first video stream."""
     number = 0
     for part in _chunks(data, header.start + 4, min(header.stop, len(data))):
         if part.kind != b"LIST" or data[part.start : part.start + 4] != b"strl":
             continue
         strh = next((c for c in _chunks(data, part.start + 4, part.stop) if c.kind == b"strh"), None)
         if strh is not None and data[strh.start : strh.start + 4] == b"vids":
-            scale, rate, _, length = unpack(data, "<IIII", strh.start + 20)
+            scale, rate, _, length, largest = unpack(data, "<IIIII", strh.start + 20)
             if scale == 0 or not MIN_RATE <= rate / scale <= MAX_RATE:
                 raise BrokenContainerError(strh.start, f"a frame rate of {rate}/{scale}")
-            return number, Fraction(rate, scale), length
+            return _Stream(number, Fraction(rate, scale), length, largest)
         number += 1
     raise BrokenContainerError(header.start, "it names no video stream")
 
 
-def _container(data: mmap.mmap, found: _Found, stream: int, rate: Fraction, announced: int) -> Container:
-    numbered = _numbered_chunks(data, found, f"{stream:02d}".encode())
+def _container(data: mmap.mmap, found: _Found, stream: _Stream) -> Container:
+    numbered, announced, rate = (
+        _numbered_chunks(data, found, f"{stream.number:02d}".encode()),
+        stream.announced,
+        stream.rate,
+    )
     number = np.fromiter(numbered, dtype=np.int64, count=len(numbered))
     place, size = np.array(list(numbered.values()), dtype=np.int64).reshape(-1, 2).T
     last = int(number.max(initial=-1)) + 1
@@ -125,7 +139,8 @@ def _container(data: mmap.mmap, found: _Found, stream: int, rate: Fraction, anno
     kept = np.flatnonzero(shown)
     packets = np.where(shown[number], np.searchsorted(kept, number), EMPTY)
     pts = frames_to_ns(kept, rate.limit_denominator(10**6))
-    return Container("avi", pts, broken[kept], False, rate, tuple(found.problems), packets)
+    largest = (stream.largest, int(size.max(initial=0)))
+    return Container("avi", pts, broken[kept], False, rate, tuple(found.problems), packets, largest=largest)
 
 
 def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tuple[int, int]]:

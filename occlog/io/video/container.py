@@ -37,6 +37,7 @@ class Container:
         problems: (place, what) of every fault found.
         packets: AVI only: frame number of each readable packet in order, -1 for an empty one.
         first_ns: time in `pts_ns` of the first frame that is still in the file.
+        largest: AVI only: bytes of the largest frame as the header states them, and of the largest one that is there.
     """
 
     kind: str
@@ -47,6 +48,7 @@ class Container:
     problems: tuple[tuple[str, str], ...] = ()
     packets: Ints | None = None
     first_ns: int = 0
+    largest: tuple[int, int] | None = None
 
     @property
     def frames(self) -> int | None:

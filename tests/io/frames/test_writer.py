@@ -3,7 +3,8 @@ import pytest
 
 from occlog.errors import OutputError, OutputExistsError
 from occlog.io.frames.decode import decode, examine
-from occlog.io.frames.writer import LosslessVideo
+from occlog.io.frames.writer import LosslessVideo, ShownVideo
+from occlog.io.video.reader import read_container
 
 
 def images(n, height=48, width=64):
@@ -52,6 +53,31 @@ def test_an_end_that_did_not_reach_the_disk_is_noticed(tmp_path):
         video._video.release()
         video._draft.write_bytes(video._draft.read_bytes()[:-50])  # of the index: all frames are there
     assert not path.exists()
+
+
+def test_a_header_that_was_not_completed_is_noticed(tmp_path):
+    path = tmp_path / "v.avi"
+    cannot = pytest.raises(
+        OutputError, match=r"was not written whole: the header states 1048576 bytes .* which has \d+;"
+    )
+    with cannot, LosslessVideo(path, (64, 48), 5.0) as video:
+        for image in images(4):
+            video.write(image)
+        video._video.release()
+        data = bytearray(video._draft.read_bytes())
+        at = data.find(b"strh") + 44
+        data[at : at + 4] = (1 << 20).to_bytes(4, "little")  # as FFmpeg begins it, before it knows
+        video._draft.write_bytes(data)
+    assert not path.exists()
+
+
+def test_the_header_of_a_video_to_look_at_states_the_largest_frame(tmp_path):
+    path = tmp_path / "v.avi"
+    with ShownVideo(path, (64, 48), 5.0) as video:
+        for image in images(4):
+            video.write(image)
+    container = read_container(path)
+    assert container.largest[0] == container.largest[1] > 1000
 
 
 def test_bytes_that_did_not_reach_the_disk_are_noticed(tmp_path):
