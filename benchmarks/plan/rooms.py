@@ -17,6 +17,7 @@ import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -257,14 +258,16 @@ def main() -> None:
     parser.add_argument("--ideal", type=int, default=IDEAL, help=f"runs without a filter; default {IDEAL}")
     parser.add_argument("--rooms", type=int, default=ROOMS)
     parser.add_argument("--cameras", action="store_true", help="only rooms of cameras alone")
+    parser.add_argument("--only", type=int, nargs="+", metavar="ROOM", help="rooms of these numbers, from 0")
     given = parser.parse_args()
-    number = done = 0
-    while done < given.rooms:
+    done = 0
+    for number in given.only or count():
+        if done == given.rooms and not given.only:
+            break
         room = drawn(number, given.draw)
         if not (given.cameras and room.scene.arrays):
             print(number, compare(room, given.runs, given.ideal), flush=True)
             done += 1
-        number += 1
 
 
 if __name__ == "__main__":
