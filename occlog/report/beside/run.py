@@ -23,7 +23,15 @@ from .model import AgainstTruth, Beside, Side, lengths_of
 from .page import build_page
 from .pairs import pairs_of
 from .partings import partings_of
-from .stage import followed_by_truth, notes_on_scenes, notes_on_time, notes_on_truth, same_rows
+from .stage import (
+    followed_by_truth,
+    notes_on_recordings,
+    notes_on_scenes,
+    notes_on_time,
+    notes_on_truth,
+    recordings_of,
+    same_rows,
+)
 
 
 @dataclass(frozen=True)
@@ -112,10 +120,17 @@ def lay(a: Run, b: Run, truth: tuple[Path, Truth] | None, config: BesideConfig, 
         same=same_rows(a.tracks, b.tracks),
         notes=(
             *notes_on_time(a.tracks, b.tracks, truth=truth is not None),
+            *notes_on_recordings(*(recordings_of(_made(run)) for run in (a, b))),
             *notes_on_scenes(a.data.scene, b.data.scene),
             *(() if against is None else notes_on_truth(against.over_time, near, a.data.unit)),
         ),
     )
+
+
+def _made(run: Run) -> dict[str, object]:
+    """How each table of a run was made."""
+    made = run.data.provenance.get("made", {})
+    return made if isinstance(made, dict) else {}
 
 
 def _provenance(asked: Asked, found: Beside, inputs: tuple[Path, ...]) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -88,6 +88,28 @@ def notes_on_truth(found: OverTime, near: float, unit: str) -> Iterator[str]:
                 f"no track of {letter} is ever within {near:g} {unit} of a true target: is {letter} of the recording "
                 "that the truth is of?"
             )
+
+
+def recordings_of(made: Mapping[str, object]) -> dict[str, str]:
+    """Names, by SHA-256, of the recordings that tables of a run were made of; empty: they do not say.
+
+    Args:
+        made: provenance of each table, as JSON-ready values.
+    """
+    each = [inputs for one in made.values() if isinstance(one, Mapping) for inputs in one.get("inputs", ())]
+    return {one["sha256"]: one["name"] for one in each if one["name"].endswith(".mcap")}
+
+
+def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[str]:
+    """Runs of different recordings, of which nothing between them says what the methods do.
+
+    Args:
+        a: names of the recordings of A by SHA-256.
+        b: those of B.
+    """
+    if a and b and not set(a) & set(b):
+        told = (", ".join(f"{name} ({sha[:8]})" for sha, name in sorted(each.items())) for each in (a, b))
+        yield "A was made of {}, B of another recording, {}: differences may be those of the recordings".format(*told)
 
 
 def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:

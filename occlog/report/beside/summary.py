@@ -28,6 +28,7 @@ def summary_of(found: Beside, asked: Asked) -> dict[str, object]:
     if truth is not None:
         out["switches"] = dict(zip("ab", truth.switches, strict=True))
         out["figures"] = {row.figure: _figure(row) for row in truth.comparison.rows}
+    out |= {"notes": list(found.notes)} if found.notes else {}
     judged = {letter.lower(): side.data.findings for letter, side in found.sides}
     told = {letter: figures(said) for letter, said in judged.items() if said is not None}
     if told:

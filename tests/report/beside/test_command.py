@@ -152,6 +152,31 @@ def test_another_span_of_time_is_told(tmp_path: Path) -> None:
     assert "0.6667" in text  # recall of B: 40 of 60 frames
 
 
+def made_of(folder: Path, *inputs: tuple[str, str]) -> Path:
+    """The run folder, its tracks made of these."""
+    write_table(
+        folder / "tracks.parquet", tracks(), Provenance("track", inputs=inputs), length_unit="m", overwrite=True
+    )
+    return folder
+
+
+def test_runs_of_different_recordings_are_told_so(tmp_path: Path, capsys: Any) -> None:
+    one, two, scene = ("hall.mcap", "11" * 32), ("hall.mcap", "22" * 32), ("scene.yaml", "33" * 32)
+    a = made_of(write_run(tmp_path / "a", tracks()), ("bearings.parquet", "aa" * 32), one)
+    runs = {
+        "other": made_of(write_run(tmp_path / "other", tracks()), two),
+        "same": made_of(write_run(tmp_path / "same", tracks()), ("bearings.parquet", "bb" * 32), one, two),
+        "silent": made_of(write_run(tmp_path / "silent", tracks()), scene),
+    }
+    for name, run_folder in runs.items():
+        page = tmp_path / f"{name}.html"
+        assert report(a, run_folder, "-o", page, "--json") == ExitCode.DONE
+        notes = json.loads(capsys.readouterr().out).get("notes", [])
+        told = "A was made of hall.mcap (11111111), B of another recording, hall.mcap (22222222): differences"
+        assert (told in words(page)) == (name == "other")
+        assert [note.startswith(told) for note in notes] == ([True] if name == "other" else [])
+
+
 def far_away(frame: np.ndarray, label: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
     """Everybody is somewhere else."""
     y += 300.0
