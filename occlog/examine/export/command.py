@@ -9,6 +9,7 @@ import click
 
 from occlog.cli import options
 from occlog.cli.plugged import PluggedCommand, chosen_in
+from occlog.cli.values import Finite
 from occlog.errors import UsageError
 from occlog.plugins.loading import EXPORTER
 
@@ -74,6 +75,13 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     metavar="PX",
     help="Viewers: images higher than this are made smaller.  [default: 720]",
 )
+@click.option(
+    "--every",
+    type=Finite(1e-3, 1e6),
+    default=None,
+    metavar="SECONDS",
+    help="Viewers: images, drawings and numbers at most once in so long a time, for long recordings.  [default: all]",
+)
 @options.quiet_opt
 @options.overwrite_opt
 @options.json_opt
@@ -90,6 +98,7 @@ def command(
     layout: Path | None,
     quality: int | None,
     height: int | None,
+    every: float | None,
     quiet: bool,
     overwrite: bool,
     as_json: bool,
@@ -104,10 +113,11 @@ def command(
             _refuse({"--layout": layout}, f"format {name} takes none; {VIEWERS} and {FOXGLOVE} do")
         from occlog.examine.viewers.run import HEIGHT, QUALITY, Request, run_viewers
 
-        show = Request(file, output, name, recording, scene, layout, quality or QUALITY, height or HEIGHT, overwrite)
+        sizes = (quality or QUALITY, height or HEIGHT)
+        show = Request(file, output, name, recording, scene, layout, *sizes, overwrite, every)
         return options.finish(*run_viewers(show, quiet=quiet), as_json)
     _refuse(
-        {"--recording": recording, "--layout": layout, "--quality": quality, "--height": height},
+        {"--recording": recording, "--layout": layout, "--quality": quality, "--height": height, "--every": every},
         "is for viewers' formats only",
     )
     from .run import STANDARD, ExportRequest, parse_origin, run_export

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from occlog.cli import options
+from occlog.cli.values import Finite
 from occlog.examine.export.formats import FOXGLOVE, RERUN
 
 PROGRAMS = {"rerun": RERUN, "foxglove": FOXGLOVE, "foxglove-studio": FOXGLOVE, "lichtblick": FOXGLOVE}
@@ -32,6 +33,13 @@ program with --viewer; or write the file alone with `occlog export`"""
     metavar="PROGRAM",
     help=f"Its name or path.  [default: the first that is installed of {', '.join(PROGRAMS)}]",
 )
+@click.option(
+    "--every",
+    type=Finite(1e-3, 1e6),
+    default=None,
+    metavar="SECONDS",
+    help="Show images, drawings and numbers at most once in so long a time, for long recordings.  [default: all]",
+)
 @click.option("--print", "only_print", is_flag=True, help="Write the file (-o), print the viewer's command, and end.")
 @options.overwrite_opt
 @options.quiet_opt
@@ -42,6 +50,7 @@ def command(
     recording: Path | None,
     scene: Path | None,
     viewer: str | None,
+    every: float | None,
     only_print: bool,
     overwrite: bool,
     quiet: bool,
@@ -58,6 +67,6 @@ def command(
     """
     from .opened import ViewRequest, run_view
 
-    request = ViewRequest(file, output, recording, scene, viewer, only_print, overwrite)
+    request = ViewRequest(file, output, recording, scene, viewer, only_print, overwrite, every)
     summary, losses = run_view(request, quiet=quiet)
     return options.finish(summary, losses, as_json)

@@ -32,6 +32,7 @@ class ViewRequest:
         recording, scene: as for `occlog.examine.viewers.run.Request`.
         viewer: name or path of the program; None: the first that is found.
         only_print: whether the program is not started.
+        every: as for `occlog.examine.viewers.run.Request`.
     """
 
     input: Path
@@ -41,6 +42,7 @@ class ViewRequest:
     viewer: str | None = None
     only_print: bool = False
     overwrite: bool = False
+    every: float | None = None
 
 
 def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -55,6 +57,10 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
     if made is not None:
         if request.output is not None:
             raise UsageError(f"{request.input}: is made for {made} already; leave out --output")
+        if request.every is not None:
+            raise UsageError(
+                f"{request.input}: is made for {made} already; give --every where it is made (occlog export)"
+            )
         return {"command": _start(program, viewer, request.input, started=not request.only_print)}, ()
     if request.only_print and request.output is None:
         raise UsageError("--print: the file must stay for the command; name it with -o")
@@ -71,6 +77,7 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
             request.scene,
             layout,
             overwrite=request.overwrite,
+            every=request.every,
         )
         summary, losses = run_viewers(wanted, quiet=quiet)
         summary["command"] = _start(program, viewer, output, started=not request.only_print)

@@ -18,6 +18,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from occlog.array_types import NS
 from occlog.cli import options
 from occlog.errors import InputError
 from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
@@ -40,6 +41,7 @@ from .plotted import DEFINITION, MAIN, SCHEMA, main_columns, main_numbers
 from .points import image_cloud, point_cloud
 from .sensors import camera_calibration, frame_transforms, smaller_camera, world_of
 from .shapes import Thing, smaller
+from .thinner import Thinner
 
 _LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}
 QUALITY = 90
@@ -62,6 +64,7 @@ class Request:
         layout: where to write the layout for Foxglove; None: nowhere.
         quality: of JPEG images that are made of videos, or made smaller, 1 to 100.
         height: images higher than this are made smaller [px].
+        every: each topic has one message at most in so long a time, counted from the first moment [s]; None: all.
     """
 
     input: Path
@@ -73,6 +76,7 @@ class Request:
     quality: int = QUALITY
     height: int = HEIGHT
     overwrite: bool = False
+    every: float | None = None
 
 
 def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -115,7 +119,8 @@ def _provenance(inputs: Inputs, request: Request, losses: tuple[Loss, ...]) -> P
     if inputs.recording is not None:
         paths += [inputs.recording.path, *linked_videos(inputs.recording.path)]
     paths += [] if request.scene is None else [request.scene]
-    made = {"to": request.viewer, "quality": request.quality, "height": request.height}
+    made: dict[str, object] = {"to": request.viewer, "quality": request.quality, "height": request.height}
+    made |= {} if request.every is None else {"every": request.every}
     return Provenance("export", made, None, hash_inputs(dict.fromkeys(paths)), losses)
 
 
@@ -137,6 +142,7 @@ class _Sink:
         self._cameras = {} if inputs.scene is None else {c.name: c for c in inputs.scene.cameras}
         self._calibrated: set[str] = set()
         self._plotted: dict[str, tuple[str, ...]] = {}  # by topic its columns
+        self._thinner = None if request.every is None else Thinner(round(request.every * NS))
         self.topics: dict[str, str] = {}
         self.losses: list[Loss] = []
         self.frames = 0
@@ -153,7 +159,9 @@ class _Sink:
             self.write(Drawn("/static_shadows", t_ns, shadows))
 
     def write(self, moment: Moment) -> None:
-        """Write one moment."""
+        """Write one moment, unless its topic has had one in this stretch of time."""
+        if self._thinner is not None and not self._thinner.keeps(moment):
+            return
         if isinstance(moment, Drawn) and moment.topic == PARTICLES:
             data = point_cloud(moment.things, moment.t_ns, self._world)
             self._message(moment.topic, PointCloud, moment.t_ns, data)
