@@ -16,7 +16,6 @@ from occlog.evaluate.sight_streamed import SightStreams, in_rows_of
 from occlog.evaluate.verdict import Made
 from occlog.io.files.blocks import Blocks
 from occlog.io.files.spool import Spool
-from occlog.io.open import Opened
 from occlog.records.pieces import LAST, Limits, Side, in_step, whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
@@ -74,16 +73,16 @@ class Beside:
     """What bearings are compared with.
 
     Attributes:
-        tracks: estimates.
-        diagnostics: one row for each of them; None: not known.
+        tracks: gives all estimates, as often as wanted.
+        diagnostics: gives one row for each of them; None: not known.
         posts: of all estimates.
         evidence: takes what bearings say for and against them.
         made: how they were made.
         without: targets of which no error is known, whose distances from where sight lines meet are asked for.
     """
 
-    tracks: Opened
-    diagnostics: Opened | None
+    tracks: Callable[[], Iterator[Tracks]]
+    diagnostics: Callable[[], Iterator[Diagnostics]] | None
     posts: Posts
     evidence: Evidence
     made: Made
@@ -209,10 +208,10 @@ def _beside(
 ) -> Iterator[tuple[Tracks, Bearings]]:
     """Stretches of bearings, and all estimates between which they are; evidence is gathered on the way."""
     sight = SightStreams(beside.evidence, scene, beside.made, ())
-    tracks, bearings = Side(beside.tracks.rows(Tracks), Tracks), Side(stream(), Bearings)
+    tracks, bearings = Side(beside.tracks(), Tracks), Side(stream(), Bearings)
     said: Side[Diagnostics] | None = None
     if beside.diagnostics is not None:
-        rows = in_rows_of(beside.tracks.rows(Tracks), beside.diagnostics.rows(Diagnostics))
+        rows = in_rows_of(beside.tracks(), beside.diagnostics())
         said = Side(rows, Diagnostics)
     sides: list[Side[Any]] = [tracks, bearings, *([] if said is None else [said])]
     margins = [max(NEAR_NS, sight.margin_ns), *[sight.margin_ns] * (len(sides) - 1)]

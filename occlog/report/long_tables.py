@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from occlog.array_types import Ints
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.sources import streamed_bearings
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
+from occlog.io.files.aside import Aside
 from occlog.io.files.parquet import describe
 from occlog.io.files.spool import Spool
 from occlog.io.open import Opened, open_input
@@ -107,11 +108,19 @@ def _at_least(opened: Opened | None, kinds: Iterable[type[Table]]) -> int:
     return int(describe(opened.path)["rows"])
 
 
-def _rows(opened: Opened, kind: type[Table]) -> int:
-    """How many rows an input has; a recording is gone through."""
-    if opened.recording is None and opened.foreign is None:
-        return int(describe(opened.path)["rows"])
-    return sum(len(chunk) for chunk in opened.rows(kind))
+@dataclass(frozen=True)
+class _Input(Generic[T]):
+    """A table that is gone through several times."""
+
+    opened: Opened
+    chunks: Callable[[], Iterator[T]]
+
+    @cached_property
+    def rows(self) -> int:
+        """How many rows it has; what is no table of occlog is gone through."""
+        if self.opened.recording is None and self.opened.foreign is None:
+            return int(describe(self.opened.path)["rows"])
+        return sum(len(chunk) for chunk in self.chunks())
 
 
 class _Reading:
@@ -144,32 +153,39 @@ class _Reading:
             )
         return self._tables | {"of_all": OfAll(whole=self._whole, moments=self._moments, **self._of_all)}
 
-    def _open(self, name: str, kind: type[T]) -> Opened | None:
+    def _open(self, name: str, kind: type[T]) -> _Input[T] | None:
         """An input that has rows of a table; None where none is given, or it is a recording without them."""
         opened = self._given.opened(name)
-        return None if opened is None or (opened.recording is not None and not opened.has(kind)) else opened
+        if opened is None or (opened.recording is not None and not opened.has(kind)):
+            return None
+
+        def rows() -> Iterator[T]:
+            return opened.rows(kind)
+
+        # Messages of a recording take their time to be read
+        return _Input(opened, rows if opened.recording is None else Aside(kind, rows).chunks)
 
     def _keep(self, name: str, found: Thinned[T]) -> T:
         self._tables[name], self._whole[name] = found.table, found.whole
         return found.table
 
-    def _thin(self, name: str, opened: Opened, chunks: Iterable[T], kind: type[T], *, ends: bool = True) -> Thinned[T]:
-        """Keep a part of a table."""
-        found = thinned(chunks, kind, _rows(opened, kind), rule.MOST_ROWS, also=self._moments, ends=ends)
+    def _thin(self, name: str, rows: int, chunks: Iterable[T], kind: type[T], *, ends: bool = True) -> Thinned[T]:
+        """Keep a part of a table of so many rows."""
+        found = thinned(chunks, kind, rows, rule.MOST_ROWS, also=self._moments, ends=ends)
         self._keep(name, found)
         return found
 
     def _read_tracks(self) -> None:
         """Tracks, and of everybody how many people there are and who sees them."""
-        opened = self._open("tracks", Tracks)
-        if opened is None:
+        given = self._open("tracks", PeopleTracks)
+        if given is None:
             return
         people, spread = PeopleStreams(), Spool()
-        everybody = opened.foreign is None and opened.recording is None and _says_existence(opened.path)
+        everybody = _says_existence(given.opened)
         bearings = self._given.bearings is not None and self._scene is not None
 
         def watched() -> Iterator[PeopleTracks]:
-            for piece in whole_times(opened.rows(PeopleTracks)):
+            for piece in whole_times(given.chunks()):
                 self._unknown = self._unknown or bool(np.isnan(piece.cov_xx).any())
                 if everybody:
                     people.add(piece)
@@ -179,13 +195,13 @@ class _Reading:
                     spread.add(deviation(piece))
                 yield piece
 
-        whole = self._thin("tracks", opened, watched(), PeopleTracks).whole
+        whole = self._thin("tracks", given.rows, watched(), PeopleTracks).whole
         self._evidence.rows = whole.rows
         if not self._unknown:
             self._of_all["deviation"] = median_of(spread)
         if people.any:
             people.begin_cells(whole.span_ns, whole.step_ns)
-            for piece in opened.rows(PeopleTracks):
+            for piece in given.chunks():
                 people.see(piece, MOST_CAMERAS)
             table = self._tables["tracks"]
             assert isinstance(table, PeopleTracks)
@@ -193,9 +209,9 @@ class _Reading:
 
     def _read_truth(self) -> None:
         """The truth, and with it the moments that the replay shows."""
-        opened, truth = self._open("truth", Truth), None
-        if opened is not None:
-            truth = self._thin("truth", opened, opened.rows(Truth), Truth)
+        given, truth = self._open("truth", Truth), None
+        if given is not None:
+            truth = self._thin("truth", given.rows, given.chunks(), Truth)
         leading = self._whole.get("tracks", None if truth is None else truth.whole)
         if leading is None or not leading.rows:
             return
@@ -207,54 +223,56 @@ class _Reading:
         every = chosen(len(leading.at), rows)
         self._moments = moments = leading.at[::every]
         self._of_all["every"] = leading.every * every
-        if opened is not None and truth is not None and truth.whole.every > 1 and "tracks" in self._whole:
+        if given is not None and truth is not None and truth.whole.every > 1 and "tracks" in self._whole:
             step_ns = leading.step_ns
-            near = with_rows(truth, opened.rows(Truth), lambda rows: shortly_before(moments, step_ns, rows.t_ns)[0])
+            near = with_rows(truth, given.chunks(), lambda rows: shortly_before(moments, step_ns, rows.t_ns)[0])
             self._keep("truth", near)
 
     def _read_diagnostics(self) -> None:
         """How the filter fared, and which cameras were selected."""
-        opened = self._open("diagnostics", Diagnostics)
-        if opened is None:
+        given = self._open("diagnostics", Diagnostics)
+        if given is None:
             return
-        fared, selected = FaredStreams(), SelectionStreams(max(-(-_rows(opened, Diagnostics) // rule.MOST_ROWS), 1))
+        fared, selected = FaredStreams(), SelectionStreams(max(-(-given.rows // rule.MOST_ROWS), 1))
         self._evidence.rows = 0
 
         def watched() -> Iterator[Diagnostics]:
-            for chunk in opened.rows(Diagnostics):
+            for chunk in given.chunks():
                 self._evidence.fared(chunk)
                 fared.add(chunk)
                 selected.add(chunk)
                 yield chunk
 
-        whole = self._thin("diagnostics", opened, watched(), Diagnostics).whole
+        whole = self._thin("diagnostics", given.rows, watched(), Diagnostics).whole
         if not whole.rows:
             return
         self._of_all["fared"] = fared.finish()
         if selected.any:
-            self._came_out(selected, opened, Errors)
-            self._came_out(selected, opened, Tracks)
+            self._came_out(selected, given, Errors)
+            self._came_out(selected, given, Tracks)
         self._of_all["selections"] = selected.finish()
 
-    def _came_out(self, selected: SelectionStreams, diagnostics: Opened, kind: type[Errors] | type[Tracks]) -> None:
+    def _came_out(
+        self, selected: SelectionStreams, diagnostics: _Input[Diagnostics], kind: type[Errors] | type[Tracks]
+    ) -> None:
         """What errors or tracks say at the times at which cameras were selected."""
         beside = self._open(kind.NAME, kind)
         if beside is None:
             return
-        ours, its = Side(diagnostics.rows(Diagnostics), Diagnostics), Side[Errors | Tracks](beside.rows(kind), kind)
+        ours, its = Side(diagnostics.chunks(), Diagnostics), Side[Errors | Tracks](beside.chunks(), kind)
         for limits in in_step((ours, its), (0, 0)):
             selected.came_out(limits.of(ours), limits.of(its))
 
     def _read_errors_and_bound(self) -> None:
         """Errors, with the RMSE up to each one that is drawn, and the bound on it beside them."""
         errors, bound = self._open("errors", Errors), self._open("bound", Bound)
-        theirs = None if bound is None else self._thin("bound", bound, bound.rows(Bound), Bound)
+        theirs = None if bound is None else self._thin("bound", bound.rows, bound.chunks(), Bound)
         if errors is None:
             return
-        ours = self._thin("errors", errors, errors.rows(Errors), Errors)
+        ours = self._thin("errors", errors.rows, errors.chunks(), Errors)
         of_all, beside = ErrorsSoFar(), BesideBound()
         # One pass more: the RMSE up to a row is of all rows before it
-        sides = Side(errors.rows(Errors), Errors), Side(() if bound is None else bound.rows(Bound), Bound)
+        sides = Side(errors.chunks(), Errors), Side(() if bound is None else bound.chunks(), Bound)
         so_far = _Drawn(ours.rows), _Drawn(np.zeros(0, np.int64) if theirs is None else theirs.rows)
         for limits in in_step(sides, (0, 0)):
             part, its = limits.of(sides[0]), limits.of(sides[1])
@@ -267,36 +285,35 @@ class _Reading:
 
     def _read_events(self) -> None:
         """What happened, and how often."""
-        opened = self._open("events", Events)
-        if opened is None:
+        given = self._open("events", Events)
+        if given is None:
             return
         counts: Counter[str] = Counter()
 
         def watched() -> Iterator[Events]:
-            for chunk in opened.rows(Events):
+            for chunk in given.chunks():
                 counts.update(chunk.kind.tolist())
                 yield chunk
 
-        self._thin("events", opened, watched(), Events, ends=False)
+        self._thin("events", given.rows, watched(), Events, ends=False)
         self._of_all["events"] = dict(counts)
 
     def _read_occluders(self) -> None:
         """Where moving occluders were thought to be, at the moments of the replay and at others."""
-        given = self._given.opened("occluders")
-        kind: type[Occluders] | type[Hulls] = Hulls if given is not None and given.has(Hulls) else Occluders
-        opened = self._open("occluders", kind)
-        if opened is None:
+        opened = self._given.opened("occluders")
+        kind: type[Occluders] | type[Hulls] = Hulls if opened is not None and opened.has(Hulls) else Occluders
+        given: _Input[Any] | None = self._open("occluders", kind)
+        if given is None:
             return
         moments, every = self._moments, 1
-        if moments is not None and _rows(opened, kind) > rule.MOST_ROWS:
+        if moments is not None and given.rows > rule.MOST_ROWS:
             counts = np.zeros(len(moments), np.int64)
-            for chunk in opened.rows(kind):
+            for chunk in given.chunks():
                 at = np.searchsorted(moments, chunk.t_ns[np.isin(chunk.t_ns, moments)])
                 counts += np.bincount(at, minlength=len(moments))
             every = fewer(counts, rule.MOST_ROWS)
         some = None if moments is None else moments[::every]
-        rows = _rows(opened, kind)
-        self._keep("occluders", thinned(opened.rows(kind), kind, rows, rule.MOST_ROWS, also=some, ends=False))
+        self._keep("occluders", thinned(given.chunks(), kind, given.rows, rule.MOST_ROWS, also=some, ends=False))
         self._of_all["priors_every"] = every
 
     @property
@@ -316,7 +333,8 @@ class _Reading:
             tracks, said = self._open("tracks", Tracks), self._open("diagnostics", Diagnostics)
             same = said is not None and self._whole["diagnostics"].rows == self._whole["tracks"].rows
             assert tracks is not None
-            beside = Beside(tracks, said if same else None, self._posts, self._evidence, self._made, self._without())
+            fared = said.chunks if said is not None and same else None
+            beside = Beside(tracks.chunks, fared, self._posts, self._evidence, self._made, self._without())
         step_ns = float("nan") if leading is None else leading.step_ns
         found = bearings_of(stream, self._scene, self._targets(), (self._moments, step_ns), beside)
         self._tables["bearings"], self._whole["bearings"] = found.table, found.whole
@@ -329,10 +347,10 @@ class _Reading:
         if opened is None:
             return None
         if self._scene is not None and opened.recording is not None and opened.has(Doa):
-            return streamed_bearings(self._given.bearings, None, False, self._scene)
-        if opened.recording is not None and not opened.has(Bearings):
-            return None
-        return lambda: opened.rows(Bearings)
+            heard = streamed_bearings(self._given.bearings, None, False, self._scene)
+            return None if heard is None else Aside(Bearings, heard).chunks
+        found = self._open("bearings", Bearings)
+        return None if found is None else found.chunks
 
     def _targets(self) -> tuple[int, ...]:
         """Identities of the tracked targets, ascending."""
@@ -371,8 +389,10 @@ def _shown(truth: Truth) -> float:
     return 1.0 if few or not len(truth) else 1.0 - float(others.mean())
 
 
-def _says_existence(path: Path) -> bool:
-    return any(column["name"] == "existence" for column in describe(path)["columns"])
+def _says_existence(opened: Opened) -> bool:
+    """Whether tracks may say how probable it is that people are there."""
+    ours = opened.foreign is None and opened.recording is None
+    return not ours or any(column["name"] == "existence" for column in describe(opened.path)["columns"])
 
 
 def _targets(table: Table) -> Ints:

@@ -102,10 +102,9 @@ def thinned(
         numbers.append(at[keep])
         span = int(t_ns[0]) if not count else span[0], int(t_ns[-1])
         count, moments = count + len(piece), int(moment[-1]) + 1
-    found, place = np.unique(np.concatenate([*numbers, last_at]), return_index=True)
-    columns = _one_after_another(kind, [*parts, last])
     whole = Whole(count, moments, every, np.concatenate(drawn), median_of(steps) if steps.count else float(NS), span)
-    return Thinned(kind(**{name: values[place] for name, values in columns.items()}), found, whole)
+    table, found = _in_place(kind, [*parts, last], [*numbers, last_at])
+    return Thinned(table, found, whole)
 
 
 def with_rows(found: Thinned[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> Thinned[T]:
@@ -116,10 +115,8 @@ def with_rows(found: Thinned[T], chunks: Iterable[T], pick: Callable[[T], Ints])
         parts.append(chunk.take(rows))
         numbers.append(count + rows)
         count += len(chunk)
-    kept, place = np.unique(np.concatenate(numbers), return_index=True)
-    kind = type(found.table)
-    columns = _one_after_another(kind, parts)
-    return Thinned(kind(**{name: values[place] for name, values in columns.items()}), kept, found.whole)
+    table, kept = _in_place(type(found.table), parts, numbers)
+    return Thinned(table, kept, found.whole)
 
 
 def fewer(counts: Ints, most: int) -> int:
@@ -130,9 +127,13 @@ def fewer(counts: Ints, most: int) -> int:
     return every
 
 
-def _one_after_another(kind: type[T], parts: list[T]) -> dict[str, np.ndarray]:
-    """Columns of parts whose times overlap."""
-    return {c.name: np.concatenate([getattr(part, c.name) for part in parts]) for c in kind.columns()}
+def _in_place(kind: type[T], parts: list[T], numbers: list[Ints]) -> tuple[T, Ints]:
+    """One table of parts whose times overlap, and the places of its rows; each row once, as its number says."""
+    found, place = np.unique(np.concatenate(numbers), return_index=True)
+    columns = {c.name: [getattr(part, c.name) for part in parts] for c in kind.columns()}
+    # Column by column, so that no more than one is in memory twice
+    parts.clear()
+    return kind(**{name: np.concatenate(columns.pop(name))[place] for name in list(columns)}), found
 
 
 def _targets(table: Table) -> Ints:
