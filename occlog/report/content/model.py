@@ -138,7 +138,7 @@ class ReportInput:
 
     def drawn(self, *names: str) -> str:
         """A sentence on what is drawn of the tables of these names; empty: all of them."""
-        parts = {name: whole for name, whole in self.whole.items() if name in names and whole.every > 1}
+        parts = {name: self.whole[name] for name in names if name in self.whole and self.whole[name].every > 1}
         said = [f"one time in {w.every} of the {w.rows:,} rows of {name}" for name, w in parts.items()]
         return f"Drawn: {', '.join(said)}." if said else ""
 
