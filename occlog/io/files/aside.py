@@ -54,12 +54,16 @@ class Aside(Generic[T]):
         where, rows = Path(tempfile.gettempdir()), 0
         with translate_write_errors(where):
             file = tempfile.TemporaryFile()  # noqa: SIM115 - as long as this is
-        with pa.ipc.new_stream(file, self._schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as writer:
-            for chunk in self._source():
-                with translate_write_errors(where):
-                    writer.write_table(to_arrow(chunk, self._schema))
-                rows += len(chunk)
-                yield chunk
+        try:
+            with pa.ipc.new_stream(file, self._schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as writer:
+                for chunk in self._source():
+                    with translate_write_errors(where):
+                        writer.write_table(to_arrow(chunk, self._schema))
+                    rows += len(chunk)
+                    yield chunk
+        except BaseException:
+            file.close()
+            raise
         self._file, self.rows = file, rows
 
     def _again(self, file: IO[bytes]) -> Iterator[T]:
