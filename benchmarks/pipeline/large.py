@@ -21,6 +21,8 @@ from occlog.records.tables import (
     Bearings,
     Boxes,
     Diagnostics,
+    Events,
+    PeopleTracks,
     Tracks,
     Truth,
     TruthBoxes,
@@ -66,6 +68,8 @@ def make_many(folder: Path, rows: int) -> None:
         TableWriter(folder / "people.parquet", Truth, made) as truth,
         TableWriter(folder / "boxes.parquet", Boxes, made) as boxes,
         TableWriter(folder / "true_boxes.parquet", TruthBoxes, made) as true_boxes,
+        TableWriter(folder / "everybody.parquet", PeopleTracks, made) as everybody,
+        TableWriter(folder / "events.parquet", Events, made) as events,
     ):
         for start in range(0, rows // PEOPLE, CHUNK // PEOPLE):
             step = np.arange(start, min(start + CHUNK // PEOPLE, rows // PEOPLE))
@@ -84,6 +88,14 @@ def make_many(folder: Path, rows: int) -> None:
             spread = {"cov_xx": np.full(n, 0.0225), "cov_xy": np.zeros(n), "cov_yy": np.full(n, 0.0225)}
             ours = {"x": x[order] + off[0], "y": y[order] + off[1], "vx": np.zeros(n), "vy": np.zeros(n)}
             tracks.write(Tracks.of(t_ns=t_ns, target_id=found, **ours, **spread))
+            there = {"existence": random.uniform(0.5, 1.0, n), "seen_by": random.choice(["", "a", "a,b"], n)}
+            everybody.write(PeopleTracks.of(t_ns=t_ns, target_id=found, **ours, **spread, **there))
+            first = np.arange(0, n, PEOPLE)
+            kinds, nobody = random.choice(["birth", "death", "doubt"], len(first)), np.full(len(first), -1)
+            sure = np.full(len(first), 0.9)
+            events.write(
+                Events.of(t_ns=t_ns[first], target_id=found[first], kind=kinds, other_id=nobody, probability=sure)
+            )
             # Half of the people in each camera, 100 px a metre
             seen = {"t_ns": t_ns, "sensor": np.where(who < PEOPLE // 2, "a", "b"), "frame": np.repeat(step, PEOPLE)}
             size = {"width_px": np.full(n, 50.0), "height_px": np.full(n, 80.0), "confidence": np.full(n, np.nan)}
@@ -203,13 +215,19 @@ def measure(folder: Path, rows: int) -> dict[str, float]:
     room, true = f"--scene={folder / 'scene.yaml'}", f"--truth={folder / 'seen_truth.parquet'}"
     ours, bound = str(folder / "seen_tracks.parquet"), f"--bound={folder / 'bound.parquet'}"
     out["evaluate bearings"] = peak_mb("evaluate", seen, true, room, "--quiet")
-    out["evaluate tracks and bearings"] = peak_mb("evaluate", ours, seen, fared, true, room, bound, "--quiet")
+    errors = f"--errors={folder / 'seen_errors.parquet'}"
+    out["evaluate tracks and bearings"] = peak_mb("evaluate", ours, seen, fared, true, room, errors, bound, "--quiet")
+    page = ("-o", str(folder / "seen.html"), "--overwrite")
+    out["report bearings"] = peak_mb("report", ours, seen, fared, true, room, errors, bound, *page)
+    out["report without truth"] = peak_mb("report", ours, seen, room, *page)
     out["evaluate without truth"] = peak_mb("evaluate", ours, seen, room, "--quiet")
     some = f"--frames={rows // 40}:{rows // 5}"
     out["evaluate some frames"] = peak_mb("evaluate", ours, true, room, some, "--quiet")
     views = f"--views={folder / 'views.parquet'}"
     out["evaluate views"] = peak_mb("evaluate", views, f"--truth={true_boxes}", "--quiet")
     out["report of several"] = peak_mb("report", many, "--truth", people, "-o", str(folder / "many.html"))
+    everybody, events = str(folder / "everybody.parquet"), f"--events={folder / 'events.parquet'}"
+    out["report of everybody"] = peak_mb("report", everybody, events, "--truth", people, *page)
     out["export coco"] = peak_mb("export", boxes, "-o", str(folder / "out.json"))
     return out
 

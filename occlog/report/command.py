@@ -234,7 +234,7 @@ def _images(paths: Paths, data: ReportInput) -> Thumbnails | None:
 def read_input(paths: Paths, title: str) -> ReportInput:
     """Everything that was named; the scene of the recording with the truth or the bearings if no other is named."""
     from occlog.io.files.json_file import read_json
-    from occlog.records.tables import Bound, Diagnostics, Errors, Events, PeopleTracks, Truth
+    from occlog.records.tables import Bound, Errors, Events, PeopleTracks, Truth
     from occlog.report.content.model import ReportInput
 
     scene = _scene(paths)
@@ -252,20 +252,27 @@ def read_input(paths: Paths, title: str) -> ReportInput:
         truth=_read(paths.truth, Truth),
         errors=_read(paths.errors, Errors),
         bound=_read(paths.bound, Bound),
-        diagnostics=_read(paths.diagnostics, Diagnostics),
         events=_read(paths.events, Events),
-        occluders=_read_occluders(paths.occluders),
+        **read_moving(paths),
     )
 
 
+def read_moving(paths: Paths) -> dict[str, Any]:
+    """What is shown of the moments of tracks besides: diagnostics and occluders, whole."""
+    from occlog.records.tables import Diagnostics
+
+    return {
+        "diagnostics": _read(paths.diagnostics, Diagnostics),
+        "occluders": _read_occluders(paths.occluders),
+    }
+
+
 def _long(paths: Paths) -> LongTables | None:
-    """Tracks, truth and errors that are drawn in part; None where they are short, or go with other tables."""
+    """Tables of which a part is drawn; None where all are short."""
     from .long_tables import LongTables
 
-    others = (paths.bearings, paths.bound, paths.diagnostics, paths.events, paths.occluders)
-    if paths.tracks is None or any(path is not None for path in others):
-        return None
-    found = LongTables(paths.tracks, paths.truth, paths.errors)
+    names = [f.name for f in fields(LongTables)]
+    found = LongTables(**{name: getattr(paths, name) for name in names})
     return found if found.are_long else None
 
 

@@ -7,13 +7,14 @@ import json
 import numpy as np
 
 from occlog.records.tables import UNLABELLED
+from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import groups, number
 from occlog.report.content.model import ReportInput
 from occlog.report.drawing.html import script, template
 from occlog.report.drawing.plot import Plot, plot
 from occlog.report.drawing.style import COLOURS, DARK, house_style, label
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
-from occlog.report.plots.filterplot import deviation, draw_filter, has_particles
+from occlog.report.plots.filterplot import draw_filter
 from occlog.report.plots.floorplan import (
     MOST_MOVING_OCCLUDERS,
     bold_from,
@@ -22,8 +23,8 @@ from occlog.report.plots.floorplan import (
     outside,
     plan_limits,
 )
-from occlog.report.plots.peopleplot import MOST_PEOPLE, crowd, draw_crowd, draw_seen_by, seeing
-from occlog.report.plots.selectionplot import cameras_of, draw_selection, expected_and_found, selected_targets, spans
+from occlog.report.plots.peopleplot import draw_crowd, draw_seen_by
+from occlog.report.plots.selectionplot import cameras_of, draw_selection
 from occlog.report.plots.sensortable import sensor_rows
 from occlog.report.plots.sightplot import draw_sight
 from occlog.report.plots.visibility import MOST_ROWS, draw_visibility, sensors, watched
@@ -31,7 +32,7 @@ from occlog.report.replay.build import Replay, replay
 from occlog.report.replay.thumbnails import Thumbnails
 from occlog.track.plausibility.verdict import plausible
 
-from .summary import headline, plural, rms, row_counts, with_bound
+from .summary import headline, plural, row_counts
 
 WIDTH = 8.4
 SCRIPTS = ("plan.js", "time.js", "replay.js")
@@ -56,7 +57,7 @@ def _plots(data: ReportInput) -> list[Plot]:
     for target in data.targets[:MOST_TARGETS]:
         out += _accuracy(data, target) or _sight(data, target)
     out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
-    out += [_selection(data, target) for target in selected_targets(data.diagnostics)[:MOST_TARGETS]]
+    out += [_selection(data, target) for target in list(data.selections)[:MOST_TARGETS]]
     return out + _filter(data)
 
 
@@ -80,7 +81,7 @@ def floorplan(data: ReportInput) -> Plot:
         recent = number(float(f"{(data.time.end_ns - since) / data.time.ns_per_unit:.3g}"))
         words.append(f"The paths are long: the last {recent} {data.time.unit} are bold, what came before is faint.")
     if (gone := outside(data)) > 0:
-        whose = " of those that are drawn lie" if "tracks" in data.whole else ""
+        whose = " of those that are drawn lie" if data.drawn("tracks") else ""
         words.append(f"{plural(gone, 'estimate')}{whose} outside the drawing.")
     words += [said] if (said := data.drawn("tracks", "truth")) else []
     return plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
@@ -88,33 +89,35 @@ def floorplan(data: ReportInput) -> Plot:
 
 def _everybody(data: ReportInput) -> list[Plot]:
     """Who was there, and who saw them."""
-    tracks = data.everybody
-    if tracks is None:
+    tracks, people = data.everybody, data.people
+    if tracks is None or people is None:
         return []
-    people, ids = crowd(tracks), np.unique(tracks.target_id)
-    drawn = min(len(ids), MOST_PEOPLE)
-    words = [
-        f"{number(float(f'{people.people.mean():.3g}'))} people at a time, {number(int(people.people.max()))} at most"
-    ]
-    words.append(f"probability that they are there: {number(round(float(np.nanmean(tracks.existence)), 3))} on average")
+    drawn = len(people.drawn)
+    words = [f"{number(float(f'{people.mean:.3g}'))} people at a time, {number(people.most)} at most"]
+    words.append(f"probability that they are there: {number(round(people.existence, 3))} on average")
     if data.events is not None:
-        counts = [(int(np.count_nonzero(data.events.kind == kind)), kind) for kind in ("birth", "death", "doubt")]
-        words.append(", ".join(plural(count, kind) for count, kind in counts))
+        words.append(", ".join(plural(data.happened(kind), kind) for kind in ("birth", "death", "doubt")))
     caption = "; ".join(words) + "."
-    if drawn < len(ids):
-        caption += f" The {drawn} identities that are there longest are drawn, of {number(len(ids))}."
+    if drawn < people.identities:
+        caption += f" The {drawn} identities that are there longest are drawn, of {number(people.identities)}."
+    caption += _drawn(data, "tracks", "truth", "events")
     size = (WIDTH, 2.4 + 0.16 * drawn)
-    who = plot("people", "Who was there", caption, size, lambda f: draw_crowd(f, data, tracks, data.events))
-    names = seeing(tracks)
+    who = plot("people", "Who was there", caption, size, lambda f: draw_crowd(f, data, tracks, people))
+    names = people.cameras
     if not names:
         return [who]
-    several = float(np.mean(np.char.find(tracks.seen_by, ",") >= 0))
-    caption = f"In {number(round(100.0 * several, 1))} % of the estimates several cameras see the person."
+    caption = f"In {number(round(100.0 * people.several, 1))} % of the estimates several cameras see the person."
     if len(names) > MOST_ROWS:
         caption += f" The first {MOST_ROWS} of {len(names)} cameras are drawn."
     size = (WIDTH, 1.15 + 0.27 * min(len(names), MOST_ROWS))
-    seen = plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, tracks))
+    seen = plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, people))
     return [who, seen]
+
+
+def _drawn(data: ReportInput, *names: str) -> str:
+    """What is drawn of tables, as the end of a caption; nothing where all of them is."""
+    said = data.drawn(*names)
+    return f" {said[:-1]}; figures are of all." if said else ""
 
 
 def _whose(data: ReportInput, target: int) -> str:
@@ -125,19 +128,18 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     errors = data.errors
     if errors is None or not (rows := errors.target_id == target).any():
         return []
-    unit, of_all = label(data.unit), data.of_all
+    unit, of_all = label(data.unit), data.errors_so_far
     rmse = rms(errors.error[rows]) if of_all is None else of_all.rmse(target)
     worst = float(errors.error[rows].max()) if of_all is None else of_all.worst(target)
     caption = f"RMSE {number(rmse)} {unit}, largest error {number(worst)} {unit}"
     if data.bound is not None:
-        its = data.bound.take(data.bound.target_id == target)
-        _, bound = with_bound(errors.take(rows), its, smoothed=data.smoothed)
+        _, bound = data.beside_bound(target)
         caption += f"; the posterior Cramér–Rao bound on the RMSE is {number(bound)} {unit}" if bound > 0 else ""
-    axes = axes_of(errors.take(rows))
+    axes, largest = axes_of(errors.take(rows)), ", and the largest errors between them" if data.drawn("errors") else ""
     if "z" in axes:
         caption = f"On the ground: {caption}. The lowest row is the height"
-    if said := data.drawn("errors"):
-        caption += f". {said[:-1]}, and the largest errors between them; figures are of all"
+    if said := data.drawn("errors", "bound"):
+        caption += f". {said[:-1]}{largest}; figures are of all"
     heading = f"Error and bound over time{_whose(data, target)}"
     size = (WIDTH, 5.6 if axes == "xy" else 6.7)
     return [plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
@@ -145,28 +147,30 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
 
 def _sight(data: ReportInput, target: int) -> list[Plot]:
     """What can be said without truth."""
-    if target not in data.residuals or not len(data.residuals[target].residual):
+    if target not in data.residuals or not data.residuals[target].any:
         return []
     words = ["There is no truth to compare with."]
-    distance, unit = data.sight[target][1], label(data.unit)
-    if len(distance):
+    off, found, unit = data.residuals[target], data.sight[target], label(data.unit)
+    if found.rows:
         words.append(
             f"Above: distance of the track from where the sight lines of at least two sensors meet, RMS "
-            f"{number(rms(distance))} {unit}, 95 % below {number(float(np.percentile(distance, 95)))} {unit}. Below:"
+            f"{number(found.rms)} {unit}, 95 % below {number(found.high)} {unit}. Below:"
         )
     words.append("measured minus expected direction of each sighting, in degrees.")
     if watched(data) == (UNLABELLED,):
         words.append("The bearings name no target, so those nearest to the track are shown.")
+    if off.every > 1:
+        words.append(f"Drawn: one in {off.every} of these and the largest ones between them; figures are of all.")
     text = " ".join(words).replace(". m", ". M")
-    name, size = f"sight{target}", (WIDTH, 4.6 if len(distance) else 2.9)
+    name, size = f"sight{target}", (WIDTH, 4.6 if found.rows else 2.9)
     return [
         plot(name, f"Track and sight lines{_whose(data, target)}", text, size, lambda f: draw_sight(f, data, target))
     ]
 
 
 def _visibility(data: ReportInput, target: int) -> Plot:
-    bearings = data.bearings
-    assert bearings is not None  # `watched` names no target without bearings
+    looked = data.looked
+    assert looked is not None  # `watched` names no target without bearings
     rows = min(len(sensors(data)), MOST_ROWS)
     whose = ", any object" if target < 0 else ("" if len(watched(data)) == 1 else f", target {target}")
     caption = "A bar is blue as far up as the target was seen in the frames of that time."
@@ -174,42 +178,41 @@ def _visibility(data: ReportInput, target: int) -> Plot:
         caption += f" The first {rows} of {len(sensors(data))} sensors are drawn."
     size = (WIDTH, 1.15 + 0.27 * rows)
     heading = f"What each sensor saw{whose}"
-    return plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, bearings, target))
+    return plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, looked, target))
 
 
 def _selection(data: ReportInput, target: int) -> Plot:
-    diagnostics = data.diagnostics
-    assert diagnostics is not None  # `selected_targets` names no target without diagnostics
-    times, chosen, _ = spans(diagnostics, target)
-    expected, found, what = expected_and_found(diagnostics, data, target)
+    own = data.selections[target]
     caption = (
-        f"Blue while a camera was selected, with its share of the time; {plural(len(times) - 1, 'selection')}. "
-        f"Expected of them: {number(expected)} {data.unit} RMS"
-        + (f"; {what} in those scans: {number(found)} {data.unit}." if what else ".")
+        f"Blue while a camera was selected, with its share of the time; {plural(own.count, 'selection')}. "
+        f"Expected of them: {number(own.expected)} {data.unit} RMS"
+        + (f"; {own.what} in those scans: {number(own.found)} {data.unit}." if own.what else ".")
     )
-    size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, chosen)), MOST_ROWS))
+    if len(own.chosen) < own.count:
+        caption += f" Drawn: one selection in {data.whole['diagnostics'].every}; figures are of all."
+    size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, own)), MOST_ROWS))
     heading = f"Selected cameras{_whose(data, target)}"
-    return plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, diagnostics, target))
+    return plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, own))
 
 
 def _filter(data: ReportInput) -> list[Plot]:
-    diagnostics = data.diagnostics
-    if diagnostics is None or not len(diagnostics):
+    diagnostics, fared = data.diagnostics, data.fared
+    if diagnostics is None or fared is None:
         return []
-    fallbacks = int(np.count_nonzero(diagnostics.fallback != ""))
-    steps = plural(len(diagnostics), "step")
+    fallbacks = sum(found.rows for found in fared.fallbacks.values())
+    steps, drawn = plural(fared.rows, "step"), "diagnostics"
     heading = "Filter"
-    if has_particles(diagnostics):
-        lowest = number(round(float(diagnostics.ess.min()), 1))
+    if fared.particles:
+        lowest = number(round(fared.lowest, 1))
         caption = f"Lowest effective sample size {lowest}; {plural(fallbacks, 'fallback')} in {steps}."
     elif data.tracks is not None and len(data.tracks):
-        heading, median = "Certainty", number(float(np.median(deviation(data.tracks))))
+        heading, median, drawn = "Certainty", number(data.deviation), "tracks"
         caption = f"Median standard deviation of the position {median} {data.unit}; {fallbacks} of {steps} flagged."
     else:
         return []
-    if doubtful := int(np.count_nonzero(diagnostics.doubt != "")):
-        kinds = sorted({kind for text in diagnostics.doubt.tolist() if text for kind in text.split(",")})
-        caption += f" Doubtful: {doubtful} of {steps} ({', '.join(kinds)})."
+    if fared.doubtful:
+        caption += f" Doubtful: {fared.doubtful} of {steps} ({', '.join(fared.doubts)})."
+    caption += _drawn(data, drawn)
     return [plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
 
 

@@ -79,20 +79,20 @@ def _head(figure: FigureBase, text: str) -> None:
 def _panels(data: ReportInput) -> list[Panel]:
     """What stands beside the floor plan: the first target's error, and who saw it."""
     out: list[Panel] = []
-    bearings, errors = data.bearings, data.errors
+    looked, errors = data.looked, data.errors
     first = data.targets[0] if data.targets else None
     whose = "" if len(data.targets) <= 1 else f", target {first}"
     if first is not None and errors is not None and (errors.target_id == first).any():
         height = 4.8 if axes_of(errors.take(errors.target_id == first)) == "xy" else 5.8
         out.append(Panel(f"Error and bound{whose}", height, lambda f: draw_accuracy(f, data, errors, first)))
-    elif first is not None and first in data.residuals and len(data.residuals[first].residual):
+    elif first is not None and first in data.residuals and data.residuals[first].any:
         out.append(Panel(f"Track and sight lines{whose}", 4.4, lambda f: draw_sight(f, data, first)))
     seen = watched(data)
-    if bearings is not None and seen:
+    if looked is not None and seen:
         target = first if first in seen else seen[0]
         rows = min(len(sensors(data)), MOST_ROWS)
         height = min(1.4 + 0.24 * rows, 4.8)
         out.append(
-            Panel(f"What each sensor saw{whose}", height, lambda f: draw_visibility(f, data, bearings, target, rows))
+            Panel(f"What each sensor saw{whose}", height, lambda f: draw_visibility(f, data, looked, target, rows))
         )
     return out

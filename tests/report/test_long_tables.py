@@ -6,19 +6,30 @@ import html
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from made_up import run as made_up
+from people_in_groups import walk
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.evaluate.verdict import Made
 from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance
-from occlog.records.tables import Errors, Tracks, Truth
-from occlog.report import long_tables
-from occlog.report.content.thinned import ErrorsSoFar, Whole, thinned
+from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.columns import Table
+from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occluders, PeopleTracks, Tracks, Truth
+from occlog.report.content import thinned as rule
+from occlog.report.content.model import ReportInput
+from occlog.report.content.thinned import ErrorsSoFar, Whole, fewer, thinned, with_rows
 from occlog.report.drawing.thin import running_rms
+from occlog.report.long_tables import LongTables
+from occlog.report.plots.floorplan import plan_limits
+from occlog.report.replay.moments import Moments
 
 STEPS = 400
 RANDOM = np.random.default_rng(5)
@@ -94,6 +105,27 @@ def test_figures_up_to_each_row_are_those_of_all_rows() -> None:
     assert found.rmse_in_space() == pytest.approx(float(np.sqrt(np.mean(errors.error_space**2))), rel=1e-12)
 
 
+def test_rows_of_some_times_are_kept_besides() -> None:
+    *_, errors = tables()
+    also = np.array([1, 3, 7], dtype=np.int64) * 10**8
+    found = thinned(chunks(errors, 60), Errors, len(errors), most=100, also=also)
+    assert np.isin(np.flatnonzero(np.isin(errors.t_ns, also)), found.rows).all()
+    without = thinned(chunks(errors, 60), Errors, len(errors), most=100)
+    more = with_rows(without, chunks(errors, 33), lambda part: np.flatnonzero(np.isin(part.t_ns, also)))
+    np.testing.assert_array_equal(more.rows, found.rows)
+    np.testing.assert_array_equal(more.table.error, found.table.error)
+    assert found.whole.step_ns == 10**8
+    assert found.whole.span_ns == (0, int(errors.t_ns[-1]))
+    np.testing.assert_array_equal(found.whole.at, np.unique(errors.t_ns)[:: found.whole.every])
+
+
+@pytest.mark.parametrize(
+    ("counts", "most", "every"), [([3, 3, 3, 3], 12, 1), ([3, 3, 3, 3], 11, 2), ([9, 1, 9, 1], 10, 3)]
+)
+def test_the_smallest_step_that_leaves_few_enough(counts: list[int], most: int, every: int) -> None:
+    assert fewer(np.array(counts), most) == every
+
+
 def words(page: Path) -> list[str]:
     """What a page says outside of its figures and moments."""
     text = re.sub(r"<(style|svg|script).*?</\1>", "", page.read_text(), flags=re.DOTALL)
@@ -101,33 +133,184 @@ def words(page: Path) -> list[str]:
     return [html.unescape(part).strip() for part in re.split(r"<[^>]+>", text) if part.strip()]
 
 
+CAPTIONS = re.compile(r" Drawn: .*|\. Drawn: .*|The paths are long: .*?faint\.|\d+ estimates? .*outside the drawing\.")
+"""What pages of long tables say of their drawings alone, and how long a path is as it is drawn."""
+
+
+def pages(
+    args: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[list[str], list[str], Path]:
+    """Words of a page of whole tables and of one of long ones, which are to be the same; and the latter."""
+    said, summaries = [], []
+    for most in (10**6, 100):
+        monkeypatch.setattr(rule, "MOST_ROWS", most)
+        page = folder / f"{most}.html"
+        assert run([*args, "--overwrite", "--json", "-o", str(page)]) == ExitCode.DONE
+        said.append(words(page))
+        summaries.append(json.loads(capsys.readouterr().out.splitlines()[-1]) | {"page": ""})
+    assert summaries[0] == summaries[1]
+    whole, part = said
+    assert not any("Drawn:" in text for text in whole)
+    plain = [[" ".join(CAPTIONS.sub("", text).strip(" .").split()) for text in page] for page in said]
+    assert plain[0] == plain[1]
+    return whole, part, page
+
+
+def moments(page: Path) -> dict[str, Any]:
+    """What the script of a page is given."""
+    found = re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page.read_text(), flags=re.DOTALL)
+    assert found is not None
+    values: dict[str, Any] = json.loads(found[1])
+    return values
+
+
+def written(folder: Path, **given: Table) -> list[str]:
+    """The options of tables that are written."""
+    out = []
+    for name, table in given.items():
+        write_table(folder / f"{name}.parquet", table, Provenance("track"))
+        out += [str(folder / "tracks.parquet")] if name == "tracks" else [f"--{name}", str(folder / f"{name}.parquet")]
+    return out
+
+
 def test_a_page_of_long_tables_has_the_numbers_of_the_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    names = ("tracks", "truth", "errors")
-    for name, table in zip(names, tables(), strict=True):
-        write_table(tmp_path / f"{name}.parquet", table, Provenance("track"))
-    args = ["report", str(tmp_path / "tracks.parquet"), "--overwrite", "--json"]
-    for name in names[1:]:
-        args += [f"--{name}", str(tmp_path / f"{name}.parquet")]
-    pages, summaries = [], []
-    for most in (10**6, 100):
-        monkeypatch.setattr(long_tables, "MOST_ROWS", most)
-        page = tmp_path / f"{most}.html"
-        assert run([*args, "-o", str(page)]) == ExitCode.DONE
-        pages.append(words(page))
-        summaries.append(json.loads(capsys.readouterr().out) | {"page": ""})
-    whole, part = pages
+    args = written(tmp_path, **dict(zip(("tracks", "truth", "errors"), tables(), strict=True)))
+    whole, part, _ = pages(["report", *args], tmp_path, monkeypatch, capsys)
     rows = f"{int(KEEP.sum()):,} rows of"
-    assert summaries[0] == summaries[1]
-    assert summaries[1]["tracks"] == int(KEEP.sum())
-    assert not any("Drawn:" in text for text in whole)
     assert any(f"one time in 8 of the {rows} tracks, one time in 8 of the {rows} truth." in text for text in part)
     assert any(f"Drawn: one time in 8 of the {rows} errors, and the largest errors between them;" in t for t in part)
     assert any("covariances are too small" in text for text in whole)
-    # But for the captions, and how long a path is as it is drawn, the pages say the same
-    captions = re.compile(
-        r" Drawn: .*|\. Drawn: .*|The paths are long: .*?faint\.|\d+ estimates? .*outside the drawing\."
+
+
+def in_files(folder: Path, data: ReportInput) -> Bearings:
+    """Write the scene, with names that a file may have; the bearings with the same names."""
+    assert data.scene is not None
+    assert data.bearings is not None
+    cameras = tuple(replace(c, name=c.name.replace(" ", "")) for c in data.scene.cameras)
+    (folder / "scene.yaml").write_text(scene_to_yaml(replace(data.scene, cameras=cameras, occluders=())))
+    return replace(data.bearings, sensor=np.strings.replace(data.bearings.sensor, " ", ""))
+
+
+def selected(diagnostics: Diagnostics) -> Diagnostics:
+    """Cameras are selected now and then; some rows are doubtful."""
+    n = np.arange(len(diagnostics))
+    return replace(
+        diagnostics,
+        predicted_mse=np.where(n % 30 < 2, 1.0 + n % 7, np.nan),
+        selected=np.where(n % 60 < 30, "camera1,camera3", "camera2,camera4"),
+        doubt=np.where(n % 50 == 7, "walls,late", ""),
     )
-    plain = [[" ".join(captions.sub("", text).strip(" .").split()) for text in page] for page in pages]
-    assert plain[0] == plain[1]
+
+
+@pytest.mark.parametrize("without", [(), ("errors", "bound", "truth"), ("diagnostics",), ("bearings", "truth")])
+@pytest.mark.parametrize("labels", ["own", "nobody's"])
+def test_a_page_with_bearings_bound_and_diagnostics_has_the_numbers_of_the_whole(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    without: tuple[str, ...],
+    labels: str,
+) -> None:
+    data = made_up(steps=600, targets=2, cameras=4)
+    assert data.diagnostics is not None
+    bearings = in_files(tmp_path, data)
+    if labels == "nobody's":
+        bearings = replace(bearings, target_id=np.full(len(bearings), -1, dtype=np.int32))
+    names = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics")
+    given = {name: getattr(data, name) for name in names if name not in without}
+    given |= {"diagnostics": selected(data.diagnostics)} if "diagnostics" in given else {}
+    given |= {"bearings": bearings.sorted()} if "bearings" in given else {}
+    args = ["report", *written(tmp_path, **given), "--scene", str(tmp_path / "scene.yaml")]
+    whole, part, page = pages(args, tmp_path, monkeypatch, capsys)
+    text = " ".join(part)
+    assert ("rows of diagnostics; figures are of all." in text) == ("diagnostics" in given)
+    assert ("Selected cameras" in text) == ("diagnostics" in given)
+    assert ("rows of bound, and the largest errors between them; figures are of all." in text) == ("bound" in given)
+    if "bearings" in given:
+        assert "What each sensor saw" in text
+        shown = moments(page)
+        assert shown["sight"]
+        assert shown["sightEvery"] > 1 or len(bearings) < 100
+    if "errors" not in given:
+        assert "There is no truth to compare with." in " ".join(whole)
+        assert "of these and the largest ones between them; figures are of all." in text
+
+
+def test_the_moments_of_long_tables_have_the_sight_lines_and_the_truth_of_their_own_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = made_up(steps=600, targets=2, cameras=4)
+    given = {name: getattr(data, name) for name in ("tracks", "bearings", "truth", "diagnostics")}
+    paths = {name: tmp_path / f"{name}.parquet" for name in given}
+    written(tmp_path, **given)
+    monkeypatch.setattr(rule, "MOST_ROWS", 300)
+    long = LongTables(**paths)
+    assert long.are_long
+    part = ReportInput(scene=data.scene, **long.read(Made(), data.scene, {}))
+    few, all_of = Moments(part, plan_limits(part)), Moments(data, plan_limits(data))
+    assert part.of_all is not None
+    step = part.of_all.every
+    assert step > 1
+    np.testing.assert_array_equal(few.kept, all_of.kept[::step])
+    assert few.count == len(all_of.times)
+    every = part.of_all.sight_every
+    assert every > 1
+    bearings = part.bearings
+    assert bearings is not None
+    assert data.bearings is not None
+    for t_ns in few.kept[::every].tolist():
+        now = data.bearings.take(data.bearings.t_ns == t_ns)
+        np.testing.assert_array_equal(bearings.bearing[bearings.t_ns == t_ns], now.bearing)
+    for name in ("truth", "diagnostics"):
+        table, drawn = getattr(data, name), getattr(part, name)
+        for t_ns in few.kept.tolist():
+            assert np.count_nonzero(drawn.t_ns == t_ns) == np.count_nonzero(table.t_ns == t_ns)
+
+
+def test_a_page_of_everybody_has_the_numbers_of_the_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    random, people, happened = np.random.default_rng(8), [], []
+    for k in range(70):
+        begin = int(random.integers(0, 200))
+        one = walk(k, np.arange(begin, begin + 10 + k) / 10, (k % 9, k % 7), (0.2, 0.1))
+        people.append(replace(one, seen_by=random.choice(["", "camera1", "camera1,camera2"], len(one))))
+        happened += [(int(one.t_ns[0]), "birth", k, -1, 0.9), (int(one.t_ns[-1]), "death", k, -1, 0.1)]
+        happened += [(int(one.t_ns[5]), "doubt", k, (k + 1) % 70, 0.4)] * (k % 3 == 0)
+    tracks = PeopleTracks.merge(people)
+    bearings = in_files(tmp_path, made_up(steps=200, cameras=2))
+    role, z = np.full(len(tracks), "target"), np.zeros(len(tracks))
+    truth = Truth.of(t_ns=tracks.t_ns, target_id=tracks.target_id, role=role, x=tracks.x, y=tracks.y + 0.1, z=z)
+    _, first = np.unique(tracks.t_ns, return_index=True)
+    there = np.where(np.arange(len(first)) % 2, -1, 5).astype(np.int32)
+    known = np.where(there < 0, np.nan, 1.0)
+    places = {name: known * getattr(tracks, name)[first] for name in ("x", "y", "cov_xx", "cov_xy", "cov_yy")}
+    occluders = Occluders.of(t_ns=tracks.t_ns[first], occluder_id=there, **places)
+    events = Events.of_rows(happened)
+    args = written(tmp_path, tracks=tracks, truth=truth, events=events, bearings=bearings, occluders=occluders)
+    args += ["--scene", str(tmp_path / "scene.yaml")]
+    whole, part, page = pages(["report", *args], tmp_path, monkeypatch, capsys)
+    text = " ".join(part)
+    assert f"of {len(np.unique(tracks.target_id))}" in text
+    assert "70 births, 70 deaths, 24 doubts" in text
+    assert (
+        f"rows of tracks, one time in {-(-len(tracks) // 100)} of the {len(truth):,} rows of truth, one time in 2"
+        in text
+    )
+    assert "In 3" in " ".join(whole)
+    assert moments(page)["hulls"]
+
+
+def test_a_page_of_directions_of_a_recording_has_the_numbers_of_the_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, tracks = str(tmp_path / "heard.mcap"), str(tmp_path / "tracks.parquet")
+    arrays = str(Path(__file__).resolve().parents[2] / "examples" / "arrays.yaml")
+    assert run(["simulate", arrays, "-o", recording, "--steps", "150", "--seed", "2", "--quiet"]) == ExitCode.DONE
+    assert run(["track", recording, "-o", tracks, "--quiet", "--particles", "200"]) == ExitCode.DONE
+    args = ["report", tracks, "--scene", recording, "--bearings", recording, "--truth", recording]
+    whole, part, _ = pages(args, tmp_path, monkeypatch, capsys)
+    assert any("target seen" in text for text in whole)
+    assert any("of these and the largest ones between them" in text for text in part)

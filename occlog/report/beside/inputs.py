@@ -13,7 +13,7 @@ from occlog.io.files.content import Content, content_of
 from occlog.io.files.parquet import describe
 from occlog.io.open import check_unit, open_input
 from occlog.records.tables import PeopleTracks, Tracks, Truth
-from occlog.report.command import Paths, from_folder, read_input
+from occlog.report.command import Paths, from_folder, read_input, read_moving
 from occlog.report.content.model import ReportInput
 
 from .stage import same_room, same_rows
@@ -64,8 +64,10 @@ def open_run(name: str, paths: Paths) -> Run:
     opened = open_input(file)
     rows = describe(file)["rows"] if opened.recording is None and opened.foreign is None else 0
     data = read_input(paths, name) if rows <= MOST_ROWS else None
-    # Long tables are read in part for a report
-    tracks = None if data is None else opened.read(PeopleTracks) if data.whole else data.tracks
+    tracks = None if data is None else data.tracks
+    if data is not None and data.whole:
+        # Long tables are read in part for a report
+        tracks, data = opened.read(PeopleTracks), replace(data, **read_moving(paths))
     if data is None or tracks is None or len(tracks) > MOST_ROWS:
         raise InputError(
             f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MOST_ROWS:,} at most are "

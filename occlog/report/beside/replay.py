@@ -116,7 +116,7 @@ def _drawn(side: Side, times: Ints, truth: Truth | None) -> ReportInput:
     """What is drawn of a run: its estimates in the common frames, and what it was told of occluders."""
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
-        side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, whole={}, events=None, of_all=None
+        side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, of_all=None
     )
 
 

@@ -28,7 +28,13 @@ from occlog.records.tables import (
 )
 from occlog.track.plausibility.verdict import Finding
 
-from .plane_of_sight import Residuals, distances, residuals
+from .beside_bound import with_bound
+from .fared import Fared, deviation
+from .looks import Looked
+from .of_all import OfAll
+from .off_sight import Distances, Residual
+from .people import People
+from .selections import Selections, selections
 from .thinned import ErrorsSoFar, Whole
 
 TIME_LABEL = "time since start"
@@ -96,10 +102,7 @@ class ReportInput:
         losses: input that was lost on the way.
         made: how the tracks were made.
         length_unit: unit of lengths where there is no scene to say it.
-        whole: of tables that are too long to be drawn whole what is known of all rows, by the table's name.
-        of_all: figures of all errors, where a part of them is drawn; None: all are.
-        so_far: (N,) RMSE of the target of each error that is drawn, up to it, likewise.
-        judged: what speaks against the tracks, where a part of a table is drawn; None: nothing was asked.
+        of_all: what is known of all rows, where a table is too long to be drawn whole; None: everything is here.
     """
 
     title: str = "Tracking report"
@@ -117,15 +120,17 @@ class ReportInput:
     losses: tuple[Loss, ...] = ()
     made: Made = field(default_factory=Made)
     length_unit: str = "m"
-    whole: Mapping[str, Whole] = field(default_factory=dict)
-    of_all: ErrorsSoFar | None = None
-    so_far: Floats | None = None
-    judged: tuple[Finding, ...] | None = None
+    of_all: OfAll | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError where there is nothing to draw."""
         if self.scene is None and self.tracks is None:
             raise InputError("report: neither a scene nor tracks are given; give at least one of them")
+
+    @property
+    def whole(self) -> Mapping[str, Whole]:
+        """Of each table what is known of all rows, by its name, where one is too long to be drawn whole."""
+        return {} if self.of_all is None else self.of_all.whole
 
     def rows(self, name: str) -> int:
         """How many rows a table has that is given, drawn or not."""
@@ -133,7 +138,7 @@ class ReportInput:
 
     def drawn(self, *names: str) -> str:
         """A sentence on what is drawn of the tables of these names; empty: all of them."""
-        parts = {name: whole for name, whole in self.whole.items() if name in names and whole.every > 1}
+        parts = {name: self.whole[name] for name in names if name in self.whole and self.whole[name].every > 1}
         said = [f"one time in {w.every} of the {w.rows:,} rows of {name}" for name, w in parts.items()]
         return f"Drawn: {', '.join(said)}." if said else ""
 
@@ -151,18 +156,28 @@ class ReportInput:
     def everybody(self) -> PeopleTracks | None:
         """The tracks if they are of everybody, with probabilities of existence; None: they are not."""
         tracks = self.tracks
-        return tracks if isinstance(tracks, PeopleTracks) and np.isfinite(tracks.existence).any() else None
+        if not isinstance(tracks, PeopleTracks):
+            return None
+        some = np.isfinite(tracks.existence).any() if self.of_all is None else self.of_all.people is not None
+        return tracks if some else None
 
     @property
     def labelled(self) -> Bearings | None:
         """The bearings if their labels are identities of the tracks, which those of everybody are not."""
         return self.bearings if self.everybody is None else None
 
+    @property
+    def errors_so_far(self) -> ErrorsSoFar | None:
+        """Figures of all errors, where a part of them is drawn; None: all are."""
+        return None if self.of_all is None else self.of_all.errors
+
     @cached_property
     def findings(self) -> tuple[Finding, ...] | None:
         """What speaks against the tracks; None without tracks."""
-        if self.tracks is None or self.whole:
-            return self.judged
+        if self.of_all is not None:
+            return self.of_all.judged
+        if self.tracks is None:
+            return None
         return judge(
             self.tracks,
             self.scene,
@@ -176,11 +191,16 @@ class ReportInput:
     @cached_property
     def time(self) -> TimeAxis:
         """Common time axis of all tables."""
-        tables = (self.tracks, self.bearings, self.errors, self.bound, self.diagnostics, self.truth)
-        times = [t.t_ns for t in tables if t is not None and len(t)]
-        if not times:
-            return TimeAxis(0, 0)
-        return TimeAxis(int(min(t[0] for t in times)), int(max(t[-1] for t in times)))
+        names = ("tracks", "bearings", "errors", "bound", "diagnostics", "truth")
+        spans = [self.span_ns(name) for name in names if getattr(self, name) is not None and self.rows(name)]
+        return TimeAxis(min(s for s, _ in spans), max(e for _, e in spans)) if spans else TimeAxis(0, 0)
+
+    def span_ns(self, name: str) -> tuple[int, int]:
+        """First and last time of a table that has rows."""
+        if name in self.whole:
+            return self.whole[name].span_ns
+        t_ns = getattr(self, name).t_ns
+        return int(t_ns[0]), int(t_ns[-1])
 
     @cached_property
     def targets(self) -> tuple[int, ...]:
@@ -191,15 +211,71 @@ class ReportInput:
         return tuple(int(i) for i in np.unique(np.concatenate(tracked))) if tracked else ()
 
     @cached_property
-    def sight(self) -> dict[int, tuple[Ints, Floats]]:
-        """Times and distances of each target's track from where its sight lines meet; empty where they cannot."""
+    def sight(self) -> Mapping[int, Distances]:
+        """Distances of each target's track from where its sight lines meet; without any where they cannot."""
+        if self.of_all is not None:
+            return self.of_all.sight
         if self.tracks is None or self.labelled is None or self.scene is None:
             return {}
-        return {target: distances(self.tracks, self.labelled, self.scene, target) for target in self.targets}
+        return {target: Distances.of(self.tracks, self.labelled, self.scene, target) for target in self.targets}
 
     @cached_property
-    def residuals(self) -> dict[int, Residuals]:
+    def residuals(self) -> Mapping[int, Residual]:
         """What each target's track leaves of the directions it was seen in."""
+        if self.of_all is not None:
+            return self.of_all.residuals
         if self.tracks is None or self.labelled is None or self.scene is None:
             return {}
-        return {target: residuals(self.tracks, self.labelled, self.scene, target) for target in self.targets}
+        return {target: Residual.of(self.tracks, self.labelled, self.scene, target) for target in self.targets}
+
+    @cached_property
+    def looked(self) -> Looked | None:
+        """What bearings tell; None without bearings."""
+        if self.bearings is None:
+            return None
+        return Looked.of(self.bearings) if self.of_all is None else self.of_all.looked
+
+    @cached_property
+    def people(self) -> People | None:
+        """What tracks of everybody tell; None: they are not of everybody."""
+        if self.of_all is not None:
+            return self.of_all.people
+        return None if self.everybody is None else People.of(self.everybody)
+
+    @cached_property
+    def fared(self) -> Fared | None:
+        """What diagnostics tell; None without any."""
+        if self.diagnostics is None or not self.rows("diagnostics"):
+            return None
+        return Fared.of(self.diagnostics) if self.of_all is None else self.of_all.fared
+
+    @property
+    def deviation(self) -> float:
+        """Median standard deviation of the position of a track."""
+        if self.of_all is not None or self.tracks is None:
+            return float("nan") if self.of_all is None else self.of_all.deviation
+        return float(np.median(deviation(self.tracks)))
+
+    @cached_property
+    def selections(self) -> Mapping[int, Selections]:
+        """Selections of cameras, by target."""
+        if self.of_all is not None:
+            return self.of_all.selections
+        return {} if self.diagnostics is None else selections(self.diagnostics, (self.errors, self.tracks))
+
+    def happened(self, kind: str) -> int:
+        """How many events there are of a kind."""
+        if self.of_all is not None:
+            return self.of_all.events.get(kind, 0)
+        return 0 if self.events is None else int(np.count_nonzero(self.events.kind == kind))
+
+    def beside_bound(self, target: int | None = None, where: str = "") -> tuple[float, float]:
+        """RMSE and bound over the times that have both, of a target or of all; see `with_bound`."""
+        if self.of_all is not None and self.of_all.bound is not None:
+            return self.of_all.bound.figures(target, where, smoothed=self.smoothed)
+        errors, bound = self.errors, self.bound
+        if errors is None or bound is None:
+            return float("nan"), float("nan")
+        if target is not None:
+            errors, bound = errors.take(errors.target_id == target), bound.take(bound.target_id == target)
+        return with_bound(errors, bound, where, smoothed=self.smoothed)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.triangulate import MET, sight_lines_meet
 from occlog.records.scene import Scene
@@ -87,28 +88,65 @@ class Residuals:
     sigma: Floats  # rad
 
 
-def residuals(tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> Residuals:
+@dataclass(frozen=True, eq=False)
+class SightLines:
+    """Sightings of one label by sensors whose place is known, ordered by time."""
+
+    t_ns: Ints  # (N,)
+    sensor: Ints  # (N,) index into the names of `places`
+    bearing: Floats  # (N,) rad
+    sigma: Floats  # (N,) rad
+
+
+def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, SightLines]:
+    """Those of each label."""
+    sensor = _index(bearings.sensor, tuple(places(scene)))
+    seen, out = bearings.seen & (sensor >= 0), {}
+    for label in labels:
+        rows = np.flatnonzero((bearings.target_id == label) & seen)
+        out[label] = SightLines(bearings.t_ns[rows], sensor[rows], bearings.bearing[rows], bearings.sigma[rows])
+    return out
+
+
+def label_of(target: int, labels: Collection[int]) -> int:
+    """The label of bearings that are compared with a target; any object's where none is the target's."""
+    return target if target in labels else UNLABELLED
+
+
+def residuals(tracks: Tracks, bearings: Bearings, scene: Scene, target: int, label: int | None = None) -> Residuals:
     """How far a track is from the sight lines of the sensors that saw its target.
 
     Sightings outside the track's time and those of sensors without a pose are left out.
     Where no bearing is labelled with the target, the candidate nearest to the track is
     taken from each frame that has any.
+
+    Args:
+        tracks: estimates.
+        bearings: all of them, or those of a stretch of time.
+        scene: the sensors.
+        target: whose track.
+        label: of its bearings; None: as these say.
     """
+    label = label_of(target, set(bearings.target_id.tolist())) if label is None else label
+    lines = sight_lines(bearings, scene, (label,))[label]
+    return off_lines(lines, positions_at(tracks, target, lines.t_ns), scene, nearest=label == UNLABELLED)
+
+
+def off_lines(lines: SightLines, estimate: Floats, scene: Scene, *, nearest: bool) -> Residuals:
+    """How far (N, 2) estimates are from sight lines; `nearest`: the nearest line of each time and sensor alone."""
     known = places(scene)
-    names = tuple(known)
-    index = _index(bearings.sensor, names)
-    label = target if (bearings.target_id == target).any() else UNLABELLED
-    rows = np.flatnonzero((bearings.target_id == label) & bearings.seen & (index >= 0))
-    estimate = positions_at(tracks, target, bearings.t_ns[rows])
-    origins = np.array([known[n] for n in names]).reshape(-1, 2)[index[rows]]
+    origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
     delta = estimate - origins
-    value = wrap_angle(bearings.bearing[rows] - np.arctan2(delta[:, 1], delta[:, 0]))
+    value = wrap_angle(lines.bearing - np.arctan2(delta[:, 1], delta[:, 0]))
     keep = np.flatnonzero(np.isfinite(value))
-    if label == UNLABELLED:
-        keep = _nearest(bearings.t_ns[rows], index[rows], value, keep)
-    rows = rows[keep]
+    if nearest:
+        keep = _nearest(lines.t_ns, lines.sensor, value, keep)
     return Residuals(
-        t_ns=bearings.t_ns[rows], sensor=index[rows], names=names, residual=value[keep], sigma=bearings.sigma[rows]
+        t_ns=lines.t_ns[keep],
+        sensor=lines.sensor[keep],
+        names=tuple(known),
+        residual=value[keep],
+        sigma=lines.sigma[keep],
     )
 
 
@@ -133,37 +171,57 @@ def meeting_points(bearings: Bearings, scene: Scene, target: int) -> tuple[Ints,
     Scans whose sight lines are all but parallel or do not meet are left out; a line that
     misses the others counts for less (Huber's loss).
     """
-    known = places(scene)
-    names = tuple(known)
-    index = _index(bearings.sensor, names)
-    rows = np.flatnonzero((bearings.target_id == target) & bearings.seen & (index >= 0))
-    rows, scan = _scans(bearings.t_ns, index, rows)
-    origins = np.array([known[n] for n in names]).reshape(-1, 2)[index[rows]]
-    _, first = np.unique(scan, return_index=True)
-    starts = np.append(first, len(rows))
-    meeting = sight_lines_meet(origins, bearings.bearing[rows], bearings.sigma[rows], starts=starts, loss="huber")
-    met = meeting.status == MET
-    return bearings.t_ns[rows[first]][met], meeting.xy[met]
+    lines = sight_lines(bearings, scene, (target,))[target]
+    together = int(np.count_nonzero(share_times(lines.t_ns)))
+    period = None if together >= 0.5 * len(lines.t_ns) else usual_period(lines)
+    rows, scan = scans(lines, period, int(lines.t_ns[0]) if len(lines.t_ns) else 0)
+    first, xy = meet(lines, rows, scan, scene)
+    return lines.t_ns[first], xy
 
 
-def _scans(t_ns: Ints, sensor: Ints, rows: Ints) -> tuple[Ints, Ints]:
+def share_times(t_ns: Ints) -> Bools:
+    """(N,) which of the times, in their order, are there more than once."""
+    same = np.diff(t_ns) == 0
+    return np.append(False, same) | np.append(same, False) if len(t_ns) else np.zeros(0, np.bool_)
+
+
+def usual_period(lines: SightLines) -> int:
+    """The usual time between two sightings of a sensor [ns], at least 1."""
+    every = [lines.t_ns[lines.sensor == s] for s in np.unique(lines.sensor)]
+    return period_of([float(np.median(np.diff(own))) for own in every if len(own) > 1])
+
+
+def period_of(steps: Sequence[float]) -> int:
+    """That of sensors with these usual times between sightings."""
+    return max(int(np.median(steps)) if len(steps) else 1, 1)
+
+
+def scans(lines: SightLines, period_ns: int | None, start_ns: int) -> tuple[Ints, Ints]:
     """Rows that form scans, and the scan of each, ascending; a scan has each sensor at most once.
 
-    A scan is all rows of equal time; where sensors do not share their times, it is all
-    rows within one period of a sensor.
+    A scan is all rows of equal time; where sensors do not share their times, it is all rows within one period.
+
+    Args:
+        lines: in the order of time.
+        period_ns: of a sensor; None: sensors share their times.
+        start_ns: when the first scan begins.
     """
-    if not len(rows):
-        return rows, rows
-    _, scan, count = np.unique(t_ns[rows], return_inverse=True, return_counts=True)
-    if np.mean(count[scan] > 1) < 0.5:
-        steps = [
-            np.median(np.diff(t_ns[own])) for s in np.unique(sensor[rows]) if len(own := rows[sensor[rows] == s]) > 1
-        ]
-        period = max(int(np.median(steps)) if steps else 1, 1)
-        scan = (t_ns[rows] - t_ns[rows[0]]) // period
-    _, first = np.unique(np.column_stack([scan, sensor[rows]]), axis=0, return_index=True)
+    scan = lines.t_ns if period_ns is None else (lines.t_ns - start_ns) // period_ns
+    if not len(scan):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    _, first = np.unique(np.column_stack([scan, lines.sensor]), axis=0, return_index=True)
     first = np.sort(first)
-    return rows[first], scan[first]
+    return first, scan[first]
+
+
+def meet(lines: SightLines, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
+    """First row and meeting point of each scan whose lines meet; see `scans`."""
+    origins = np.array(list(places(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
+    _, first = np.unique(scan, return_index=True)
+    starts = np.append(first, len(rows))
+    meeting = sight_lines_meet(origins, lines.bearing[rows], lines.sigma[rows], starts=starts, loss="huber")
+    met = meeting.status == MET
+    return rows[first][met], meeting.xy[met]
 
 
 def distances(tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> tuple[Ints, Floats]:

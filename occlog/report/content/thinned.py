@@ -1,20 +1,22 @@
 """Long tables for a page: every so manieth time is drawn, and what is said in numbers is of all rows.
 
 The rule: of a table of more than `MOST_ROWS` rows those of every k-th time are kept, with the smallest k by which not
-more than so many are left, if all times have as many; beside them the first and the last row of each target, and of
-errors the largest one of each target between two times that are kept.
+more than so many are left, if all times have as many; beside them the first and the last row of each target, of
+errors the largest one of each target between two times that are kept, and what the moments of the replay need.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.sums import Sum
+from occlog.evaluate.errors.sums import median_of
+from occlog.io.files.spool import Spool
 from occlog.records.columns import Table
 from occlog.records.pieces import times, whole_times
 from occlog.records.tables import Errors
@@ -32,11 +34,17 @@ class Whole:
         rows: how many there are.
         times: how many times they are of.
         every: each so manieth of these is drawn.
+        at: (T,) these times, of which all rows are drawn.
+        step_ns: the usual time between two of all times; a second where there are fewer.
+        span_ns: the first and the last of all times.
     """
 
     rows: int
     times: int
     every: int
+    at: Ints = field(default_factory=lambda: np.zeros(0, np.int64), compare=False, repr=False)
+    step_ns: float = field(default=float(NS), compare=False)
+    span_ns: tuple[int, int] = field(default=(0, 0), compare=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +62,9 @@ class Thinned(Generic[T]):
     whole: Whole
 
 
-def thinned(chunks: Iterable[T], kind: type[T], rows: int, most: int = MOST_ROWS) -> Thinned[T]:
+def thinned(
+    chunks: Iterable[T], kind: type[T], rows: int, most: int = MOST_ROWS, *, also: Ints | None = None, ends: bool = True
+) -> Thinned[T]:
     """Keep rows by the rule of this file.
 
     Args:
@@ -62,34 +72,68 @@ def thinned(chunks: Iterable[T], kind: type[T], rows: int, most: int = MOST_ROWS
         kind: the table.
         rows: how many it has.
         most: how many of them are to be kept, about.
+        also: (K,) times whose rows are kept, too.
+        ends: whether the first and the last row of each target are kept.
     """
     every = max(-(-rows // most), 1)
     parts, numbers, known = [kind.empty()], [np.zeros(0, np.int64)], np.zeros(0, np.int64)
     last, last_at = kind.empty(), np.zeros(0, np.int64)
+    drawn, steps, span = [np.zeros(0, np.int64)], Spool(), (0, 0)
     count = moments = 0
     for piece in whole_times(chunks):
-        t_ns, target = times(piece), _targets(piece)
-        moment = moments + np.concatenate([[0], np.cumsum(np.diff(t_ns) != 0)])
-        at = count + np.arange(len(piece))
+        t_ns, at = times(piece), count + np.arange(len(piece))
+        first = np.append(True, np.diff(t_ns) != 0)
+        moment = moments - 1 + np.cumsum(first)
         keep = moment % every == 0
-        keep[_firsts(target, known)] = True
-        if isinstance(piece, Errors):
-            keep |= _largest(piece.error, target, moment // every)
+        drawn.append(t_ns[first & keep])
+        steps.add(np.diff(t_ns[first] if not count else np.append(span[1], t_ns[first])).astype(np.float64))
+        if also is not None:
+            keep |= np.isin(t_ns, also)
+        if ends:
+            target = _targets(piece)
+            keep[_firsts(target, known)] = True
+            if isinstance(piece, Errors):
+                keep |= largest(piece.error, target, moment // every)
+            both, both_at = kind.concat([last, piece]), np.concatenate([last_at, at])
+            final = np.sort(len(both) - 1 - np.unique(_targets(both)[::-1], return_index=True)[1])
+            last, last_at = both.take(final), both_at[final]
+            known = np.union1d(known, target)
         parts.append(piece.take(keep))
         numbers.append(at[keep])
-        both, both_at = kind.concat([last, piece]), np.concatenate([last_at, at])
-        ends = np.sort(len(both) - 1 - np.unique(_targets(both)[::-1], return_index=True)[1])
-        last, last_at = both.take(ends), both_at[ends]
-        known = np.union1d(known, target)
+        span = int(t_ns[0]) if not count else span[0], int(t_ns[-1])
         count, moments = count + len(piece), int(moment[-1]) + 1
-    found, first = np.unique(np.concatenate([*numbers, last_at]), return_index=True)
-    whole = _one_after_another(kind, [*parts, last])
-    return Thinned(kind(**{name: values[first] for name, values in whole.items()}), found, Whole(count, moments, every))
+    whole = Whole(count, moments, every, np.concatenate(drawn), median_of(steps) if steps.count else float(NS), span)
+    table, found = _in_place(kind, [*parts, last], [*numbers, last_at])
+    return Thinned(table, found, whole)
 
 
-def _one_after_another(kind: type[T], parts: list[T]) -> dict[str, np.ndarray]:
-    """Columns of parts whose times overlap."""
-    return {c.name: np.concatenate([getattr(part, c.name) for part in parts]) for c in kind.columns()}
+def with_rows(found: Thinned[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> Thinned[T]:
+    """The same with other rows of the table, too: those of each chunk whose places in it `pick` gives."""
+    parts, numbers, count = [found.table], [found.rows], 0
+    for chunk in chunks:
+        rows = pick(chunk)
+        parts.append(chunk.take(rows))
+        numbers.append(count + rows)
+        count += len(chunk)
+    table, kept = _in_place(type(found.table), parts, numbers)
+    return Thinned(table, kept, found.whole)
+
+
+def fewer(counts: Ints, most: int) -> int:
+    """The smallest number by which not more than so many are left if each so manieth count is kept."""
+    every = max(-(-int(counts.sum()) // max(most, 1)), 1)
+    while every < len(counts) and int(counts[::every].sum()) > most:
+        every += 1
+    return every
+
+
+def _in_place(kind: type[T], parts: list[T], numbers: list[Ints]) -> tuple[T, Ints]:
+    """One table of parts whose times overlap, and the places of its rows; each row once, as its number says."""
+    found, place = np.unique(np.concatenate(numbers), return_index=True)
+    columns = {c.name: [getattr(part, c.name) for part in parts] for c in kind.columns()}
+    # Column by column, so that no more than one is in memory twice
+    parts.clear()
+    return kind(**{name: np.concatenate(columns.pop(name))[place] for name in list(columns)}), found
 
 
 def _targets(table: Table) -> Ints:
@@ -104,8 +148,10 @@ def _firsts(target: Ints, known: Ints) -> Ints:
     return new
 
 
-def _largest(values: Floats, target: Ints, stretch: Ints) -> Bools:
+def largest(values: Floats, target: Ints, stretch: Ints) -> Bools:
     """(N,) whether a row has the largest value of its target in its stretch."""
+    if not len(values):
+        return np.zeros(0, dtype=np.bool_)
     order = np.lexsort((values, target, stretch))
     change = (np.diff(target[order]) != 0) | (np.diff(stretch[order]) != 0)
     out = np.zeros(len(values), dtype=np.bool_)

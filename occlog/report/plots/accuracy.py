@@ -23,8 +23,13 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     bound = None if data.bound is None else data.bound.take(data.bound.target_id == target)
     tracks = None if data.tracks is None else data.tracks.take(data.tracks.target_id == target)
     colour = target_colour(data.targets.index(target))
-    so_far = None if data.so_far is None else data.so_far[all_errors.target_id == target]
-    draw_distance(total, data.time, errors=errors, bound=bound, colour=colour, unit=data.unit, so_far=so_far)
+    so_far = None
+    if data.of_all is not None and data.of_all.errors_so_far is not None:
+        so_far = data.of_all.errors_so_far[all_errors.target_id == target]
+    least = _bounds_so_far(data, target)
+    draw_distance(
+        total, data.time, errors=errors, bound=bound, colour=colour, unit=data.unit, so_far=so_far, least=least
+    )
     for axes, name in zip(rest, names, strict=True):
         _axis_error(axes, data, errors=errors, bound=bound, tracks=tracks, name=name, colour=colour)
     rest[-1].set_xlabel(data.time.label)
@@ -32,6 +37,14 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     handles, labels = total.get_legend_handles_labels()
     more_handles, more_labels = rest[0].get_legend_handles_labels()
     figure.legend(handles + more_handles, labels + more_labels, loc="outside lower center", ncols=3)
+
+
+def _bounds_so_far(data: ReportInput, target: int) -> tuple[Floats, Floats | None] | None:
+    """Bound, and that of smoothing if it is known all the time, on the RMSE up to each row of a target's bound."""
+    if data.bound is None or data.of_all is None or data.of_all.bound is None or data.of_all.bound_so_far is None:
+        return None
+    own = data.of_all.bound_so_far[data.bound.target_id == target]
+    return own[:, 0], own[:, 1] if data.of_all.bound.smooths(target) else None
 
 
 def axes_of(errors: Errors) -> str:
@@ -47,31 +60,33 @@ def draw_distance(
     colour: str,
     unit: str,
     so_far: Floats | None = None,
+    least: tuple[Floats, Floats | None] | None = None,
 ) -> None:
     """Distance between estimate and truth, its running RMSE, and the bound.
 
-    `so_far` is the RMSE up to each error, where these are not all that there are.
+    `so_far` is the RMSE up to each error, where these are not all that there are, and `least` the bound on it and that
+    of smoothing up to each row of the bound, likewise.
     """
     line(axes, time, errors.t_ns, errors.error, color=colour, linewidth=0.8, alpha=0.65, label="error")
     rms = running_rms(errors.error) if so_far is None else so_far
     line(axes, time, errors.t_ns, rms, color=colour, linewidth=2.0, label="RMSE so far")
     shown = [errors.error, rms]
     if bound is not None and len(bound):
-        least = running_rms(bound.bound)
+        smoothed = running_rms(bound.smoothed) if np.isfinite(bound.smoothed).all() else None
+        on_rmse, smoothed = (running_rms(bound.bound), smoothed) if least is None else least
         line(axes, time, bound.t_ns, bound.bound, color=COLOURS["bound"], linewidth=0.8, label="bound")
         line(
             axes,
             time,
             bound.t_ns,
-            least,
+            on_rmse,
             color=COLOURS["bound"],
             linewidth=2.0,
             linestyle=(0, (4, 1.5)),
             label="bound on the RMSE so far",
         )
-        shown += [bound.bound, least]
-        if np.isfinite(bound.smoothed).all():
-            smoothed = running_rms(bound.smoothed)
+        shown += [bound.bound, on_rmse]
+        if smoothed is not None:
             style = {"color": COLOURS["bound"], "linewidth": 1.6, "linestyle": (0, (1, 1.5))}
             line(axes, time, bound.t_ns, smoothed, label="the same of smoothing", **style)
     axes.set_ylabel(f"error [{label(unit)}]")

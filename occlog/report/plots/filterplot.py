@@ -7,14 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-from occlog.array_types import Floats
-from occlog.records.tables import Diagnostics, Tracks
+from occlog.records.tables import Diagnostics
+from occlog.report.content.fared import deviation
 from occlog.report.content.model import ReportInput
 from occlog.report.drawing.style import COLOURS, target_colour
 
 from .accuracy import line
 
-MARKS = 300
 MOST_TARGETS = 6
 FALLBACKS = {
     "sir": ("hidden", "d", "auxiliary stage skipped"),
@@ -35,9 +34,9 @@ def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics)
     A method without particles has none; then the position's standard deviation is drawn.
     """
     axes = figure.add_subplot()
-    if not has_particles(diagnostics):
+    if data.fared is None or not data.fared.particles:
         _deviation(axes, data)
-        _finish(figure, axes, data, diagnostics)
+        _finish(figure, axes, data)
         return
     targets = np.unique(diagnostics.target_id)
     for i, target in enumerate(targets[:MOST_TARGETS]):
@@ -46,17 +45,7 @@ def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics)
         line(axes, data.time, own.t_ns, own.ess, color=target_colour(i), linewidth=0.9, label=name)
     _scale(axes, float(diagnostics.ess.min()), float(diagnostics.ess.max()))
     axes.set_ylabel("effective sample size")
-    _finish(figure, axes, data, diagnostics)
-
-
-def has_particles(diagnostics: Diagnostics) -> bool:
-    """Whether the diagnostics are of a particle filter."""
-    return bool(np.isfinite(diagnostics.ess).any())
-
-
-def deviation(tracks: Tracks) -> Floats:
-    """(T,) standard deviation of the position: square root of the covariance's trace."""
-    return np.sqrt(tracks.cov_xx + tracks.cov_yy)
+    _finish(figure, axes, data)
 
 
 def _deviation(axes: Axes, data: ReportInput) -> None:
@@ -73,9 +62,9 @@ def _deviation(axes: Axes, data: ReportInput) -> None:
     axes.set_ylabel(f"standard deviation [{data.unit}]")
 
 
-def _finish(figure: FigureBase, axes: Axes, data: ReportInput, diagnostics: Diagnostics) -> None:
+def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
     """Marks, time axis and legend."""
-    _fallbacks(axes, data, diagnostics)
+    _fallbacks(axes, data)
     axes.set_xlabel(data.time.label)
     axes.set_xlim(0.0, max(data.time.length, 1e-9))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
@@ -94,19 +83,17 @@ def _scale(axes: Axes, low: float, high: float) -> None:
     axes.set_ylim(low / 1.8, 1.4 * high)
 
 
-def _fallbacks(axes: Axes, data: ReportInput, diagnostics: Diagnostics) -> None:
+def _fallbacks(axes: Axes, data: ReportInput) -> None:
     """A row of marks at the lower edge; where there are very many, every k-th is drawn."""
-    for kind in (str(k) for k in np.unique(diagnostics.fallback) if k):
+    for kind, found in data.fared.fallbacks.items() if data.fared is not None else ():
         colour, marker, text = FALLBACKS.get(kind, ("ink", "x", kind))
-        rows = np.flatnonzero(diagnostics.fallback == kind)
-        times = data.time.of(diagnostics.t_ns[rows[:: -(-len(rows) // MARKS)]])
         axes.plot(
-            times,
-            np.full(len(times), 0.035),
+            data.time.of(found.t_ns),
+            np.full(len(found.t_ns), 0.035),
             marker,
             color=COLOURS[colour],
             markersize=4.5,
             linestyle="none",
             transform=axes.get_xaxis_transform(),
-            label=f"{text} ({len(rows)} ×)",
+            label=f"{text} ({found.rows} ×)",
         )

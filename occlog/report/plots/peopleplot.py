@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
@@ -11,65 +9,26 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from occlog.array_types import Bools, Floats, Ints
-from occlog.records.people import has_word
-from occlog.records.tables import Events, PeopleTracks, Truth
+from occlog.array_types import Ints
+from occlog.records.tables import Events, PeopleTracks
 from occlog.report.content.model import ReportInput, TimeAxis
+from occlog.report.content.people import Crowd, People, true_people, usual_step
 from occlog.report.drawing.style import COLOURS, label
 
 from .accuracy import line
-from .visibility import CELLS, HEIGHT, MOST_ROWS, Sightings, draw_rows
+from .visibility import HEIGHT, MOST_ROWS, draw_rows
 
-MOST_PEOPLE = 60
-"""People who have a row of their own, those who are there longest."""
 LONGEST_GAP = 1.5
 """A row of a track lasts until the next one, but at most so many usual periods."""
 SEEN, ONE_VIEW, UNSEEN = "seen", "view", "hidden"
 """Colours of people of whom several cameras, one camera or none has a box."""
 
 
-@dataclass(frozen=True, eq=False)
-class Crowd:
-    """How many people there are at each time.
-
-    Attributes:
-        t_ns: (T,) times of the tracks, and the ends of those after which nobody is there for a while.
-        people: (T,) tracks there.
-        expected: (T,) sum of their probabilities of existence.
-        seen: (T,) those of whom some camera has a box.
-    """
-
-    t_ns: Ints
-    people: Floats
-    expected: Floats
-    seen: Floats
-
-
-def crowd(tracks: PeopleTracks) -> Crowd:
-    """Counts of the times that have rows."""
-    times, row = np.unique(tracks.t_ns, return_inverse=True)
-    counts = [np.bincount(row, w, len(times)) for w in (None, tracks.existence, tracks.seen_by != "")]
-    return Crowd(times, *(c.astype(np.float64) for c in counts))
-
-
-def drawn_people(tracks: PeopleTracks) -> Ints:
-    """Identities that have a row of their own, in the order of their births."""
-    ids, first, rows = np.unique(tracks.target_id, return_index=True, return_counts=True)
-    longest = np.argsort(-rows, kind="stable")[:MOST_PEOPLE]
-    return ids[longest[np.argsort(first[longest], kind="stable")]].astype(np.int64)
-
-
-def seeing(tracks: PeopleTracks) -> tuple[str, ...]:
-    """Names of the cameras that have a box of anybody."""
-    texts = np.unique(tracks.seen_by).tolist()
-    return tuple(sorted({name for text in texts for name in text.split(",") if name}))
-
-
-def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, events: Events | None) -> None:
+def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, found: People) -> None:
     """Draw how many people there are, above, and a row for each of them, below."""
-    people = drawn_people(tracks)
+    people, events = found.drawn, data.events
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, max(0.16 * len(people), 0.6)))
-    _counts(above, data, crowd(tracks), data.truth)
+    _counts(above, data, found.crowd)
     for place, identity in enumerate(people.tolist()):
         _life(below, data.time, tracks.take(tracks.target_id == identity), -float(place))
     _doubts(below, data.time, people, events)
@@ -84,11 +43,11 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, even
     figure.legend(handles=_legend(data, events), loc="outside lower center", ncols=4)
 
 
-def draw_seen_by(figure: FigureBase, data: ReportInput, tracks: PeopleTracks) -> None:
+def draw_seen_by(figure: FigureBase, data: ReportInput, found: People) -> None:
     """Draw for each camera, over time, the share of the people there of whom it has a box."""
-    names = seeing(tracks)[:MOST_ROWS]
+    names = found.cameras[:MOST_ROWS]
     axes = figure.add_subplot()
-    rows = [_sightings(tracks, name) for name in names]
+    rows = [found.sightings(name) for name in names]
     draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
     kinds = (
         ("seen", "share of the people there that it sees"),
@@ -99,33 +58,10 @@ def draw_seen_by(figure: FigureBase, data: ReportInput, tracks: PeopleTracks) ->
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
 
 
-def _sightings(tracks: PeopleTracks, name: str) -> Sightings:
-    """People there, and those of them of whom a camera has a box, in cells of equal time."""
-    period = _period(tracks.t_ns)
-    first, last = int(tracks.t_ns[0]), int(tracks.t_ns[-1]) + period
-    cells = max(min(CELLS, (last - first) // period), 1)
-    edges = np.linspace(first, last, cells + 1).astype(np.int64)
-    cell = np.clip(np.searchsorted(edges, tracks.t_ns, side="right") - 1, 0, cells - 1)
-    seen = sees(tracks, name)
-    looked = np.bincount(cell, minlength=cells)
-    return Sightings(name, edges, looked, np.bincount(cell, seen, cells).astype(np.int64))
-
-
-def sees(tracks: PeopleTracks, name: str) -> Bools:
-    """(N,) whether a camera has a box of the person."""
-    return has_word(tracks.seen_by, name)
-
-
-def _period(t_ns: Ints) -> int:
-    """The usual time between two moments [ns], at least 1."""
-    times = np.unique(t_ns)
-    return max(int(np.median(np.diff(times))), 1) if len(times) > 1 else 1
-
-
-def _counts(axes: Axes, data: ReportInput, found: Crowd, truth: Truth | None) -> None:
-    if truth is not None and len(own := truth.take(truth.role == "target")):
-        times, number = np.unique(own.t_ns, return_counts=True)
-        line(axes, data.time, times, number.astype(np.float64), color=COLOURS["muted"], linewidth=2.6, alpha=0.5)
+def _counts(axes: Axes, data: ReportInput, found: Crowd) -> None:
+    times, number = true_people(data.truth, data.whole["truth"].at if "truth" in data.whole else None)
+    if len(times):
+        line(axes, data.time, times, number, color=COLOURS["muted"], linewidth=2.6, alpha=0.5)
     line(axes, data.time, found.t_ns, found.people, color=COLOURS["ink"], linewidth=1.1)
     line(axes, data.time, found.t_ns, found.seen, color=COLOURS[SEEN], linewidth=0.9)
     axes.set_ylim(bottom=0.0)
@@ -135,7 +71,7 @@ def _counts(axes: Axes, data: ReportInput, found: Crowd, truth: Truth | None) ->
 
 def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
     """A bar where the person is there, in the colour of how many cameras see them."""
-    last = max(int(LONGEST_GAP * _period(own.t_ns)), 1)
+    last = max(int(LONGEST_GAP * usual_step(own.t_ns)), 1)
     ends = np.append(np.minimum(own.t_ns[1:], own.t_ns[:-1] + last), own.t_ns[-1] + last)
     kind = np.where(own.seen_by == "", 2, np.where(np.char.find(own.seen_by, ",") < 0, 1, 0))
     # Neighbours of one kind are one piece

@@ -58,25 +58,18 @@ def _point(position: Floats) -> str:
 
 def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
     """Looks, sightings, and their share."""
-    if data.bearings is None:
+    if data.looked is None:
         return "–", "–", "–"
-    rows = data.bearings.sensor == name
-    looks, seen = int(rows.sum()), int(data.bearings.seen[rows].sum())
+    looks, seen = data.looked.sensors.get(name, (0, 0))
     return number(looks), number(seen), number(round(100.0 * seen / looks, 1)) if looks else "–"
 
 
 def _fits(data: ReportInput) -> dict[str, tuple[str, str]]:
     """RMS distance of the track from each sensor's sight lines: in degrees, and in its own standard deviations."""
-    squares: dict[str, list[Floats]] = {}
-    for found in data.residuals.values():
-        for i, name in enumerate(found.names):
-            rows = found.sensor == i
-            values = np.column_stack([found.residual[rows], found.residual[rows] / found.sigma[rows]]) ** 2
-            squares.setdefault(name, []).append(values)
-    out = {}
-    for name, parts in squares.items():
-        every = np.vstack(parts)
-        if len(every):
-            degrees, ratio = np.sqrt(every.mean(axis=0))
+    every, out = list(data.residuals.values()), {}
+    for name in dict.fromkeys(name for found in every for name in found.rows):
+        rows = sum(found.rows[name] for found in every)
+        if rows:
+            degrees, ratio = np.sqrt(np.sum([found.squares[name] for found in every], axis=0) / rows)
             out[name] = (number(float(f"{np.degrees(degrees):.3g}")), number(float(f"{ratio:.3g}")))
     return out

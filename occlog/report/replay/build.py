@@ -199,14 +199,12 @@ def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str
 
 
 def _words(moments: Moments, sight_every: int, images: Thumbnails | None) -> str:
-    count, all_of = len(moments.kept), len(moments.times)
+    count, all_of = len(moments.kept), moments.count
     said = [
         f"{count:,} of {all_of:,} moments: every {moments.every}-th." if moments.every > 1 else f"{count:,} moments."
     ]
     if sight_every > 1:
         said.append(f"Sight lines are those of every {sight_every}-th of them.")
-    if moments.data.whole:
-        said.append(moments.data.drawn("tracks", "truth"))
     said.append("A dashed ring is a target that no sensor sees, or of which something is doubtful.")
     said += ["A cross is where one truly is."] if moments.truth() else []
     said.append(f"Positions are rounded to {moments.step:.1g} {moments.data.unit}.")

@@ -1,13 +1,15 @@
 """Which moments of a run can be shown, and what was at each of them.
 
 The rule: of the times of the tracks (of the truth, where there are none) every k-th is kept, with the smallest k by
-which not more than `MOST_ROWS` estimates and as many true places are left.  Sight lines are those of the latest look
+which not more than `MOST_ROWS` estimates and as many true places are left; where a part of a table is drawn, that
+part is chosen with these times (`chosen`).  Sight lines are those of the latest look
 of each sensor since the time before; where more than `MOST_LOOKS` would be left, those of every j-th kept moment, with
 the smallest such j.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -34,6 +36,27 @@ TRUE_FROM = 40_000
 """Numbers of true targets that are not tracked by their own identity begin here."""
 
 
+def chosen(times: int, rows: Iterable[int]) -> int:
+    """Each so manieth time is shown of so many, of tables of so many rows."""
+    return max(1, -(-times // MOST_MOMENTS), *(-(-n // MOST_ROWS) for n in rows))
+
+
+def shortly_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
+    """Rows at a moment that is kept or since the time before it, and the moment of each.
+
+    Args:
+        kept: (M,) moments.
+        period_ns: the usual time between two times.
+        t_ns: (N,) times of rows.
+    """
+    if not len(kept):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    moment = np.searchsorted(kept, t_ns)
+    inside = np.minimum(moment, len(kept) - 1)
+    rows = np.flatnonzero((moment < len(kept)) & (kept[inside] - t_ns < period_ns))
+    return rows, moment[rows]
+
+
 @dataclass(frozen=True, eq=False)
 class Moments:
     """What is shown of a run.
@@ -48,20 +71,38 @@ class Moments:
 
     @cached_property
     def times(self) -> Ints:
-        """(T,) all times of what moves."""
+        """(T,) all times of what moves, of tables that are drawn whole."""
         table = self.data.tracks if self.data.tracks is not None else self.data.truth
         return np.zeros(0, np.int64) if table is None else np.unique(table.t_ns)
+
+    @property
+    def count(self) -> int:
+        """How many times there are, those that are not drawn, too."""
+        whole = self.data.whole.get("truth" if self.data.tracks is None else "tracks")
+        return len(self.times) if whole is None else whole.times
 
     @cached_property
     def every(self) -> int:
         """Each so manieth time is kept."""
+        if self.data.of_all is not None:
+            return self.data.of_all.every
         rows = [len(t) for t in (self.data.tracks, self._truth) if t is not None]
-        return max(1, -(-len(self.times) // MOST_MOMENTS), *(-(-n // MOST_ROWS) for n in rows))
+        return chosen(len(self.times), rows)
 
     @cached_property
     def kept(self) -> Ints:
         """(M,) the times that are kept."""
+        if self.data.of_all is not None:
+            return np.zeros(0, np.int64) if self.data.of_all.moments is None else self.data.of_all.moments
         return self.times[:: self.every]
+
+    @cached_property
+    def period_ns(self) -> float:
+        """The usual time between two times."""
+        whole = self.data.whole.get("truth" if self.data.tracks is None else "tracks")
+        if whole is not None:
+            return whole.step_ns
+        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else float(NS)
 
     @cached_property
     def step(self) -> float:
@@ -148,6 +189,7 @@ class Moments:
         if isinstance(tracks, PeopleTracks):
             doubt = tracks.doubt[rows].astype(object)
         if diagnostics is not None and len(diagnostics):
+            diagnostics = diagnostics.take(np.isin(diagnostics.t_ns, tracks.t_ns[rows]))
             mine = list(zip(tracks.t_ns[rows].tolist(), tracks.target_id[rows].tolist(), strict=True))
             its = {
                 key: k
@@ -184,7 +226,7 @@ class Moments:
         if bearings is None or not len(bearings) or not len(self.kept):
             return {}, 1
         rows, moment, number = self._looks(bearings, sensors)
-        every = max(-(-len(rows) // MOST_LOOKS), 1)
+        every = max(-(-len(rows) // MOST_LOOKS), 1) * (1 if self.data.of_all is None else self.data.of_all.sight_every)
         some = moment % every == 0
         rows, moment, number = rows[some], moment[some], number[some]
         targets = np.array(self.data.targets, dtype=np.int64)
@@ -217,16 +259,14 @@ class Moments:
             t_ns: (N,) times.
             who: (N,) numbers >= 0.
         """
-        moment = np.searchsorted(self.kept, t_ns)
-        period = float(np.median(np.diff(self.times))) if len(self.times) > 1 else float(NS)
-        ahead = self.kept[np.minimum(moment, len(self.kept) - 1)] - t_ns
-        rows = np.flatnonzero((moment < len(self.kept)) & (ahead < period))
-        groups, group = np.unique(moment[rows] * (int(who.max(initial=0)) + 1) + who[rows], return_inverse=True)
+        rows, moment = shortly_before(self.kept, self.period_ns, t_ns)
+        groups, group = np.unique(moment * (int(who.max(initial=0)) + 1) + who[rows], return_inverse=True)
         latest = np.full(len(groups), np.iinfo(np.int64).min)
         np.maximum.at(latest, group, t_ns[rows])
-        rows = rows[t_ns[rows] == latest[group]]
-        rows = rows[np.argsort(moment[rows], kind="stable")]
-        return rows, moment[rows]
+        last = t_ns[rows] == latest[group]
+        rows, moment = rows[last], moment[last]
+        order = np.argsort(moment, kind="stable")
+        return rows[order], moment[order]
 
     def priors(self) -> tuple[dict[str, Packed], int]:
         """Where moving occluders were thought to be at each moment, as polygons; every how manieth moment has them."""
@@ -234,7 +274,9 @@ class Moments:
         if hulls is None or not len(self.kept):
             return {}, 1
         rows, moment = self.at(hulls.t_ns)
-        every = max(-(-len(rows) // MOST_PRIORS), 1)
+        every = max(-(-len(rows) // MOST_PRIORS), 1) * (
+            1 if self.data.of_all is None else self.data.of_all.priors_every
+        )
         rows, moment = rows[moment % every == 0], moment[moment % every == 0]
         corner = np.minimum(hulls.corner[rows], 255)
         table = {"first": starts(moment, len(self.kept)), "corner": packed("u1", corner), **self.place(hulls, rows)}

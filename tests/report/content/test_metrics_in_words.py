@@ -6,8 +6,8 @@ from made_up import run
 
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
+from occlog.report.content.beside_bound import rms, with_bound
 from occlog.report.content.metrics_in_words import WORDS, groups, number
-from occlog.report.summary import rms, with_bound
 
 MINUS = "\N{MINUS SIGN}"
 SPACE = "\N{NARROW NO-BREAK SPACE}"

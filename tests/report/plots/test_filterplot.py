@@ -5,10 +5,11 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Diagnostics
+from occlog.report.content.fared import deviation, has_particles
 from occlog.report.content.model import ReportInput
 from occlog.report.drawing.style import new_figure
 from occlog.report.page import build_page
-from occlog.report.plots.filterplot import deviation, draw_filter, has_particles
+from occlog.report.plots.filterplot import draw_filter
 
 
 def without_particles(data: ReportInput) -> ReportInput:

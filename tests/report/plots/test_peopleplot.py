@@ -11,8 +11,8 @@ from people_in_groups import walk
 
 from occlog.records.tables import Events, PeopleTracks, Tracks
 from occlog.report.content.model import ReportInput
+from occlog.report.content.people import MOST_PEOPLE, crowd, drawn_people, seeing, sees
 from occlog.report.page import build_page
-from occlog.report.plots.peopleplot import MOST_PEOPLE, crowd, drawn_people, seeing, sees
 
 TIMES = np.arange(30) / 10
 

@@ -7,8 +7,9 @@ import pytest
 
 from occlog.records.tables import Diagnostics, Errors, Tracks
 from occlog.report.content.model import ReportInput
+from occlog.report.content.selections import selected_targets, selections, spans
 from occlog.report.page import build_page
-from occlog.report.plots.selectionplot import cameras_of, expected_and_found, selected_targets, spans
+from occlog.report.plots.selectionplot import cameras_of
 
 
 def diagnostics(mse, selected):
@@ -63,15 +64,17 @@ def test_what_was_expected_is_compared_with_what_came_out_at_the_same_times():
     zero = np.zeros(5)
     error = np.array([1.0, 50.0, 50.0, 7.0, 50.0])
     errors = Errors(t, np.zeros(5, dtype=np.int32), zero, zero, zero, zero, error, zero, error, zero)
-    expected, found, what = expected_and_found(MADE, ReportInput(tracks=tracks(5), errors=errors), 0)
-    assert expected == pytest.approx(np.sqrt(10.0))
-    assert (found, what) == (5.0, "error")
-    assert expected_and_found(MADE, ReportInput(tracks=tracks(5)), 0)[1:] == (2.0, "stated spread")
+    both, spread = selections(MADE, (errors, tracks(5)))[0], selections(MADE, (None, tracks(5)))[0]
+    assert both.expected == pytest.approx(np.sqrt(10.0))
+    assert (both.found, both.what) == (5.0, "error")
+    assert (spread.found, spread.what) == (2.0, "stated spread")
+    assert np.isnan(selections(MADE, ())[0].found)
 
 
 def test_the_page_shows_selected_cameras():
     data = ReportInput(tracks=tracks(5), diagnostics=MADE)
-    assert cameras_of(data, spans(MADE, 0)[1]) == ("a", "b", "c")
+    assert cameras_of(data, data.selections[0]) == ("a", "b", "c")
+    assert data.selections[0].shares == {"a": 0.75, "b": 1.0, "c": 0.25}
     page = build_page(data)
     assert "Selected cameras" in page
     assert "2 selections. Expected of them: 3.16" in page

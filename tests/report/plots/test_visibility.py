@@ -5,7 +5,8 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Bearings
-from occlog.report.plots.visibility import CELLS, sensors, sightings, watched
+from occlog.report.content.looks import CELLS, sightings
+from occlog.report.plots.visibility import sensors, watched
 
 
 def looks(t_ns: list[int], seen: list[bool], sensor: str = "a", target: int = 0) -> Bearings:

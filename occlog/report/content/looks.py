@@ -1,0 +1,248 @@
+"""What bearings say without tracks: how often each sensor looked, what it saw, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from occlog.array_types import Bools, Ints, Strings
+from occlog.core.metrics.sums import group_medians
+from occlog.io.files.blocks import Blocks, Records
+from occlog.records.tables import UNLABELLED, Bearings
+
+CELLS = 500
+LOOK = np.dtype([("pair", "i8"), ("t_ns", "i8"), ("step", "f8"), ("seen", "?")])
+"""A look of a sensor for one label: the number of both, its time, that since the look before, whether it saw it."""
+Pair = tuple[str, int]
+"""A sensor and a label of bearings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """One sensor's frames and how many of them saw the target.
+
+    Attributes:
+        sensor: its name.
+        edges: (C + 1,) borders of the cells [ns].
+        looked: (C,) frames in each cell; 0 = no frame.
+        seen: (C,) frames in each cell that saw the target.
+        any_object: whether they tell of candidates that may be of any object, not of a named target.
+    """
+
+    sensor: str
+    edges: Ints
+    looked: Ints
+    seen: Ints
+    any_object: bool = False
+
+    @property
+    def share(self) -> float:
+        """Share of the frames that saw the target; NaN without frames."""
+        frames = int(self.looked.sum())
+        return float(self.seen.sum()) / frames if frames else float("nan")
+
+
+def sightings(bearings: Bearings, sensor: str, target: int) -> Sightings:
+    """Frames of one sensor, one cell a frame or, over long recordings, `CELLS` cells of equal time.
+
+    A sensor that names no target has its candidates counted, as a filter is offered them.
+    """
+    own = bearings.sensor == sensor
+    rows = own & (bearings.target_id == target)
+    free = target != UNLABELLED and not (own & (bearings.target_id != UNLABELLED)).any()
+    rows = own & (bearings.target_id == UNLABELLED) if free else rows
+    # Several candidates of one frame are one look
+    times, frame = np.unique(bearings.t_ns[rows], return_inverse=True)
+    seen = np.bincount(frame, bearings.seen[rows], len(times)) > 0
+    if not len(times):
+        return _nothing(sensor)
+    period = int(np.median(np.diff(times))) if len(times) > 1 else 0
+    if len(times) <= CELLS:
+        return Sightings(sensor, *_frame_cells(times, seen, max(period, 1)), free)
+    cells = _Cells(int(times[0]), int(times[-1]) + max(period, 1))
+    cells.add(times, seen)
+    return Sightings(sensor, cells.edges, cells.looked, cells.seen, free)
+
+
+def _nothing(sensor: str) -> Sightings:
+    return Sightings(sensor, np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
+
+
+class _Cells:
+    """Counts of looks in `CELLS` cells of equal time."""
+
+    def __init__(self, first: int, end: int) -> None:
+        self.edges = np.linspace(first, end, CELLS + 1).astype(np.int64)
+        self.looked, self.seen = np.zeros(CELLS, np.int64), np.zeros(CELLS, np.int64)
+
+    def add(self, times: Ints, seen: Bools) -> None:
+        cell = np.searchsorted(self.edges, times, side="right") - 1
+        self.looked += np.bincount(cell, minlength=CELLS)[:CELLS]
+        self.seen += np.bincount(cell, seen, CELLS)[:CELLS].astype(np.int64)
+
+
+def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Ints]:
+    """Each frame lasts until the next one, but at most half as long again as usual; then nothing."""
+    longest = period + period // 2
+    ends = np.append(np.minimum(times[1:], times[:-1] + longest), times[-1] + period)
+    edges = np.unique(np.concatenate([times, ends]))
+    start = edges[:-1]
+    row = np.searchsorted(times, start, side="right") - 1
+    inside = start < ends[row]
+    return edges, inside.astype(np.int64), (inside & seen[row]).astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What all bearings tell together.
+
+    Attributes:
+        rows: how many there are.
+        seen: how many of them saw something.
+        sensors: rows of each sensor, and those that saw something, by rising name.
+        labels: targets that they are labelled with, ascending.
+        table: the bearings; None where `found` has what is asked of them.
+        found: sightings of a sensor and a target.
+    """
+
+    rows: int
+    seen: int
+    sensors: Mapping[str, tuple[int, int]]
+    labels: tuple[int, ...]
+    table: Bearings | None = None
+    found: Mapping[Pair, Sightings] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, bearings: Bearings) -> Looked:
+        """That of a whole table."""
+        labels = tuple(int(i) for i in np.unique(bearings.target_id))
+        by_sensor = _by_sensor(*np.unique(bearings.sensor, return_inverse=True), bearings.seen)
+        return cls(len(bearings), int(bearings.seen.sum()), by_sensor, labels, bearings)
+
+    @property
+    def watched(self) -> tuple[int, ...]:
+        """Targets that bearings are labelled with; -1 (any object) only if there is no other."""
+        return tuple(i for i in self.labels if i != UNLABELLED) or self.labels
+
+    def sightings(self, sensor: str, target: int) -> Sightings:
+        """Frames of one sensor that were to see a target."""
+        if self.table is not None:
+            return sightings(self.table, sensor, target)
+        return self.found.get((sensor, target)) or _nothing(sensor)
+
+
+def _by_sensor(names: Strings, which: Ints, seen: Bools) -> dict[str, tuple[int, int]]:
+    rows, saw = np.bincount(which, minlength=len(names)), np.bincount(which[seen], minlength=len(names))
+    return {str(name): (int(n), int(s)) for name, n, s in zip(names, rows, saw, strict=True)}
+
+
+class LookStreams:
+    """Gathers looks while bearings stream by; each is put aside, for cells whose borders are known at the end."""
+
+    def __init__(self, blocks: Blocks | None = None) -> None:
+        """Nothing was seen yet; `blocks` takes records of `LOOK`."""
+        self.rows = self._seen = 0
+        self._sensors: dict[str, tuple[int, int]] = {}
+        self._pairs: dict[Pair, int] = {}
+        self._ends: list[list[int]] = []  # of each pair: first time, last time, looks
+        self._told = Blocks(LOOK) if blocks is None else blocks
+
+    def add(self, bearings: Bearings) -> None:
+        """Some more, which end between two times."""
+        self.rows += len(bearings)
+        names, which = np.unique(bearings.sensor, return_inverse=True)
+        for name, (rows, seen) in _by_sensor(names, which, bearings.seen).items():
+            before = self._sensors.get(name, (0, 0))
+            self._sensors[name] = before[0] + rows, before[1] + seen
+            self._seen += seen
+        keys, pair = np.unique(np.column_stack([which, bearings.target_id]), axis=0, return_inverse=True)
+        pair = pair.reshape(-1)
+        numbers = [self._pairs.setdefault((str(names[s]), int(t)), len(self._pairs)) for s, t in keys.tolist()]
+        order = np.argsort(pair, kind="stable")
+        starts = np.append(np.flatnonzero(np.diff(pair[order], prepend=-1)), len(order))
+        parts = []
+        for number, a, b in zip(numbers, starts[:-1].tolist(), starts[1:].tolist(), strict=True):
+            parts.append(self._looks(number, bearings.t_ns[order[a:b]], bearings.seen[order[a:b]]))
+        if parts:
+            self._told.append(np.concatenate(parts))
+
+    def _looks(self, number: int, t_ns: Ints, seen: Bools) -> Records:
+        """Looks of one pair: several candidates of one frame are one."""
+        times, first = np.unique(t_ns, return_index=True)
+        if number == len(self._ends):
+            self._ends.append([int(times[0]), int(times[0]), 0])
+        ends = self._ends[number]
+        out = np.empty(len(times), dtype=LOOK)
+        out["pair"], out["t_ns"], out["seen"] = number, times, np.logical_or.reduceat(seen, first)
+        out["step"] = np.diff(times, prepend=ends[1])
+        if not ends[2]:
+            out["step"][0] = np.nan
+        ends[1], ends[2] = int(times[-1]), ends[2] + len(times)
+        return out
+
+    @property
+    def labels(self) -> tuple[int, ...]:
+        """Targets that bearings are labelled with, ascending."""
+        return tuple(sorted({label for _, label in self._pairs}))
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the sensors, ascending."""
+        return tuple(sorted(self._sensors))
+
+    def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> Looked:
+        """All that was gathered, with the sightings of some sensors and targets."""
+        self._told.end()
+        wanted: dict[Pair, tuple[int, bool]] = {}
+        named = {sensor for sensor, label in self._pairs if label != UNLABELLED}
+        targets = tuple(targets)
+        for sensor in sensors:
+            for target in targets:
+                free = target != UNLABELLED and sensor not in named
+                number = self._pairs.get((sensor, UNLABELLED if free else target))
+                if number is not None:
+                    wanted[sensor, target] = number, free
+        found = self._sightings({number for number, _ in wanted.values()})
+        told = {
+            (sensor, target): Sightings(sensor, *found[number], free)
+            for (sensor, target), (number, free) in wanted.items()
+        }
+        by_name = dict(sorted(self._sensors.items()))
+        return Looked(self.rows, self._seen, by_name, self.labels, found=told)
+
+    def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
+        """Edges, looks and sightings of pairs."""
+
+        def steps() -> Iterator[tuple[Ints, np.ndarray]]:
+            for number in range(self._told.count):
+                rows = self._told.get(number)
+                rows = rows[np.isfinite(rows["step"])]
+                yield rows["pair"], rows["step"]
+
+        counts = np.array([max(count - 1, 0) for *_, count in self._ends], dtype=np.int64)
+        medians = group_medians(steps, counts) if len(counts) else np.zeros(0)
+        cells: dict[int, _Cells] = {}
+        frames: dict[int, list[Records]] = {}
+        period = {n: max(int(medians[n]) if counts[n] else 0, 1) for n in wanted}
+        for n in wanted:
+            first, last, count = self._ends[n]
+            if count > CELLS:
+                cells[n] = _Cells(first, last + period[n])
+            else:
+                frames[n] = []
+        for number in range(self._told.count):
+            block = self._told.get(number)
+            for n in np.unique(block["pair"]).tolist():
+                if n in wanted:
+                    own = block[block["pair"] == n]
+                    if n in cells:
+                        cells[n].add(own["t_ns"], own["seen"])
+                    else:
+                        frames[n].append(own)
+        out = {n: (each.edges, each.looked, each.seen) for n, each in cells.items()}
+        for n, parts in frames.items():
+            rows = np.concatenate(parts)
+            out[n] = _frame_cells(rows["t_ns"], rows["seen"], period[n])
+        return out

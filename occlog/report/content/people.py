@@ -1,0 +1,219 @@
+"""Everybody in numbers: how many people there are, who is there longest, how many cameras see them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.metrics.errors import ratio
+from occlog.core.metrics.sums import Sum
+from occlog.records.people import has_word
+from occlog.records.tables import PeopleTracks, Truth
+
+from .looks import CELLS, Sightings
+
+MOST_PEOPLE = 60
+"""People who have a row of their own, those who are there longest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crowd:
+    """How many people there are at each time.
+
+    Attributes:
+        t_ns: (T,) times of the tracks, and the ends of those after which nobody is there for a while.
+        people: (T,) tracks there.
+        expected: (T,) sum of their probabilities of existence.
+        seen: (T,) those of whom some camera has a box.
+    """
+
+    t_ns: Ints
+    people: Floats
+    expected: Floats
+    seen: Floats
+
+
+def crowd(tracks: PeopleTracks) -> Crowd:
+    """Counts of the times that have rows."""
+    times, row = np.unique(tracks.t_ns, return_inverse=True)
+    counts = [np.bincount(row, w, len(times)) for w in (None, tracks.existence, tracks.seen_by != "")]
+    return Crowd(times, *(c.astype(np.float64) for c in counts))
+
+
+def true_people(truth: Truth | None, at: Ints | None = None) -> tuple[Ints, Floats]:
+    """Times of true targets, of those `at` which all rows are there, and how many there are."""
+    own = np.zeros(0, np.int64) if truth is None else truth.t_ns[truth.role == "target"]
+    times, number = np.unique(own if at is None else own[np.isin(own, at)], return_counts=True)
+    return times, number.astype(np.float64)
+
+
+def drawn_people(tracks: PeopleTracks) -> Ints:
+    """Identities that have a row of their own, in the order of their births."""
+    ids, first, rows = np.unique(tracks.target_id.astype(np.int64), return_index=True, return_counts=True)
+    return _longest(ids, first, rows)
+
+
+def _longest(ids: Ints, first: Ints, rows: Ints) -> Ints:
+    longest = np.argsort(-rows, kind="stable")[:MOST_PEOPLE]
+    return ids[longest[np.argsort(first[longest], kind="stable")]].astype(np.int64)
+
+
+def seeing(tracks: PeopleTracks) -> tuple[str, ...]:
+    """Names of the cameras that have a box of anybody."""
+    return tuple(sorted(_names(tracks)))
+
+
+def _names(tracks: PeopleTracks) -> set[str]:
+    return {name for text in np.unique(tracks.seen_by).tolist() for name in text.split(",") if name}
+
+
+def sees(tracks: PeopleTracks, name: str) -> Bools:
+    """(N,) whether a camera has a box of the person."""
+    return has_word(tracks.seen_by, name)
+
+
+def usual_step(t_ns: Ints) -> int:
+    """The usual time between two moments [ns], at least 1."""
+    times = np.unique(t_ns)
+    return max(int(np.median(np.diff(times))), 1) if len(times) > 1 else 1
+
+
+class _Seen:
+    """People there, and those of whom a camera has a box, in cells of equal time."""
+
+    def __init__(self, first: int, end: int, step: int) -> None:
+        self._cells = max(min(CELLS, (end - first) // step), 1)
+        self._edges = np.linspace(first, end, self._cells + 1).astype(np.int64)
+        self._looked = np.zeros(self._cells, np.int64)
+        self._seen: dict[str, Ints] = {}
+
+    def add(self, tracks: PeopleTracks, names: tuple[str, ...]) -> None:
+        cell = np.clip(np.searchsorted(self._edges, tracks.t_ns, side="right") - 1, 0, self._cells - 1)
+        self._looked += np.bincount(cell, minlength=self._cells)
+        for name in names:
+            seen = np.bincount(cell, sees(tracks, name), self._cells).astype(np.int64)
+            self._seen[name] = self._seen.get(name, np.zeros(self._cells, np.int64)) + seen
+
+    @property
+    def names(self) -> set[str]:
+        return set(self._seen)
+
+    def sightings(self, name: str) -> Sightings:
+        return Sightings(name, self._edges, self._looked, self._seen[name])
+
+
+def _sightings(tracks: PeopleTracks, name: str) -> Sightings:
+    step = usual_step(tracks.t_ns)
+    seen = _Seen(int(tracks.t_ns[0]), int(tracks.t_ns[-1]) + step, step)
+    seen.add(tracks, (name,))
+    return seen.sightings(name)
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """What all estimates of everybody tell together.
+
+    Attributes:
+        rows: how many there are.
+        mean: people at a time.
+        most: at one time.
+        unseen: share of the estimates of people whom no camera sees.
+        existence: mean probability that they are there, where it is known.
+        several: share of the estimates of people whom several cameras see.
+        identities: how many there are.
+        drawn: those that have a row of their own, in the order of their births.
+        cameras: names of those that have a box of anybody.
+        crowd: how many there are at each time, or at those that are drawn.
+        table: the estimates; None where `found` has what is asked of them.
+        found: sightings of each camera.
+    """
+
+    rows: int
+    mean: float
+    most: int
+    unseen: float
+    existence: float
+    several: float
+    identities: int
+    drawn: Ints
+    cameras: tuple[str, ...]
+    crowd: Crowd
+    table: PeopleTracks | None = None
+    found: Mapping[str, Sightings] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, tracks: PeopleTracks) -> People:
+        """That of a whole table."""
+        gathered = PeopleStreams()
+        gathered.add(tracks)
+        return replace(gathered.finish(crowd(tracks)), table=tracks)
+
+    def sightings(self, name: str) -> Sightings:
+        """People there, and those of them of whom a camera has a box, in cells of equal time."""
+        return self.found[name] if self.table is None else _sightings(self.table, name)
+
+
+class PeopleStreams:
+    """Gathers what estimates of everybody tell while they stream by."""
+
+    def __init__(self) -> None:
+        """Nobody yet."""
+        self._rows = self._times = self._people = self._most = self._seen = self._several = self._told = 0
+        self._existence = Sum()
+        self._identities: dict[int, list[int]] = {}  # first row, rows
+        self._cameras: set[str] = set()
+        self._cells: _Seen | None = None
+
+    @property
+    def any(self) -> bool:
+        """Whether it is known of anybody how probable it is that they are there."""
+        return self._told > 0
+
+    def add(self, tracks: PeopleTracks) -> None:
+        """Some more, which end between two times."""
+        found = crowd(tracks)
+        self._times += len(found.t_ns)
+        self._people += int(found.people.sum())
+        self._most = max(self._most, int(found.people.max(initial=0)))
+        self._seen += int(found.seen.sum())
+        self._several += int(np.count_nonzero(np.char.find(tracks.seen_by, ",") >= 0))
+        self._told += int(np.count_nonzero(~np.isnan(tracks.existence)))
+        self._existence.add(float(np.nansum(tracks.existence)))
+        ids, first, rows = np.unique(tracks.target_id, return_index=True, return_counts=True)
+        for name, begin, count in zip(ids.tolist(), first.tolist(), rows.tolist(), strict=True):
+            self._identities.setdefault(name, [self._rows + begin, 0])[1] += count
+        self._cameras |= _names(tracks)
+        self._rows += len(tracks)
+
+    def begin_cells(self, span_ns: tuple[int, int], step_ns: float) -> None:
+        """Say that all came once, and will come again to `see`; when the first and the last time were, and the step."""
+        step = max(int(step_ns), 1) if self._times > 1 else 1
+        self._cells = _Seen(span_ns[0], span_ns[1] + step, step)
+
+    def see(self, tracks: PeopleTracks, cameras: int) -> None:
+        """Count what the first so many cameras saw of some more."""
+        assert self._cells is not None
+        self._cells.add(tracks, tuple(sorted(self._cameras))[:cameras])
+
+    def finish(self, drawn: Crowd) -> People:
+        """All that was gathered; `drawn`: at the times that are drawn."""
+        names = np.array(sorted(self._identities), dtype=np.int64)
+        first, rows = (np.array([self._identities[n][k] for n in names.tolist()], dtype=np.int64) for k in (0, 1))
+        cameras = tuple(sorted(self._cameras))
+        cells = self._cells
+        return People(
+            rows=self._rows,
+            mean=ratio(self._people, self._times),
+            most=self._most,
+            unseen=1.0 - ratio(self._seen, self._people),
+            existence=ratio(self._existence.value, self._told),
+            several=ratio(self._several, self._rows),
+            identities=len(names),
+            drawn=_longest(names, first, rows),
+            cameras=cameras,
+            crowd=drawn,
+            found={} if cells is None else {n: cells.sightings(n) for n in cameras if n in cells.names},
+        )
