@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -14,7 +15,7 @@ from docs.browser import browser
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.records.people import PeopleTracks
 from occlog.records.scene import Camera, Scene
-from occlog.records.tables import Bearings, Truth
+from occlog.records.tables import Bearings, Bound, Diagnostics, Errors, Truth
 from occlog.report.content.model import ReportInput
 from occlog.report.page import build_page
 
@@ -76,6 +77,37 @@ def crowd(seconds: float) -> ReportInput:
     return ReportInput(scene=scene, tracks=tracks, truth=truth, bearings=bearings)
 
 
+def with_everything(data: ReportInput) -> ReportInput:
+    """The same with errors, bound, diagnostics, and bearings that have labels, a fifth of which saw nobody."""
+    tracks, truth, bearings = data.tracks, data.truth, data.bearings
+    assert tracks is not None
+    assert truth is not None
+    assert bearings is not None
+    rng, n = np.random.default_rng(1), len(tracks)
+    who = {"t_ns": tracks.t_ns, "target_id": tracks.target_id}
+    off, level = np.stack([tracks.x - truth.x, tracks.y - truth.y]), 0.08 + 0.02 * rng.random(n)
+    errors = Errors.of(
+        **who, x=tracks.x, y=tracks.y, truth_x=truth.x, truth_y=truth.y, error_x=off[0], error_y=off[1],
+        error=np.hypot(*off), nees=np.sum(off**2, axis=0) / 0.01,
+    )  # fmt: skip
+    bound = Bound.of(
+        **who, bound_xx=level**2 / 2, bound_xy=0 * level, bound_yy=level**2 / 2, bound=level, n_seen=np.full(n, 4)
+    )
+    diagnostics = Diagnostics.of(
+        **who, ess=rng.uniform(500, 700, n), log_likelihood=0 * level, n_looked=np.full(n, 4), n_seen=np.full(n, 4),
+        fallback=np.full(n, ""), cameras=np.full(n, "cam0,cam1,cam2,cam3"), n_offered=np.full(n, 4), selected=np.full(n, ""),
+        predicted_mse=0 * level, seen_by=np.full(n, "cam0,cam1,cam2,cam3"), doubt=np.full(n, ""),
+    )  # fmt: skip
+    seen = rng.random(len(bearings)) < 0.8
+    told = {
+        name: np.where(seen, getattr(bearings, name), np.nan)
+        for name in ("bearing", "sigma", "u_px", "sigma_px", "score")
+    }
+    labels = np.tile(np.arange(PEOPLE, dtype=np.int32), len(bearings) // PEOPLE)
+    bearings = replace(bearings, seen=seen, target_id=labels, **told)
+    return replace(data, errors=errors, bound=bound, diagnostics=diagnostics, bearings=bearings)
+
+
 def run(repeats: int) -> dict[str, Any]:
     """Time of a moment, from its being asked for to its being painted, to 1/30 s; medians."""
     parts: dict[str, float] = {}
@@ -85,6 +117,8 @@ def run(repeats: int) -> dict[str, Any]:
             page_of[what] = Path(name) / f"{seconds:g}.html"
             page_of[what].write_text(build_page(crowd(seconds)), encoding="utf-8")
             parts[f"size of {what} [MB]"] = page_of[what].stat().st_size / 1e6
+        everything = build_page(with_everything(crowd(3600.0)))
+        parts["size of an hour with errors, bound and diagnostics [MB]"] = len(everything.encode()) / 1e6
         for what, path in page_of.items():
             paints, steps = [], list[float]()
             for _ in range(repeats):

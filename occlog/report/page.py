@@ -27,7 +27,7 @@ from occlog.report.plots.peopleplot import draw_crowd, draw_seen_by
 from occlog.report.plots.selectionplot import cameras_of, draw_selection
 from occlog.report.plots.sensortable import sensor_rows
 from occlog.report.plots.sightplot import draw_sight
-from occlog.report.plots.visibility import MOST_ROWS, draw_visibility, sensors, watched
+from occlog.report.plots.visibility import MOST_ROWS, MOST_TARGETS, draw_visibility, sensors, watched
 from occlog.report.replay.build import Replay, replay
 from occlog.report.replay.thumbnails import Thumbnails
 from occlog.track.plausibility.verdict import plausible
@@ -36,8 +36,6 @@ from .summary import headline, plural, row_counts
 
 WIDTH = 8.4
 SCRIPTS = ("plan.js", "time.js", "replay.js")
-MOST_TARGETS = 6
-"""More targets than these are in the tables and the floor plan, but get no figures of their own."""
 
 
 def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:

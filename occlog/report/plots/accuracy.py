@@ -12,7 +12,10 @@ from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing.style import COLOURS, label, target_colour
 from occlog.report.drawing.thin import broken, envelope, extremes, gaps, running_rms, sensible_top
 
-BUCKETS = 350
+BUCKETS, FEWEST = 350, 80
+"""Stretches of a line, of each of which the extremes are drawn; those of each target among many, at least."""
+OF_ALL = 600
+"""The same of the lines of all targets together, so that a page of many stays small."""
 
 
 def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
@@ -26,12 +29,20 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     so_far = None
     if data.of_all is not None and data.of_all.errors_so_far is not None:
         so_far = data.of_all.errors_so_far[all_errors.target_id == target]
-    least = _bounds_so_far(data, target)
+    least, buckets = _bounds_so_far(data, target), max(FEWEST, min(BUCKETS, OF_ALL // len(data.targets)))
     draw_distance(
-        total, data.time, errors=errors, bound=bound, colour=colour, unit=data.unit, so_far=so_far, least=least
+        total,
+        data.time,
+        errors=errors,
+        bound=bound,
+        colour=colour,
+        unit=data.unit,
+        so_far=so_far,
+        least=least,
+        buckets=buckets,
     )
     for axes, name in zip(rest, names, strict=True):
-        _axis_error(axes, data, errors=errors, bound=bound, tracks=tracks, name=name, colour=colour)
+        _axis_error(axes, data, errors=errors, bound=bound, tracks=tracks, name=name, colour=colour, buckets=buckets)
     rest[-1].set_xlabel(data.time.label)
     rest[-1].set_xlim(0.0, max(data.time.length, 1e-9))
     handles, labels = total.get_legend_handles_labels()
@@ -61,25 +72,27 @@ def draw_distance(
     unit: str,
     so_far: Floats | None = None,
     least: tuple[Floats, Floats | None] | None = None,
+    buckets: int = BUCKETS,
 ) -> None:
     """Distance between estimate and truth, its running RMSE, and the bound.
 
     `so_far` is the RMSE up to each error, where these are not all that there are, and `least` the bound on it and that
     of smoothing up to each row of the bound, likewise.
     """
-    line(axes, time, errors.t_ns, errors.error, color=colour, linewidth=0.8, alpha=0.65, label="error")
+    line(axes, time, errors.t_ns, errors.error, buckets, color=colour, linewidth=0.8, alpha=0.65, label="error")
     rms = running_rms(errors.error) if so_far is None else so_far
-    line(axes, time, errors.t_ns, rms, color=colour, linewidth=2.0, label="RMSE so far")
+    line(axes, time, errors.t_ns, rms, buckets, color=colour, linewidth=2.0, label="RMSE so far")
     shown = [errors.error, rms]
     if bound is not None and len(bound):
         smoothed = running_rms(bound.smoothed) if np.isfinite(bound.smoothed).all() else None
         on_rmse, smoothed = (running_rms(bound.bound), smoothed) if least is None else least
-        line(axes, time, bound.t_ns, bound.bound, color=COLOURS["bound"], linewidth=0.8, label="bound")
+        line(axes, time, bound.t_ns, bound.bound, buckets, color=COLOURS["bound"], linewidth=0.8, label="bound")
         line(
             axes,
             time,
             bound.t_ns,
             on_rmse,
+            buckets,
             color=COLOURS["bound"],
             linewidth=2.0,
             linestyle=(0, (4, 1.5)),
@@ -88,17 +101,17 @@ def draw_distance(
         shown += [bound.bound, on_rmse]
         if smoothed is not None:
             style = {"color": COLOURS["bound"], "linewidth": 1.6, "linestyle": (0, (1, 1.5))}
-            line(axes, time, bound.t_ns, smoothed, label="the same of smoothing", **style)
+            line(axes, time, bound.t_ns, smoothed, buckets, label="the same of smoothing", **style)
     axes.set_ylabel(f"error [{label(unit)}]")
     top = sensible_top(*shown)
     axes.set_ylim(0.0, top)
     mark_clipped(axes, time, t_ns=errors.t_ns, values=errors.error, top=top, unit=unit, all_there=so_far is None)
 
 
-def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, **style: object) -> None:
-    """One thinned line, broken at gaps."""
+def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = BUCKETS, **style: object) -> None:
+    """One line, thinned to the extremes of so many stretches, broken at gaps."""
     if len(values):
-        keep = extremes(values, BUCKETS)
+        keep = extremes(values, buckets)
         t, v = broken(t_ns, keep, time.of(t_ns), values)
         axes.plot(t, v, **style)  # type: ignore[arg-type]
 
@@ -124,7 +137,14 @@ def mark_clipped(
 
 
 def _axis_error(
-    axes: Axes, data: ReportInput, errors: Errors, bound: Bound | None, tracks: Tracks | None, name: str, colour: str
+    axes: Axes,
+    data: ReportInput,
+    errors: Errors,
+    bound: Bound | None,
+    tracks: Tracks | None,
+    name: str,
+    colour: str,
+    buckets: int,
 ) -> None:
     """Signed error along one axis with what the filter and the bound say of its spread; heights where known."""
     errors = errors.take(np.isfinite(getattr(errors, f"error_{name}")))
@@ -134,26 +154,26 @@ def _axis_error(
     shown = [np.abs(values)]
     if tracks is not None and len(tracks):
         spread = 2.0 * np.sqrt(np.maximum(getattr(tracks, f"cov_{name}{name}"), 0.0))
-        _band(axes, time=data.time, t_ns=tracks.t_ns, spread=spread, colour=colour)
+        _band(axes, time=data.time, t_ns=tracks.t_ns, spread=spread, colour=colour, buckets=buckets)
         shown.append(spread)
     if bound is not None and len(bound):
         spread = 2.0 * np.sqrt(np.maximum(getattr(bound, f"bound_{name}{name}"), 0.0))
         style = {"color": COLOURS["bound"], "linewidth": 0.9, "linestyle": (0, (4, 1.5))}
-        line(axes, data.time, bound.t_ns, spread, label="± 2 × bound of the axis", **style)
-        line(axes, data.time, bound.t_ns, -spread, **style)
+        line(axes, data.time, bound.t_ns, spread, buckets, label="± 2 × bound of the axis", **style)
+        line(axes, data.time, bound.t_ns, -spread, buckets, **style)
         shown.append(spread)
-    line(axes, data.time, errors.t_ns, values, color=colour, linewidth=0.8)
+    line(axes, data.time, errors.t_ns, values, buckets, color=colour, linewidth=0.8)
     axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.6, zorder=1)
     axes.set_ylabel(f"{name} error")
     top = sensible_top(*shown)
     axes.set_ylim(-top, top)
 
 
-def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str) -> None:
+def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str, buckets: int) -> None:
     """The filter's own +-2 standard deviations, one piece between gaps."""
     named = "± 2 standard deviations of the filter"
     for piece in np.split(np.arange(len(t_ns)), np.flatnonzero(gaps(t_ns))):
-        share = max(4, BUCKETS * len(piece) // len(t_ns))
+        share = max(4, buckets * len(piece) // len(t_ns))
         t, low, high = envelope(time.of(t_ns[piece]), -spread[piece], spread[piece], share)
         axes.fill_between(t, low, high, color=colour, alpha=0.16, linewidth=0, label=named)
         named = ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +16,10 @@ from occlog.report.content.looks import Looked, Sightings
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing.style import COLOURS, label
 
-MOST_ROWS = 60
+MOST_ROWS, MOST_TARGETS = 60, 6
+"""Sensors in a figure; targets that have a figure of their own."""
+CELLS_OF_ALL, FEWEST_CELLS = 4800, 60
+"""Cells of all sensors and targets together, so that a page of many stays small; those of each one, at least."""
 HEIGHT = 0.72
 
 
@@ -39,11 +43,22 @@ def draw_visibility(figure: FigureBase, data: ReportInput, looked: Looked, targe
     """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]
-    rows = [looked.sightings(name, target) for name in names]
+    cells = max(CELLS_OF_ALL // max(len(names) * min(len(looked.watched), MOST_TARGETS), 1), FEWEST_CELLS)
+    rows = [coarser(looked.sightings(name, target), cells) for name in names]
     draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
     kinds = (("seen", "target seen"), ("hidden", "frame, target not seen"), ("absent", "no frame"))
     handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
+
+
+def coarser(found: Sightings, most: int) -> Sightings:
+    """The same frames in at most so many cells: neighbours are one, as many as it takes."""
+    together = -(-len(found.looked) // most)
+    if together <= 1:
+        return found
+    first = np.arange(0, len(found.looked), together)
+    looked, seen = (np.add.reduceat(each, first) for each in (found.looked, found.seen))
+    return replace(found, edges=np.append(found.edges[first], found.edges[-1]), looked=looked, seen=seen)
 
 
 def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[Sightings], names: Sequence[str]) -> None:

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from made_up import run
 
 from occlog.records.tables import Bearings
-from occlog.report.content.looks import CELLS, sightings
-from occlog.report.plots.visibility import sensors, watched
+from occlog.report.content.looks import CELLS, Sightings, sightings
+from occlog.report.plots.visibility import coarser, sensors, watched
 
 
 def looks(t_ns: list[int], seen: list[bool], sensor: str = "a", target: int = 0) -> Bearings:
@@ -81,3 +83,21 @@ def test_a_sensor_that_names_no_target_has_its_candidates_counted() -> None:
 def test_a_frame_lasts_at_most_half_as_long_again_as_usual(next_ns: int, frames: list[int]) -> None:
     t_ns = [0, 10, 20, next_ns, next_ns + 10]
     assert sightings(looks(t_ns, [True] * 5), "a", 0).looked.tolist() == frames
+
+
+@pytest.mark.parametrize(
+    ("cells", "most", "left"), [(500, 500, 500), (500, 200, 167), (7, 3, 3), (7, 1, 1), (3, 10, 3)]
+)
+def test_fewer_cells_have_the_same_frames_and_borders(cells: int, most: int, left: int) -> None:
+    rng = np.random.default_rng(cells + most)
+    looked = rng.integers(0, 5, cells)
+    edges = np.cumsum(rng.integers(1, 9, cells + 1))
+    fine = Sightings("a", edges, looked, rng.integers(0, looked + 1))
+    coarse = coarser(fine, most)
+    assert len(coarse.looked) == len(coarse.seen) == len(coarse.edges) - 1 == left
+    assert (coarse.edges[0], coarse.edges[-1]) == (edges[0], edges[-1])
+    for k, (start, stop) in enumerate(itertools.pairwise(coarse.edges.tolist())):
+        own = (edges[:-1] >= start) & (edges[:-1] < stop)
+        assert coarse.looked[k] == looked[own].sum()
+        assert coarse.seen[k] == fine.seen[own].sum()
+    assert coarse.share == fine.share
