@@ -9,6 +9,7 @@ the documentation.  Modules that declare settings load nothing heavy, so that `-
 from __future__ import annotations
 
 import difflib
+import functools
 import math
 import numbers
 import types
@@ -283,7 +284,13 @@ def _unknown(owner: str, name: str, known: Sequence[str]) -> str:
 
 def kind_of(of: type, name: str) -> object:
     """Type of a setting as annotated, for example `float | None`."""
-    return typing.get_type_hints(of)[name]
+    return _kinds(of)[name]
+
+
+@functools.cache
+def _kinds(of: type) -> Mapping[str, object]:
+    """Types of all settings; annotations are texts, and to read them takes as long as to check hundreds of values."""
+    return typing.get_type_hints(of)
 
 
 def plain_kind(kind: object) -> type:

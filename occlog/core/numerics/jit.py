@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.types.misc import unliteral
 
 from occlog import __version__
 from occlog.details import note_uncached, tell_of_compiling
@@ -30,6 +31,14 @@ def kernel(function: F) -> F:
     return _cached(function, numba.njit(nogil=True)(function))
 
 
+def kernel_part(function: F) -> F:
+    """The function as a part of the kernel that calls it, as if it stood there; for one that is called at one place.
+
+    A kernel that is called by another is compiled by itself, and once more, with all that it calls, into the other.
+    """
+    return cast(F, numba.njit(nogil=True, inline="always")(function))
+
+
 def array_kernel(function: F) -> F:
     """As `kernel`, for loops that the compiler is to vectorise.
 
@@ -43,7 +52,20 @@ def _cached(function: F, compiled: Any) -> F:
     if compiled is not function:  # not with NUMBA_DISABLE_JIT=1
         with suppress(NoCacheError):
             compiled._cache = KernelCache(function)
+        compiled.get_call_template = _of_any_value(compiled.get_call_template)
     return cast(F, compiled)
+
+
+def _of_any_value(template: Callable[..., Any]) -> Callable[..., Any]:
+    """Type calls by other kernels with a constant as with any other number.
+
+    Numba would compile the kernel, and all that it calls, once more for each constant among its arguments.
+    """
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        return template([unliteral(a) for a in args], {name: unliteral(a) for name, a in kws.items()})
+
+    return get_call_template
 
 
 class NoCacheError(Exception):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
 import math
 import re
@@ -81,20 +82,39 @@ def lines_of(path: Path) -> dict[str, int]:
 
 def parse_yaml(text: str, source: str, kind: type[T]) -> T:
     """As `read_yaml`, from text; `source` names it in messages."""
-    try:
-        node = compose_yaml(text, source, _Loader)
-        with guarded(source, "YAML of occlog"):
-            lines = dict(_lines(node, "$", source)) if node is not None else {}
-            raw = _Constructor(text, source).construct_document(node) if node is not None else None
-            _check_finite(raw, "$", lines, source)
-    except yaml.YAMLError as error:
-        raise InputError(f"{source}: {_yaml_problem(error)}") from error
+    raw, lines = _values(text, source)
     if not isinstance(raw, dict):
         raise InputError(f"{source}: want keys and values at the top level, got {type(raw).__name__}")
     try:
         return msgspec.convert(raw, kind, strict=True)
     except msgspec.ValidationError as error:
         raise InputError(f"{source}: {_explain(str(error), raw, lines, kind)}") from error
+
+
+_KEPT: dict[str, tuple[Any, dict[str, int]]] = {}
+"""The last texts and what they say: a command opens a recording, and reads its scene, several times."""
+KEPT_TEXTS, KEPT_LENGTH = 8, 100_000
+
+
+def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
+    """The value of a text, and the line of every value in it by its place."""
+    known = _KEPT.get(text)
+    if known is None:
+        try:
+            node = compose_yaml(text, source, _Loader)
+            with guarded(source, "YAML of occlog"):
+                lines = dict(_lines(node, "$", source)) if node is not None else {}
+                raw = _Constructor(text, source).construct_document(node) if node is not None else None
+                _check_finite(raw, "$", lines, source)
+        except yaml.YAMLError as error:
+            raise InputError(f"{source}: {_yaml_problem(error)}") from error
+        known = raw, lines
+        if len(text) <= KEPT_LENGTH:
+            for oldest in list(_KEPT)[: max(len(_KEPT) + 1 - KEPT_TEXTS, 0)]:
+                _KEPT.pop(oldest, None)
+            _KEPT[text] = known
+    # Whoever gets the value may change it
+    return copy.deepcopy(known[0]), known[1]
 
 
 def _yaml_problem(error: yaml.YAMLError) -> str:

@@ -96,3 +96,30 @@ def test_where_no_folder_can_be_written_kernels_run_uncached(tmp_path: Path) -> 
     blocked["XDG_CACHE_HOME"] = str(tmp_path / "user")
     assert run(tmp_path, "Given", 3.0, before=kept, **blocked) == ["kept", "True", "6.0", "0"]
     assert any((tmp_path / "user").rglob("*.nbc"))
+
+
+@jit.kernel
+def times(number: int, by: int) -> int:
+    return number * by
+
+
+@jit.kernel_part
+def doubled_if_odd(number: int) -> int:
+    if number % 2 == 0:
+        return number
+    return times(number, 2)
+
+
+@jit.kernel
+def sum_of(numbers: int) -> int:
+    total = times(3, numbers)
+    for k in range(numbers):
+        total += times(k, 5) + doubled_if_odd(k)
+    return total
+
+
+def test_constants_among_arguments_compile_nothing_anew_and_a_part_is_compiled_with_its_kernel_alone() -> None:
+    assert sum_of(4) == 12 + 5 * (0 + 1 + 2 + 3) + (0 + 2 + 2 + 6)
+    assert times(3, 4) == 12  # what calls it may be from the cache
+    assert len(times.signatures) == 1  # type: ignore[attr-defined]
+    assert doubled_if_odd.signatures == []  # type: ignore[attr-defined]

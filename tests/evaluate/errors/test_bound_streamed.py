@@ -40,9 +40,17 @@ def made(
 
 
 @pytest.mark.parametrize("what", CASES)
-@pytest.mark.parametrize("block", [1, 7, 10**6])
+@pytest.mark.parametrize("block", [pytest.param(1, marks=pytest.mark.jit), 7, 10**6])
 @pytest.mark.parametrize("motion", ["waypoint", "cv"])
-@pytest.mark.parametrize(("with_errors", "late_from"), [(True, 0.0), (True, 0.5), (True, 0.99), (False, 0.5)])
+@pytest.mark.parametrize(
+    ("with_errors", "late_from"),
+    [
+        pytest.param(True, 0.0, marks=pytest.mark.jit),
+        (True, 0.5),
+        pytest.param(True, 0.99, marks=pytest.mark.jit),
+        pytest.param(False, 0.5, marks=pytest.mark.jit),
+    ],
+)
 def test_blocks_give_the_bound_of_whole_tables(
     what: str, block: int, motion: str, with_errors: bool, late_from: float
 ) -> None:
@@ -56,6 +64,7 @@ def test_blocks_give_the_bound_of_whole_tables(
     assert found == pytest.approx(figures, rel=1e-12, nan_ok=True)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("with_errors", [True, False])
 def test_so_do_bounds_that_are_asked_for_in_space_where_no_error_is(with_errors: bool) -> None:
     config = EvaluateConfig(bound_in="space", prior_z=1.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.files.yaml_file import parse_yaml, read_yaml
+from occlog.io.files.yaml_file import KEPT_LENGTH, KEPT_TEXTS, parse_yaml, read_yaml
 from occlog.io.files.yaml_nodes import MAX_NODES
 
 
@@ -52,3 +52,13 @@ def test_what_is_no_text_is_called_by_its_name(tmp_path: Path, head: bytes, word
     path.write_bytes(head)
     with pytest.raises(InputError, match=words):
         read_yaml(path, dict, "a plan")
+
+
+def test_what_is_made_of_a_text_is_the_callers_own_however_often_it_is_read() -> None:
+    for _ in range(2):
+        for n in range(KEPT_TEXTS + 1):
+            found = parse_yaml(f"a: [1, {{b: {n}}}]", "x", dict)
+            assert found == {"a": [1, {"b": n}]}
+            found["a"][1]["b"] = found["c"] = -1
+    long = f"a: {'b' * KEPT_LENGTH}"
+    assert parse_yaml(long, "x", dict) == parse_yaml(long, "y", dict)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.numerics.jit import kernel
+from occlog.core.numerics.jit import kernel, kernel_part
 
 from ..interface import STATE
 from ..people import CALM
@@ -451,7 +451,7 @@ def sweep(
     return accepted
 
 
-@kernel
+@kernel_part
 def tails(
     places: Places,
     walk: Walk,
@@ -503,7 +503,7 @@ def tails(
     return 1
 
 
-@kernel
+@kernel_part
 def in_or_out(
     places: Places, walk: Walk, looked: Floats, listed: Candidates, known: Known, chain: Chain, k: int, u: float,
     log_u: float, temperature: float,
@@ -557,7 +557,7 @@ def in_or_out(
     return 1
 
 
-@kernel
+@kernel_part
 def places_change(
     places: Places,
     walk: Walk,
