@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from people_in_groups import walk
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate.verdict import Made
-from occlog.io.files.parquet import write_table
+from occlog.io import open as opening
+from occlog.io.files.parquet import iter_table, write_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
@@ -140,10 +142,11 @@ CAPTIONS = re.compile(r" Drawn: .*|\. Drawn: .*|The paths are long: .*?faint\.|\
 def pages(
     args: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> tuple[list[str], list[str], Path]:
-    """Words of a page of whole tables and of one of long ones, which are to be the same; and the latter."""
+    """Words of a page of whole tables and of one of long ones, read in pieces, which are to be the same; the latter."""
     said, summaries = [], []
-    for most in (10**6, 100):
+    for most, rows in ((10**6, 10**6), (100, 37)):
         monkeypatch.setattr(rule, "MOST_ROWS", most)
+        monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
         page = folder / f"{most}.html"
         assert run([*args, "--overwrite", "--json", "-o", str(page)]) == ExitCode.DONE
         said.append(words(page))
