@@ -17,6 +17,7 @@ from occlog.cli import options
 from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.azimuths import doa_metrics
+from occlog.evaluate.bearings.held_out import few_held_out
 from occlog.evaluate.bearings.known_places import (
     comment,
     figures_of,
@@ -155,10 +156,12 @@ def run_in_stretches(
 ) -> tuple[Evaluation, str] | None:
     """The same as `run_evaluate` in flat memory.
 
-    None where there are measurements, sensors held out or a scene to write, views of some frames, nothing to compare,
-    or short tables in a recording.
+    None where there are measurements, a scene to write, sensors held out without tracks or bearings or beside views,
+    many tracks with them, views of some frames, nothing to compare, or short tables in a recording.
     """
-    if paths.measurements is not None or paths.write_scene is not None or given.get("held_out"):
+    if paths.measurements is not None or paths.write_scene is not None:
+        return None
+    if given.get("held_out") and (paths.tracks is None or paths.directions is None or paths.views is not None):
         return None
     tracks, truth, scene = open_tables(paths)
     views = None if paths.views is None else open_input(paths.views)
@@ -173,6 +176,7 @@ def run_in_stretches(
         return None
     unit = scene.length_unit
     config, numbered_itself, own_numbers = _configured(paths, given, unit)
+    _check_held_out(paths.tracks, config.held_out)
     begin_work()
     diagnostics = None if paths.diagnostics is None else open_input(paths.diagnostics, Diagnostics)
     sources = Sources(tracks, truth, bearings, diagnostics)
@@ -182,7 +186,7 @@ def run_in_stretches(
             return None
         sources = replace(sources, during=during)
     compared = InStretches(sources, scene, config) if positions else None
-    if compared is not None and not compared.can:
+    if compared is not None and not (compared.can and few_held_out(config, len(compared.known.tracks))):
         return None
     cooperation = None if paths.cooperation is None else open_input(paths.cooperation)
     more = BesideTracks(views, truth, cooperation, sources).figures(

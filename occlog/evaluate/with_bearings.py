@@ -14,6 +14,7 @@ from occlog.records.tables import Bearings, Bound, Diagnostics, Errors
 from occlog.track.plausibility.verdict import Evidence
 
 from .bearings.detections import DetectionFigures
+from .bearings.held_out import HeldOutStreams
 from .bearings.meeting import MeetingFigures
 from .bearings.noise import NoiseFigures
 from .bearings.scans import ScanCuts, labelled
@@ -52,6 +53,8 @@ class WithBearings:
         self._sensors: dict[str, Sensor] = {}
         self._cuts, self._noise = ScanCuts(config), NoiseFigures(config)
         self._meeting = None if sources.tracks is None else MeetingFigures(scene.length_unit, config)
+        held_out = bool(config.held_out) and sources.tracks is not None
+        self._held_out = HeldOutStreams(scene, sorted(known.tracks), config) if held_out else None
         self._detections = None if sources.truth is None else DetectionFigures()
         self._bound: BoundStreams | None = None
         self._labels: dict[int, int] = {}
@@ -114,6 +117,8 @@ class WithBearings:
             self._noise.add(scans, self._sensors)
             if self._meeting is not None:
                 self._meeting.add(scans, self._sensors, tracks.get(scans.target))
+        if self._held_out is not None:
+            self._held_out.add(rows, tracks)
         if self._sight is not None:
             self._sight.add(part.limits, part.sides[0], self._bearings, self._diagnostics)
         if self._detections is not None and self._bound is not None:
@@ -178,8 +183,9 @@ class WithBearings:
         return self._noise.metrics()
 
     def meeting(self) -> Metrics:
-        """Figures of where sight lines meet; none without tracks."""
-        return {} if self._meeting is None else self._meeting.metrics()
+        """Figures of where sight lines meet, and of sensors that were held out; none without tracks."""
+        found = {} if self._meeting is None else self._meeting.metrics()
+        return found if self._held_out is None else found | self._held_out.metrics()
 
     def note(self) -> str:
         """Why no track was compared with where sight lines meet, and what to do."""

@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from people_in_groups import walk
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate.verdict import Made
-from occlog.io.files.parquet import write_table
+from occlog.io import open as opening
+from occlog.io.files.parquet import iter_table, write_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
@@ -28,7 +30,9 @@ from occlog.report.content.model import ReportInput
 from occlog.report.content.thinned import ErrorsSoFar, Whole, fewer, thinned, with_rows
 from occlog.report.drawing.thin import running_rms
 from occlog.report.long_tables import LongTables
+from occlog.report.markdown import build_markdown
 from occlog.report.plots.floorplan import plan_limits
+from occlog.report.replay.build import replay
 from occlog.report.replay.moments import Moments
 
 STEPS = 400
@@ -140,10 +144,11 @@ CAPTIONS = re.compile(r" Drawn: .*|\. Drawn: .*|The paths are long: .*?faint\.|\
 def pages(
     args: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> tuple[list[str], list[str], Path]:
-    """Words of a page of whole tables and of one of long ones, which are to be the same; and the latter."""
+    """Words of a page of whole tables and of one of long ones, read in pieces, which are to be the same; the latter."""
     said, summaries = [], []
-    for most in (10**6, 100):
+    for most, rows in ((10**6, 10**6), (100, 37)):
         monkeypatch.setattr(rule, "MOST_ROWS", most)
+        monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
         page = folder / f"{most}.html"
         assert run([*args, "--overwrite", "--json", "-o", str(page)]) == ExitCode.DONE
         said.append(words(page))
@@ -236,6 +241,30 @@ def test_a_page_with_bearings_bound_and_diagnostics_has_the_numbers_of_the_whole
     if "errors" not in given:
         assert "There is no truth to compare with." in " ".join(whole)
         assert "of these and the largest ones between them; figures are of all." in text
+
+
+NAMES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics")
+
+
+@pytest.mark.parametrize("given", [NAMES, ("bearings",), ("bearings", "truth"), ("truth", "errors", "bound")])
+@pytest.mark.parametrize("empty", ["", *NAMES])
+def test_words_and_figures_are_those_of_the_whole_where_tables_are_empty_or_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], empty: str
+) -> None:
+    data = made_up(steps=120, targets=2, cameras=3)
+    tables = {name: getattr(data, name) for name in given}
+    tables |= {empty: type(tables[empty]).empty()} if empty in given else {}
+    written(tmp_path, **tables)
+    monkeypatch.setattr(rule, "MOST_ROWS", 50)
+    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=31))
+    long = LongTables(**{name: tmp_path / f"{name}.parquet" for name in given})
+    assert long.are_long == any(len(table) > 50 for table in tables.values())
+    part = ReportInput(scene=data.scene, **long.read(Made(), data.scene, {}))
+    whole = ReportInput(scene=data.scene, **tables)
+    assert build_markdown(part) == build_markdown(whole)
+    assert (replay(part) is None) == (replay(whole) is None)
+    assert part.time == whole.time
+    assert part.targets == whole.targets
 
 
 def test_the_moments_of_long_tables_have_the_sight_lines_and_the_truth_of_their_own_time(

@@ -88,3 +88,11 @@ class Blocks:
             return self._kept[number]
         self._file.seek(number * self._block * self._record.itemsize)
         return np.frombuffer(self._file.read(self._block * self._record.itemsize), dtype=self._record)
+
+    def rows(self, first: int, last: int) -> Records:
+        """Records from one number up to another, which is left out, once `end` was called."""
+        parts = [np.zeros(0, dtype=self._record)]
+        for number in range(first // self._block, -(-last // self._block)):
+            start = number * self._block
+            parts.append(self.get(number)[max(first - start, 0) : last - start])
+        return np.concatenate(parts)

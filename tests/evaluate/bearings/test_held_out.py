@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import math
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
+from bearing_scenes import CASES
 from evaluate_scenes import array, both, box, camera, directions, pixels, scene, tracks
 
-from occlog.errors import InputError
+from occlog.cli.main import run
+from occlog.errors import ExitCode, InputError
+from occlog.evaluate.bearings.held_out import SHIFTS, HeldOutStreams, held_out_metrics
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.matching.paths import paths_of
 from occlog.evaluate.stage import evaluate
+from occlog.io import open as opening
+from occlog.io.files.parquet import iter_table, write_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.pieces import Side, in_step
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks
 
@@ -121,3 +133,55 @@ def test_names_that_are_not_there() -> None:
         figures(found, bearings)
     with pytest.raises(InputError, match="needs tracks made without it"):
         evaluate(None, None, bearings, PLACE, EvaluateConfig(held_out=("north",)))
+
+
+@pytest.mark.parametrize("what", CASES)
+@pytest.mark.parametrize(("rows", "block"), [(1, 7), (29, 13), (10**6, 5)])
+def test_figures_of_pieces_are_those_of_whole_tables(what: str, rows: int, block: int) -> None:
+    case, names = CASES[what](7), ("c",) if what == "in space" else ("a", "c")
+    config = EvaluateConfig(held_out=names, held_out_gate=0.02)
+    whole = held_out_metrics(case.tracks, case.bearings, case.place, config)
+    found = HeldOutStreams(case.place, np.unique(case.tracks.target_id).tolist(), config, block, in_memory=100)
+    chunks = [case.bearings.take(slice(s, s + rows)) for s in range(0, len(case.bearings), rows)]
+    sides = Side(chunks, Bearings), Side([case.tracks], Tracks)
+    for limits in in_step(sides, (0, config.bridge_ns + 1)):
+        found.add(limits.of(sides[0]), paths_of(limits.about(sides[1], config.bridge_ns + 1)))
+    assert found.metrics() == pytest.approx(whole, rel=1e-9, nan_ok=True)
+    assert whole["held_out_frames"] > 20
+    assert whole["held_out_reported"] > 0
+    exact = [n for n, value in whole.items() if "median" in n or "p95" in n or float(value).is_integer()]
+    assert {n: found.metrics()[n] for n in exact} == pytest.approx({n: whole[n] for n in exact}, rel=1e-12, nan_ok=True)
+
+
+def test_chance_by_the_definition() -> None:
+    """Frame n + s against the prediction n, for each shift s, by plain loops."""
+    random = np.random.default_rng(3)
+    times, place = np.arange(40) * 0.5, scene(EAST, NORTH)
+    found = tracks(times, np.column_stack([np.full(40, 10.0), 10 + random.normal(0, 2, 40)]))
+    u = random.normal(0, 20, 40)
+    u[::7] = NAN
+    m = figures(found, pixels(EAST, times, u), place)
+    predicted = -100.0 * (found.y - 10.0) / 10.0
+    shifts = np.unique(np.rint(np.linspace(0.1, 0.9, SHIFTS) * 40).astype(int))
+    off = [abs(u[(n + s) % 40] - predicted[n]) for s in shifts for n in range(40)]
+    assert m["held_out_median_chance_px"] == pytest.approx(np.nanmedian(off))
+    turned = [abs(math.atan(u[(n + s) % 40] / 100) - math.atan(predicted[n] / 100)) for s in shifts for n in range(40)]
+    within = np.count_nonzero(np.array(turned) <= EvaluateConfig().held_out_gate)
+    assert m["held_out_share_within_chance"] == pytest.approx(within / len(turned))
+
+
+@pytest.mark.parametrize("rows", [11, 10**6])
+def test_the_command_takes_tables_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
+    case, config = CASES["simulated"](7), EvaluateConfig(held_out=("a",))
+    (tmp_path / "scene.yaml").write_text(scene_to_yaml(case.place))
+    for name in ("tracks", "truth", "bearings"):
+        write_table(tmp_path / f"{name}.parquet", getattr(case, name), Provenance("track"), length_unit="m")
+    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
+    args = [str(tmp_path / "tracks.parquet"), "--truth", str(tmp_path / "truth.parquet"), "--held-out", "a"]
+    args += ["--bearings", str(tmp_path / "bearings.parquet"), "--scene", str(tmp_path / "scene.yaml")]
+    assert run(["evaluate", *args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
+    whole = evaluate(case.tracks, case.truth, case.bearings, case.place, config).metrics
+    said = json.loads((tmp_path / "m.json").read_text())
+    assert set(whole) <= set(said)
+    told = {n: NAN if said[n] is None else said[n] for n in whole}
+    assert told == pytest.approx(whole, rel=1e-10, abs=1e-13, nan_ok=True)
