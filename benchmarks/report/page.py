@@ -95,8 +95,8 @@ def with_everything(data: ReportInput) -> ReportInput:
     )
     diagnostics = Diagnostics.of(
         **who, ess=rng.uniform(500, 700, n), log_likelihood=0 * level, n_looked=np.full(n, 4), n_seen=np.full(n, 4),
-        fallback=np.full(n, ""), cameras=np.full(n, "cam0,cam1,cam2,cam3"), n_offered=np.full(n, 4), selected=np.full(n, ""),
-        predicted_mse=0 * level, seen_by=np.full(n, "cam0,cam1,cam2,cam3"), doubt=np.full(n, ""),
+        fallback=np.full(n, ""), cameras=np.full(n, "cam0,cam1,cam2,cam3"), seen_by=np.full(n, "cam0,cam1,cam2,cam3"),
+        n_offered=np.full(n, 4), selected=np.full(n, ""), predicted_mse=0 * level, doubt=np.full(n, ""),
     )  # fmt: skip
     seen = rng.random(len(bearings)) < 0.8
     told = {

@@ -25,8 +25,7 @@ from occlog.report.content.off_sight import Distances, OffSightStreams, Residual
 from occlog.report.content.plane_of_sight import period_of, places, share_times, sight_lines
 from occlog.report.content.thinned import Whole
 from occlog.report.plots.visibility import MOST_ROWS as MOST_SENSORS
-from occlog.report.plots.visibility import MOST_TARGETS
-from occlog.report.plots.visibility import known_first
+from occlog.report.plots.visibility import MOST_TARGETS, known_first
 from occlog.report.replay.moments import shortly_before
 from occlog.track.plausibility.verdict import Evidence
 

@@ -27,6 +27,10 @@ FINDINGS = [
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1,", "9" * 400 + ",").encode(), "where the scene lies"),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace('d": 3', f'd": {"9" * 400}').encode(), "t.geojson: "),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace("1000000000", "9" * 400).encode(), "t.geojson: "),
+    ("boxes (YOLO)", (seeds.YOLO + "0 0.25 0.5 0.5 1 0.5 \n").replace(" 8\n", " 1e19\n").encode(), "a whole number"),
+    ("boxes (YOLO)", (seeds.YOLO + "0 0.25 0.5 0.5 1 0.5\n").replace(" 8\n", " 7.5\n").encode(), "id is '7.5'"),
+    ("directions (ODAS)", seeds.ODAS.replace("0.600", "9" * 400, 1).encode(), "x of a source is"),
+    ("directions (ODAS)", seeds.ODAS.replace("0.600", "1" + "0" * 40, 1).encode(), "a unit vector was expected"),
     ("truth (board)", b"sync_index,point_id,x_coord,y_coord,z_coord\n", "holds a header and no row"),
     ("arrays", b"x,y,z\n", "holds a header and no row"),
     (

@@ -483,5 +483,4 @@ def _confidence(rows: Rows, options: BoxOptions) -> Floats:
 
 
 def _identities(rows: Rows) -> Ints:
-    blank = rows.floats("id", blank=True)
-    return np.where(np.isnan(blank), -1, blank).astype(np.int64) if np.isnan(blank).any() else rows.ints("id")
+    return rows.ints("id", blank=-1)

@@ -123,13 +123,15 @@ class Rows:
             )
         return values
 
-    def ints(self, name: str) -> Ints:
-        """(n,) whole numbers; `3.0` is read as 3, InputError for 3.5."""
+    def ints(self, name: str, blank: int | None = None) -> Ints:
+        """(n,) whole numbers; `3.0` is read as 3, InputError for 3.5; `blank` for cells without a number, if given."""
         cells = self._plain(name)
         try:
             return cells.astype(np.int64)
         except (ValueError, OverflowError):
-            values = self.floats(name)
+            values = self.floats(name, blank=blank is not None)
+            if blank is not None:
+                values = np.where(np.isnan(values), float(blank), values)
         bad = (values != np.round(values)) | (np.abs(values) >= 2.0**53)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])

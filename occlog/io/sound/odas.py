@@ -9,6 +9,7 @@ slot has the id 0, or no direction: a hop with empty slots alone heard nobody.
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -176,7 +177,7 @@ def _sources(path: Path, hop: _Hop) -> Iterator[tuple[int, float, float, float]]
 
 def _number(path: Path, hop: _Hop, source: dict[str, object], key: str) -> float:
     value = source.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise InputError(f"{path}: line {hop.line}: {key} of a source is {value!r}; a number was expected")
     return float(value)
 
