@@ -13,7 +13,7 @@ from occlog.report.content.model import ReportInput
 from occlog.report.drawing.html import script, template
 from occlog.report.drawing.plot import Plot, plot
 from occlog.report.drawing.style import COLOURS, DARK, house_style, label
-from occlog.report.plots.accuracy import axes_of, draw_accuracy
+from occlog.report.plots.accuracy import axes_of, draw_accuracy, of_target
 from occlog.report.plots.filterplot import draw_filter
 from occlog.report.plots.floorplan import (
     MOST_MOVING_OCCLUDERS,
@@ -133,7 +133,10 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     if data.bound is not None:
         _, bound = data.beside_bound(target)
         caption += f"; the posterior Cramér–Rao bound on the RMSE is {number(bound)} {unit}" if bound > 0 else ""
-    axes, largest = axes_of(errors.take(rows)), ", and the largest errors between them" if data.drawn("errors") else ""
+    axes, largest = (
+        axes_of(of_target(errors, target)),
+        ", and the largest errors between them" if data.drawn("errors") else "",
+    )
     if "z" in axes:
         caption = f"On the ground: {caption}. The lowest row is the height"
     if said := data.drawn("errors", "bound"):

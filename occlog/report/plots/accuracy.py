@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
@@ -12,6 +14,7 @@ from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing.style import COLOURS, label, target_colour
 from occlog.report.drawing.thin import broken, envelope, extremes, gaps, running_rms, sensible_top
 
+T = TypeVar("T", Errors, Bound, Tracks)
 BUCKETS, FEWEST = 350, 80
 """Stretches of a line, of each of which the extremes are drawn; those of each target among many, at least."""
 OF_ALL = 600
@@ -20,11 +23,11 @@ OF_ALL = 600
 
 def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
     """Draw distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z."""
-    errors = all_errors.take(all_errors.target_id == target)
+    errors = of_target(all_errors, target)
     names = axes_of(errors)
     total, *rest = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2.0, *[1.0] * len(names)])
-    bound = None if data.bound is None else data.bound.take(data.bound.target_id == target)
-    tracks = None if data.tracks is None else data.tracks.take(data.tracks.target_id == target)
+    bound = None if data.bound is None else of_target(data.bound, target)
+    tracks = None if data.tracks is None else of_target(data.tracks, target)
     colour = target_colour(data.targets.index(target))
     so_far = None
     if data.of_all is not None and data.of_all.errors_so_far is not None:
@@ -56,6 +59,12 @@ def _bounds_so_far(data: ReportInput, target: int) -> tuple[Floats, Floats | Non
         return None
     own = data.of_all.bound_so_far[data.bound.target_id == target]
     return own[:, 0], own[:, 1] if data.of_all.bound.smooths(target) else None
+
+
+def of_target(table: T, target: int) -> T:
+    """Rows of a target; the table itself where it has no others."""
+    own = table.target_id == target
+    return table if own.all() else table.take(own)
 
 
 def axes_of(errors: Errors) -> str:
@@ -147,26 +156,34 @@ def _axis_error(
     buckets: int,
 ) -> None:
     """Signed error along one axis with what the filter and the bound say of its spread; heights where known."""
-    errors = errors.take(np.isfinite(getattr(errors, f"error_{name}")))
-    tracks = None if tracks is None else tracks.take(np.isfinite(getattr(tracks, f"cov_{name}{name}")))
-    bound = None if bound is None else bound.take(np.isfinite(getattr(bound, f"bound_{name}{name}")))
-    values: Floats = getattr(errors, f"error_{name}")
+    # Columns alone: of a long run tables are large
+    t_ns, values = _known(errors.t_ns, getattr(errors, f"error_{name}"))
     shown = [np.abs(values)]
-    if tracks is not None and len(tracks):
-        spread = 2.0 * np.sqrt(np.maximum(getattr(tracks, f"cov_{name}{name}"), 0.0))
-        _band(axes, time=data.time, t_ns=tracks.t_ns, spread=spread, colour=colour, buckets=buckets)
-        shown.append(spread)
-    if bound is not None and len(bound):
-        spread = 2.0 * np.sqrt(np.maximum(getattr(bound, f"bound_{name}{name}"), 0.0))
-        style = {"color": COLOURS["bound"], "linewidth": 0.9, "linestyle": (0, (4, 1.5))}
-        line(axes, data.time, bound.t_ns, spread, buckets, label="± 2 × bound of the axis", **style)
-        line(axes, data.time, bound.t_ns, -spread, buckets, **style)
-        shown.append(spread)
-    line(axes, data.time, errors.t_ns, values, buckets, color=colour, linewidth=0.8)
+    if tracks is not None:
+        of, variance = _known(tracks.t_ns, getattr(tracks, f"cov_{name}{name}"))
+        if len(of):
+            spread = 2.0 * np.sqrt(np.maximum(variance, 0.0))
+            _band(axes, time=data.time, t_ns=of, spread=spread, colour=colour, buckets=buckets)
+            shown.append(spread)
+    if bound is not None:
+        of, variance = _known(bound.t_ns, getattr(bound, f"bound_{name}{name}"))
+        if len(of):
+            spread = 2.0 * np.sqrt(np.maximum(variance, 0.0))
+            style = {"color": COLOURS["bound"], "linewidth": 0.9, "linestyle": (0, (4, 1.5))}
+            line(axes, data.time, of, spread, buckets, label="± 2 × bound of the axis", **style)
+            line(axes, data.time, of, -spread, buckets, **style)
+            shown.append(spread)
+    line(axes, data.time, t_ns, values, buckets, color=colour, linewidth=0.8)
     axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.6, zorder=1)
     axes.set_ylabel(f"{name} error")
     top = sensible_top(*shown)
     axes.set_ylim(-top, top)
+
+
+def _known(t_ns: Ints, values: Floats) -> tuple[Ints, Floats]:
+    """Times and values where these are known."""
+    known = np.isfinite(values)
+    return t_ns[known], values[known]
 
 
 def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str, buckets: int) -> None:
