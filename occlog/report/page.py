@@ -52,8 +52,12 @@ def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
 
 def _plots(data: ReportInput) -> list[Plot]:
     out = [floorplan(data), *_everybody(data)]
-    for target in data.targets[:MOST_TARGETS]:
-        out += _accuracy(data, target) or _sight(data, target)
+    if data.relabelled:
+        for target in list(data.followers)[:MOST_TARGETS]:
+            out += _accuracy(data, target)
+    else:
+        for target in data.targets[:MOST_TARGETS]:
+            out += _accuracy(data, target) or _sight(data, target)
     out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
     out += [_selection(data, target) for target in list(data.selections)[:MOST_TARGETS]]
     return out + _filter(data)
@@ -141,7 +145,8 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
         caption = f"On the ground: {caption}. The lowest row is the height"
     if said := data.drawn("errors", "bound"):
         caption += f". {said[:-1]}{largest}; figures are of all"
-    heading = f"Error and bound over time{_whose(data, target)}"
+    whose = f", {data.whose_errors(target)}" if data.relabelled else _whose(data, target)
+    heading = f"Error and bound over time{whose}"
     size = (WIDTH, 5.6 if axes == "xy" else 6.7)
     return [plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
 

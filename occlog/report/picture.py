@@ -82,9 +82,11 @@ def _panels(data: ReportInput) -> list[Panel]:
     looked, errors = data.looked, data.errors
     first = data.targets[0] if data.targets else None
     whose = "" if len(data.targets) <= 1 else f", target {first}"
-    if first is not None and errors is not None and (errors.target_id == first).any():
-        height = 4.8 if axes_of(errors.take(errors.target_id == first)) == "xy" else 5.8
-        out.append(Panel(f"Error and bound{whose}", height, lambda f: draw_accuracy(f, data, errors, first)))
+    compared = next(iter(data.followers), first) if data.relabelled else first
+    if compared is not None and errors is not None and (errors.target_id == compared).any():
+        height = 4.8 if axes_of(errors.take(errors.target_id == compared)) == "xy" else 5.8
+        of = f", {data.whose_errors(compared)}" if data.relabelled else whose
+        out.append(Panel(f"Error and bound{of}", height, lambda f: draw_accuracy(f, data, errors, compared)))
     elif first is not None and first in data.residuals and data.residuals[first].any:
         out.append(Panel(f"Track and sight lines{whose}", 4.4, lambda f: draw_sight(f, data, first)))
     seen = watched(data)

@@ -30,6 +30,7 @@ from occlog.track.plausibility.verdict import Finding
 
 from .beside_bound import with_bound
 from .fared import Fared, deviation
+from .followed import followers
 from .looks import Looked
 from .of_all import OfAll
 from .off_sight import Distances, Residual
@@ -203,9 +204,27 @@ class ReportInput:
         return int(t_ns[0]), int(t_ns[-1])
 
     @cached_property
+    def followers(self) -> Mapping[int, int | None]:
+        """By the target that errors name, the track that they are of; None: of several."""
+        return {} if self.errors is None or self.tracks is None else followers(self.errors, self.tracks)
+
+    @cached_property
+    def relabelled(self) -> bool:
+        """Whether tracks have names of their own, and errors those of the truth."""
+        return any(target != track for target, track in self.followers.items())
+
+    def whose_errors(self, target: int) -> str:
+        """Words for the target that errors name, with its track where that has another name."""
+        if not self.relabelled:
+            return f"target {target}"
+        track = self.followers.get(target)
+        return f"true target {target}" + ("" if track is None else f" (track {track})")
+
+    @cached_property
     def targets(self) -> tuple[int, ...]:
         """Identities of the tracked targets, or of the true ones where nothing is tracked, ascending."""
-        tracked = [t.target_id for t in (self.tracks, self.errors) if t is not None and len(t)]
+        tables = (self.tracks,) if self.relabelled else (self.tracks, self.errors)
+        tracked = [t.target_id for t in tables if t is not None and len(t)]
         if not tracked and self.truth is not None:
             tracked = [self.truth.target_id[self.truth.role == "target"]]
         return tuple(int(i) for i in np.unique(np.concatenate(tracked))) if tracked else ()
@@ -261,7 +280,9 @@ class ReportInput:
         """Selections of cameras, by target."""
         if self.of_all is not None:
             return self.of_all.selections
-        return {} if self.diagnostics is None else selections(self.diagnostics, (self.errors, self.tracks))
+        if self.diagnostics is None:
+            return {}
+        return selections(self.diagnostics, (None if self.relabelled else self.errors, self.tracks))
 
     def happened(self, kind: str) -> int:
         """How many events there are of a kind."""

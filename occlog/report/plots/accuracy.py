@@ -27,8 +27,9 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     names = axes_of(errors)
     total, *rest = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2.0, *[1.0] * len(names)])
     bound = None if data.bound is None else of_target(data.bound, target)
-    tracks = None if data.tracks is None else of_target(data.tracks, target)
-    colour = target_colour(data.targets.index(target))
+    track = data.followers.get(target, target)
+    tracks = None if data.tracks is None or track is None else of_target(data.tracks, track)
+    colour = COLOURS["ink"] if track is None else target_colour(data.targets.index(track))
     so_far = None
     if data.of_all is not None and data.of_all.errors_so_far is not None:
         so_far = data.of_all.errors_so_far[all_errors.target_id == target]

@@ -37,9 +37,10 @@ Layer = tuple[str, str, bool]
 
 @dataclass(frozen=True)
 class Peak:
-    """A large error: of whom, how large, when [s since the start]."""
+    """A large error: of whom, in words, how large, when [s since the start]."""
 
     target: int
+    whose: str
     error: float
     seconds: float
 
@@ -178,7 +179,7 @@ def _peaks(data: ReportInput) -> list[Peak]:
     for k in np.argsort(-errors.error, kind="stable")[:20_000]:
         target = int(errors.target_id[k])
         if all(peak.target != target or abs(peak.seconds - seconds[k]) > apart for peak in out):
-            out.append(Peak(target, float(errors.error[k]), round(float(seconds[k]), 6)))
+            out.append(Peak(target, data.whose_errors(target), float(errors.error[k]), round(float(seconds[k]), 6)))
             if len(out) == PEAKS:
                 break
     return out

@@ -112,7 +112,7 @@ class Moments:
     @cached_property
     def same(self) -> bool:
         """Whether the identities of tracks are those of the truth."""
-        return self.data.everybody is None
+        return self.data.everybody is None and not self.data.relabelled
 
     @cached_property
     def seconds(self) -> Floats:
