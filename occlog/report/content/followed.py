@@ -24,9 +24,9 @@ def followers(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
         By target its track; None where errors of one target are of several tracks.
     """
     out: dict[int, int | None] = {}
+    shared = np.isin(errors.t_ns, tracks.t_ns)
     for target in np.unique(errors.target_id).tolist():
-        rows = np.flatnonzero(errors.target_id == target)
-        rows = rows[np.isin(errors.t_ns[rows], tracks.t_ns)]
+        rows = np.flatnonzero(shared & (errors.target_id == target))
         some = np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), LOOKS)).round().astype(np.int64))
         found: set[int] | None = None
         for k in rows[some].tolist():
