@@ -53,7 +53,7 @@ def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
 def _plots(data: ReportInput) -> list[Plot]:
     out = [floorplan(data), *_everybody(data)]
     if data.relabelled:
-        for target in list(data.followers)[:MOST_TARGETS]:
+        for target in data.compared[:MOST_TARGETS]:
             out += _accuracy(data, target)
     else:
         for target in data.targets[:MOST_TARGETS]:
@@ -178,12 +178,11 @@ def _visibility(data: ReportInput, target: int) -> Plot:
     looked = data.looked
     assert looked is not None  # `watched` names no target without bearings
     rows = min(len(sensors(data)), MOST_ROWS)
-    whose = ", any object" if target < 0 else ("" if len(watched(data)) == 1 else f", target {target}")
     caption = "A bar is blue as far up as the target was seen in the frames of that time."
     if len(sensors(data)) > rows:
         caption += f" The first {rows} of {len(sensors(data))} sensors are drawn."
     size = (WIDTH, 1.15 + 0.27 * rows)
-    heading = f"What each sensor saw{whose}"
+    heading = f"What each sensor saw{data.whose_bearings(target)}"
     return plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, looked, target))
 
 

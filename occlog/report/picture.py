@@ -82,7 +82,7 @@ def _panels(data: ReportInput) -> list[Panel]:
     looked, errors = data.looked, data.errors
     first = data.targets[0] if data.targets else None
     whose = "" if len(data.targets) <= 1 else f", target {first}"
-    compared = next(iter(data.followers), first) if data.relabelled else first
+    compared = data.compared[0] if data.relabelled else first
     if compared is not None and errors is not None and (errors.target_id == compared).any():
         height = 4.8 if axes_of(errors.take(errors.target_id == compared)) == "xy" else 5.8
         of = f", {data.whose_errors(compared)}" if data.relabelled else whose
@@ -94,7 +94,6 @@ def _panels(data: ReportInput) -> list[Panel]:
         target = first if first in seen else seen[0]
         rows = min(len(sensors(data)), MOST_ROWS)
         height = min(1.4 + 0.24 * rows, 4.8)
-        out.append(
-            Panel(f"What each sensor saw{whose}", height, lambda f: draw_visibility(f, data, looked, target, rows))
-        )
+        of = whose if data.same_names else data.whose_bearings(target)
+        out.append(Panel(f"What each sensor saw{of}", height, lambda f: draw_visibility(f, data, looked, target, rows)))
     return out

@@ -13,15 +13,15 @@ LOOKS = 200
 def followers(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
     """By the identity that errors name, that of the track whose estimates they are of.
 
-    An error is of the estimate of its time and place.  Where no estimate of a target's errors is among the tracks, the
-    identity stands for itself.
+    An error is of the estimate of its time and place.
 
     Args:
         errors: of `occlog evaluate`, or some of them.
         tracks: in the order of time, or some of their times.
 
     Returns:
-        By target its track; None where errors of one target are of several tracks.
+        By target its track; None where errors of one target are of several tracks.  A target is left out if no
+        estimate of its errors is among the tracks.
     """
     out: dict[int, int | None] = {}
     shared = np.isin(errors.t_ns, tracks.t_ns)
@@ -35,8 +35,6 @@ def followers(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
             names = set(tracks.target_id[start:stop][there].tolist())
             if names:
                 found = names if found is None else found & names
-        if found is None or target in found:
-            out[target] = target
-        else:
-            out[target] = found.pop() if len(found) == 1 else None
+        if found is not None:
+            out[target] = target if target in found else found.pop() if len(found) == 1 else None
     return out

@@ -213,6 +213,24 @@ class ReportInput:
         """Whether tracks have names of their own, and errors those of the truth."""
         return any(target != track for target, track in self.followers.items())
 
+    @cached_property
+    def compared(self) -> tuple[int, ...]:
+        """The targets that errors name, ascending."""
+        return () if self.errors is None else tuple(np.unique(self.errors.target_id).tolist())
+
+    @property
+    def same_names(self) -> bool:
+        """Whether the identities of tracks are those of the truth, and of the labels of bearings."""
+        return self.everybody is None and not self.relabelled
+
+    def whose_bearings(self, target: int) -> str:
+        """Words for bearings of a label, after a comma; empty where there are no others."""
+        if target < 0:
+            return ", any object"
+        if self.looked is None or len(self.looked.watched) == 1:
+            return ""
+        return f", target {target}" if self.same_names else f", what is labelled {target}"
+
     def whose_errors(self, target: int) -> str:
         """Words for the target that errors name, with its track where that has another name."""
         if not self.relabelled:

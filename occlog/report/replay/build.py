@@ -106,7 +106,7 @@ def plan_values(data: ReportInput, moments: Moments) -> tuple[dict[str, Any], in
         "occluders": [] if data.scene is None else [_rounded(o.polygon) for o in data.scene.occluders],
         "sensors": sensors,
         "targets": list(data.targets),
-        "same": moments.same,
+        "compared": moments.same or bool(moments.pairs),
         "ellipse": CHI2_95_2D,
         "step": moments.step,
         "sigma": sigma,
@@ -211,6 +211,7 @@ def _words(moments: Moments, sight_every: int, images: Thumbnails | None) -> str
     said.append(f"Positions are rounded to {moments.step:.1g} {moments.data.unit}.")
     if not moments.same:
         said.append("Identities are the tracker's own, not those of the truth.")
+        said += ["Errors are from the true target that a track is paired with."] if moments.pairs else []
     if images is not None:
         said.append(images.words)
     return " ".join(filter(None, said))

@@ -112,7 +112,13 @@ class Moments:
     @cached_property
     def same(self) -> bool:
         """Whether the identities of tracks are those of the truth."""
-        return self.data.everybody is None and not self.data.relabelled
+        return self.data.same_names
+
+    @property
+    def pairs(self) -> dict[int, int]:
+        """By the identity of a true target that of its track, as the errors say; empty: they do not, or not for all."""
+        found = {target: track for target, track in self.data.followers.items() if track is not None}
+        return found if not self.same and len(set(found.values())) == len(self.data.followers) else {}
 
     @cached_property
     def seconds(self) -> Floats:
@@ -217,6 +223,9 @@ class Moments:
         if self.same:
             tracked = np.isin(names, self.data.targets)[number - TRUE_FROM]
             number = np.where(tracked, np.searchsorted(self.data.targets, truth.target_id[rows]), number)
+        elif pairs := self.pairs:
+            its = np.array([pairs.get(name, -1) for name in names.tolist()], dtype=np.int64)[number - TRUE_FROM]
+            number = np.where(true & (its >= 0), np.searchsorted(self.data.targets, its), number)
         target = np.where(true, np.minimum(number, NONE - 1), NONE)
         return {"first": starts(moment, len(self.kept)), "target": packed("u2", target), **self.place(truth, rows)}
 

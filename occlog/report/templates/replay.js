@@ -11,7 +11,7 @@
 
   // ---- the strip: largest error of each moment, or how many are there; events below it
   const series = new Float64Array(times.length);
-  const compared = data.same && truth.first && truth.target.some((t) => t < data.targets.length);
+  const compared = data.compared && truth.first && truth.target.some((t) => t < data.targets.length);
   for (let m = 0; m < times.length; m++) {
     if (!compared) {
       const [from, to] = rowsOf(tracks, m);
@@ -31,7 +31,7 @@
 
   // ---- words
   const wordsOf = (person, people, real) => {
-    const at = data.same ? real.targets.get(person.target) : undefined;
+    const at = data.compared ? real.targets.get(person.target) : undefined;
     return [
       String(data.targets[person.target]),
       plan.placeWords(person),

@@ -56,11 +56,11 @@ def test_a_target_of_several_tracks_has_none() -> None:
     assert followers(errors, tracks) == {1: None}
 
 
-def test_without_estimates_of_the_errors_names_are_the_same() -> None:
+def test_targets_without_estimates_of_their_errors_are_left_out() -> None:
     errors, _ = tables((0, 1, 1, 0.0), (1, 1, 1, 1.0))
     _, elsewhere = tables((0, 9, 9, 50.0), (1, 9, 9, 51.0))
     _, later = tables((5, 9, 9, 0.0))
-    assert followers(errors, elsewhere) == followers(errors, later) == {1: 1}
+    assert followers(errors, elsewhere) == followers(errors, later) == {}
     assert followers(errors.take(slice(0, 0)), later) == {}
 
 
@@ -80,6 +80,13 @@ def test_names_of_the_truth_are_no_targets_of_a_page_of_others() -> None:
     data = renamed({0: 10, 1: 11})
     assert data.targets == (10, 11)
     assert "Error and bound over time, true target 1 (track 11)" in build_page(data)
+
+
+def test_labels_of_bearings_are_no_names_of_tracks_that_have_their_own() -> None:
+    data = replace(renamed({0: 1, 1: 0}), bearings=run(steps=60, targets=2).bearings)
+    page = build_page(data)
+    assert "What each sensor saw, what is labelled 1" in page
+    assert "What each sensor saw, target" not in page
 
 
 def test_the_same_names_are_told_as_ever() -> None:

@@ -128,13 +128,33 @@ def test_who_saw_a_target_and_what_is_doubtful_come_from_tracks_of_everybody_or_
     assert tracks is not None
     plain = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
     people = PeopleTracks.of(**plain, existence=np.linspace(0.1, 1, 10), seen_by=["a,b"] * 10, doubt=["unseen"] * 10)
-    values = told(replace(data, tracks=people))
+    values = told(replace(data, tracks=people, errors=None))
     table = columns(values, "tracks")
     assert values["words"] == {"seen": ["a,b"], "doubt": ["unseen"]}
     np.testing.assert_allclose(table["existence"] / 254, np.linspace(0.1, 1, 10), atol=0.002)
-    assert not values["same"]
+    assert not values["compared"]
     assert min(columns(values, "truth")["target"]) >= rule.TRUE_FROM
     assert set(columns(values, "sight")["target"]) == {NONE}
+
+
+def test_true_places_are_those_of_the_tracks_that_errors_pair_them_with() -> None:
+    data = run(steps=10, targets=3, cameras=2)
+    tracks, errors = data.tracks, data.errors
+    assert tracks is not None
+    assert errors is not None
+    errors = replace(errors, x=tracks.x.copy(), y=tracks.y.copy())
+    own = np.array([12, 10, 11], dtype=np.int32)[tracks.target_id]
+    values = told(replace(data, tracks=replace(tracks, target_id=own), errors=errors, diagnostics=None))
+    assert values["targets"] == [10, 11, 12]
+    assert values["compared"]
+    # True targets 0, 1, 2 are followed by the tracks 12, 10, 11, which are the numbers 2, 0, 1
+    assert columns(values, "truth")["target"].tolist() == [2, 0, 1] * 10
+    assert columns(values, "tracks")["target"].tolist() == [2, 0, 1] * 10
+    several = own.copy()
+    several[tracks.t_ns == tracks.t_ns.max()] = [10, 12, 11]  # two exchange their names at the end
+    values = told(replace(data, tracks=replace(tracks, target_id=several), errors=errors, diagnostics=None))
+    assert not values["compared"]
+    assert min(columns(values, "truth")["target"]) >= rule.TRUE_FROM
 
 
 def test_moving_occluders_are_polygons_of_95_percent() -> None:
