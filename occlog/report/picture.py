@@ -68,7 +68,7 @@ def _figures(figure: FigureBase, data: ReportInput) -> None:
         figure.text(x, 0.36, f"{item.value} {label(item.unit, 8)}".strip(), fontsize=15, va="center")
         words = f"{item.name}, {item.note}" if item.note else item.name
         figure.text(
-            x, 0.08, label(words, 42), fontsize=8.5 if len(shown) < 7 else 7.5, va="center", color=COLOURS["muted"]
+            x, 0.08, label(words, 36), fontsize=8.5 if len(shown) < 7 else 7.5, va="center", color=COLOURS["muted"]
         )
 
 
