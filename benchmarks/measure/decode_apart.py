@@ -117,4 +117,5 @@ def run(repeats: int) -> dict[str, Any]:
             of = f"{size[0]}x{size[1]} {code}, {frames} frames of each camera"
             ratios.append(median(a / b for a, b in pairs))
             parts |= {of: ratios[-1], f"{of}: s in its own": median(b for _, b in pairs)}
+            print(f"{of}: {ratios[-1]:.3f}", file=sys.stderr, flush=True)  # all of them take long
     return {"ratio": max(ratios), "limit": LIMIT, "parts": parts}
