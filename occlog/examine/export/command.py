@@ -9,8 +9,8 @@ import click
 
 from occlog.cli import options
 from occlog.cli.plugged import PluggedCommand, chosen_in
-from occlog.cli.values import Finite
 from occlog.errors import UsageError
+from occlog.examine.viewers.command import every_opt
 from occlog.plugins.loading import EXPORTER
 
 from .formats import FORMATS, FOXGLOVE, RERUN, VIEWERS, format_of
@@ -75,13 +75,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     metavar="PX",
     help="Viewers: images higher than this are made smaller.  [default: 720]",
 )
-@click.option(
-    "--every",
-    type=Finite(1e-3, 1e6),
-    default=None,
-    metavar="SECONDS",
-    help="Viewers: images, drawings and numbers at most once in so long a time, for long recordings.  [default: all]",
-)
+@every_opt
 @options.quiet_opt
 @options.overwrite_opt
 @options.json_opt

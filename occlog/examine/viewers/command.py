@@ -16,6 +16,15 @@ OTHERS = """install one: Rerun (`pip install rerun-sdk`), Foxglove or Lichtblick
 program with --viewer; or write the file alone with `occlog export`"""
 
 
+every_opt = click.option(
+    "--every",
+    type=Finite(1e-3, 1e6),
+    default=None,
+    metavar="SECONDS",
+    help="Viewers: images, drawings and numbers at most once in so long a time, for long recordings.  [default: all]",
+)
+
+
 @click.command(name="view", short_help="Show a run or a recording in Rerun, Foxglove or Lichtblick.")
 @click.argument("file", type=options.INPUT)
 @click.option(
@@ -33,13 +42,7 @@ program with --viewer; or write the file alone with `occlog export`"""
     metavar="PROGRAM",
     help=f"Its name or path.  [default: the first that is installed of {', '.join(PROGRAMS)}]",
 )
-@click.option(
-    "--every",
-    type=Finite(1e-3, 1e6),
-    default=None,
-    metavar="SECONDS",
-    help="Show images, drawings and numbers at most once in so long a time, for long recordings.  [default: all]",
-)
+@every_opt
 @click.option("--print", "only_print", is_flag=True, help="Write the file (-o), print the viewer's command, and end.")
 @options.overwrite_opt
 @options.quiet_opt
