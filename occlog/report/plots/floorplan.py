@@ -22,10 +22,11 @@ from occlog.report.drawing.thin import broken, thin_path
 
 from .planscene import draw_scale_bar, draw_scene, frame_plan, name_sensors
 
-ELLIPSES = 24
+ELLIPSES, ELLIPSES_OF_ALL = 24, 480
+"""Ellipses along the path of a target at most, and of all targets together; each takes as much as 25 points."""
 PATH_POINTS = 1400
 """Stretches of the paths of all targets, of each of which extremes are drawn; each target has at most half of them."""
-FEWEST_POINTS = 60
+FEWEST_POINTS = 12
 MOST_MOVING_OCCLUDERS = 8
 MOST_NAMES = 6
 TRUE_PATH: Style = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2))}
@@ -162,15 +163,20 @@ def _path(axes: Axes, table: Tracks | Truth, rows: Bools, since: int | None, poi
 def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
     since = bold_from(data)
     points = max(PATH_POINTS // max(len(data.targets), 2), FEWEST_POINTS)
+    ellipses = min(ELLIPSES, ELLIPSES_OF_ALL // max(len(data.targets), 1))
     handles: list[Line2D | Patch] = []
     for i, target in enumerate(data.targets):
         colour = target_colour(i)
         if data.tracks is not None:
-            _estimate(axes, data.tracks, target, since, colour, points)
+            _estimate(axes, data.tracks, target, since, colour, points, ellipses)
             name = "estimated path" if len(data.targets) == 1 else f"target {target}, estimated"
             handles += [Line2D([], [], color=colour, linewidth=1.8, label=name)] if i < MOST_NAMES else []
-        if data.truth is not None:
-            rows = (data.truth.target_id == target) & (data.truth.role == "target")
+    if data.truth is not None:
+        true = data.truth.role == "target"
+        # Of those that nobody tracks, too, where names do not tell who is tracked
+        named = data.targets if data.same_names else np.unique(data.truth.target_id[true]).tolist()
+        for target in named:
+            rows = true & (data.truth.target_id == target)
             _path(axes, data.truth, rows, since, points, zorder=4, **TRUE_PATH)
             if data.tracks is None:
                 _ends(axes, data.truth.take(rows), COLOURS["ink"])
@@ -189,13 +195,15 @@ def _path_handles(data: ReportInput) -> list[Line2D | Patch]:
     return [*out, Line2D([], [], marker="X", label="end", **mark)]
 
 
-def _estimate(axes: Axes, tracks: Tracks, target: int, since: int | None, colour: str, points: int) -> None:
+def _estimate(
+    axes: Axes, tracks: Tracks, target: int, since: int | None, colour: str, points: int, ellipses: int
+) -> None:
     rows = tracks.target_id == target
     _path(axes, tracks, rows, since, points, color=colour, linewidth=1.8, zorder=3.5)
     own = tracks.take(rows if since is None else rows & (tracks.t_ns >= since))
     if not len(own):
         return
-    for row in np.unique(np.linspace(0, len(own) - 1, ELLIPSES).round().astype(int)):
+    for row in np.unique(np.linspace(0, len(own) - 1, ellipses).round().astype(int)):
         if np.isnan(own.cov_xx[row]):  # tracks of another program
             continue
         style: Style = {"fill": False, "edgecolor": colour, "linewidth": 0.8, "alpha": 0.75, "zorder": 3.2}
