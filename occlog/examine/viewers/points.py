@@ -17,8 +17,10 @@ from .ways import dashes, dense
 
 STEP, STEP_PX = 0.04, 2.0
 """From one point of a line to the next, in space [m] and in an image [px]."""
-MOST = 400
-"""Points of one line; those of a longer one are farther apart."""
+MOST, FEWEST = 400, 8
+"""Points of one line at most, those of a longer one are farther apart; and where there are very many lines."""
+MOST_OF_ALL = 40_000
+"""Points of the lines of one message, as far as each has `FEWEST`: shadows of a crowd have thousands of edges."""
 DEPTH = 0.4
 """Of the plane on which what is drawn over an image stands before its camera [m]."""
 PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
@@ -37,7 +39,8 @@ def point_cloud(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
         for own, colour in parts:
             ways += own
             colours += len(own) * [colour]
-    points, counts = dense(ways, STEP, MOST) if ways else (np.empty((0, 3)), np.empty(0, dtype=np.int64))
+    most = max(min(MOST, MOST_OF_ALL // max(len(ways), 1)), FEWEST)
+    points, counts = dense(ways, STEP, most) if ways else (np.empty((0, 3)), np.empty(0, dtype=np.int64))
     dots = [each for thing in things for each in thing.dots]
     points = np.concatenate([points, *(each.points for each in dots)])
     counts = np.concatenate([counts, np.array([len(each.points) for each in dots], dtype=np.int64)])

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from occlog.array_types import Floats
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.examine.viewers.people import Crowd, Palette, Person
 from occlog.examine.viewers.plan import shadows, walls
+from occlog.examine.viewers.points import point_cloud
 from occlog.examine.viewers.sensors import quaternion
-from occlog.examine.viewers.shapes import triangles
+from occlog.examine.viewers.shapes import Line, Thing, triangles
 from occlog.examine.viewers.ways import dashes, dense
 from occlog.records.scene import Scene
 
@@ -127,3 +129,10 @@ def test_the_crowd_forgets_who_has_gone_and_old_trails() -> None:
     trail = crowd.trail(1)
     assert trail[0, 0] == pytest.approx(14.9)
     assert len(trail) == 51
+
+
+@pytest.mark.parametrize(("lines", "each"), [(1, 400), (100, 400), (400, 100), (20_000, 8)])
+def test_of_very_many_lines_each_has_fewer_points(lines: int, each: int) -> None:
+    long = Line(np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]]), (1.0, 0.0, 0.0, 1.0), 1.0)
+    cloud = PointCloud.FromString(point_cloud([Thing("shadows", [long] * lines)], 0, "world"))
+    assert len(cloud.data) == lines * each * cloud.point_stride
