@@ -264,10 +264,12 @@ class _Served:
 def main() -> None:
     """Load what decoding needs, fork, and decode in what was forked."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
+    gc.disable()  # what is loaded stays; to look through it again and again takes time
     from . import process_main
 
     process_main.load()
     gc.freeze()  # a collection would write to all objects, and so copy the memory that forked processes share
+    gc.enable()
     served = _Served()
     served.serve()
     process_main.main(served.memory)

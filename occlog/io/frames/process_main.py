@@ -68,8 +68,10 @@ def send(out: BinaryIO, header: Header, payload: bytes | memoryview = b"") -> No
 
 
 def load() -> None:
-    """Load what every job needs."""
-    from . import decode, folder  # noqa: F401
+    """Load what every job needs: what is loaded before the fork, no job has to load."""
+    from occlog.io.video import avi, mkv, mp4  # noqa: F401
+
+    from . import decode, folder, sizes  # noqa: F401
 
 
 def main(memory: int | None = None) -> None:
