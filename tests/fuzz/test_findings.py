@@ -12,6 +12,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.io.models.fundamental_matrices import read_epipolar
 from occlog.io.models.motion_models import read_motion
 from occlog.records.tracks import Cooperation
 from occlog.records.world import Occluders
@@ -58,6 +59,12 @@ FINDINGS = [
     ("bag (metadata)", seeds.METADATA.replace("- b.mcap", f"- {'c' * 300}.mcap").encode(), "File name too long"),
     ("bag (metadata)", seeds.METADATA.replace("- b.mcap", '- "c\\0.mcap"').encode(), "no name of a file"),
     ("calibration (projection)", seeds.PROJECTION.replace("500", LARGE).encode(), "cannot be inverted"),
+    ("boxes (KITTI)", seeds.KITTI.replace("20", f"{2**63}751e308").encode(), "a finite number was expected"),
+    (
+        "boxes (JSON)",
+        seeds.GIVEN.replace("000003", "1" + "0" * 40).encode(),
+        "image 1: frame 100000000000000000000000; it must be",
+    ),
     (
         "calibration (COLMAP, images)",
         seeds.COLMAP_IMAGES.replace("1 1 0", f"1 {LARGE} 0").encode(),
@@ -88,6 +95,26 @@ def test_a_signalling_nan_is_one_that_says_nothing() -> None:
         asked = {"cause": ["count"], "cameras": ["a"], "frames": [1], "answered": [False]}
         assert np.isnan(Cooperation.of(t_ns=[1], target_id=[0], **asked, **columns).x[0])
         assert np.isnan(Occluders.of(t_ns=[1], occluder_id=[-1], **columns).x[0])
+
+
+def test_a_box_may_end_behind_the_file(watch: Watch) -> None:
+    """Boxes were looked for in it beyond the file's last byte."""
+    data = bytearray(seeds.videos_mp4()[2])
+    size = data.index(b"mvex") - 4
+    data[size : size + 4] = (len(data) + 1000).to_bytes(4, "big")
+    assert watch.outcome(READERS["video (MP4)"], bytes(data)).kind == "read"
+
+
+def test_large_fundamental_matrices_stay_what_they_are(tmp_path: Path) -> None:
+    """The sum of the squares of their entries was infinite."""
+    pair = json.loads(seeds.EPIPOLAR)["pairs"][0]
+    matrices = []
+    for factor in (1.0, 2.0**1020):
+        path = tmp_path / "e.json"
+        large = [[factor * entry for entry in row] for row in pair["matrix"]]
+        path.write_text(json.dumps({"occlog_epipolar": 1, "pairs": [{**pair, "matrix": large}]}))
+        matrices.append(read_epipolar(path).pairs[0].matrix)
+    assert np.array_equal(*matrices)
 
 
 def test_large_covariances_stay_what_they_are(tmp_path: Path) -> None:

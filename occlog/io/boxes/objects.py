@@ -21,6 +21,7 @@ from occlog.errors import InputError
 from occlog.io.files.csv_rows import Rows
 from occlog.io.files.inputs import check_input
 from occlog.io.files.json_file import parse_json
+from occlog.records.sensors import MAX_FRAMES
 
 from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns, rows_of
 
@@ -196,7 +197,12 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
     found = _LAST_NUMBER.search(Path(name).stem)
     if key is None and found is None:
         raise InputError(f"{path}: image {n}: neither frame nor file_name {name!r} has the number of its frame")
-    out = {"frame": str(int(image[key] if key else found.group(1) if found else 0))}
+    number = str(image[key] + 0) if key else found.group(1).lstrip("0") or "0" if found else "0"
+    if len(number) > len(str(MAX_FRAMES)) or not 0 <= int(number) < MAX_FRAMES:
+        raise InputError(
+            f"{path}: image {n}: frame {number:.24}; it must be 0 or more, and below {MAX_FRAMES}; correct or remove it"
+        )
+    out = {"frame": number}
     if camera is None:
         out["camera"] = _camera_of(image)
         if not out["camera"]:

@@ -109,7 +109,8 @@ class Rows:
         if blank:
             cells = np.where(np.isin(np.char.lower(np.char.strip(cells)), ("", "nan", "none")), "nan", cells)
         try:
-            values = cells.astype(np.float64)
+            with np.errstate(over="ignore"):  # what is too large is infinite, and refused below
+                values = cells.astype(np.float64)
         except ValueError:
             row = next(n for n, cell in enumerate(cells) if not _is_number(cell, blank))
             raise self.fail(

@@ -119,7 +119,7 @@ def _pairs(values: object, where: str) -> ViewPairs:
 
 
 def _pair(spec: PairSpec, where: str) -> ViewPair:
-    matrix = np.array(spec.matrix, dtype=np.float64)
+    matrix = _sized(np.array(spec.matrix, dtype=np.float64))
     _check_matrix(matrix, where)
     lengths = {name: np.nan if (v := getattr(spec, name)) is None else v for name in ("noise_px", "error_px")}
     parallax = np.nan if spec.parallax_px is None else spec.parallax_px
@@ -135,6 +135,12 @@ def _pair(spec: PairSpec, where: str) -> ViewPair:
         inliers=spec.inliers,
         parallax_px=parallax,
     )
+
+
+def _sized(matrix: Floats) -> Floats:
+    """The matrix with entries below 1, whose squares are numbers; divided by a power of two, so without rounding."""
+    largest = np.abs(matrix).max()
+    return np.ldexp(matrix, -np.frexp(largest)[1]) if 0.0 < largest < np.inf else matrix
 
 
 def _check_matrix(matrix: Floats, where: str) -> None:

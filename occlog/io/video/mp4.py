@@ -30,7 +30,8 @@ class Samples(NamedTuple):
 
 
 def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[Span]:
-    """Boxes between two bytes: the spans of their content."""
+    """Boxes between two bytes, as far as the file goes: the spans of their content, which may end behind it."""
+    stop = min(stop, len(data))
     while start + 8 <= stop:
         size, kind = struct.unpack_from(">I4s", data, start)
         head = 8
@@ -53,7 +54,7 @@ def box_name(kind: bytes) -> str:
 def find_box(data: mmap.mmap, span: Span, *path: bytes) -> Span | None:
     """The first box with this path of names inside a span, None if there is none."""
     for kind in path:
-        found = next((b for b in boxes(data, span.start, min(span.stop, len(data))) if b.kind == kind), None)
+        found = next((b for b in boxes(data, span.start, span.stop) if b.kind == kind), None)
         if found is None:
             return None
         span = found
@@ -221,7 +222,7 @@ def _container(data: mmap.mmap, moov: Span, moofs: list[Span], problems: list[tu
 
 
 def _video_track(data: mmap.mmap, moov: Span) -> tuple[Span, int]:
-    for trak in (b for b in boxes(data, moov.start, min(moov.stop, len(data))) if b.kind == b"trak"):
+    for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
         if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
             tkhd = need_box(data, trak, b"tkhd")
