@@ -100,7 +100,7 @@ def test_a_signalling_nan_is_one_that_says_nothing() -> None:
 def test_a_box_may_end_behind_the_file(watch: Watch) -> None:
     """Boxes were looked for in it beyond the file's last byte."""
     data = bytearray(seeds.videos_mp4()[2])
-    size = data.index(b"mvex") - 4
+    size = data.rindex(b"traf") - 4
     data[size : size + 4] = (len(data) + 1000).to_bytes(4, "big")
     assert watch.outcome(READERS["video (MP4)"], bytes(data)).kind == "read"
 
