@@ -9,7 +9,7 @@ RUN ?= run
 LOCKED = 3.11 3.12 3.13
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 CONSTRAINTS ?= $(if $(filter $(VERSION),$(LOCKED)),--constraint constraints.txt)
-INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINTS) --editable
+INSTALL = .ci/install $(BIN)/python $(CONSTRAINTS) --editable
 
 # Tests start the program often, and pytest rewrites their assertions: compiled code is kept, whatever the user's settings.
 export PYTHONDONTWRITEBYTECODE :=
