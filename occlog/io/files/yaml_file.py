@@ -18,12 +18,12 @@ from occlog.errors import InputError
 from .content import Content, content_of, mistaken_for
 from .guard import FAILURES, guarded, read_configuration
 from .inputs import check_input
-from .yaml_nodes import compose_yaml
+from .yaml_nodes import BoundedLoader, compose_yaml
 
 T = TypeVar("T")
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(BoundedLoader):
     """Safe loader that reads 1e-3 as a number, as people mean it."""
 
 

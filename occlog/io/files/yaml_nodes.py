@@ -17,7 +17,31 @@ MAX_NODES = 200_000
 """Values of a YAML text at most, those of aliases counted each time."""
 
 
-def compose_yaml(text: str, where: Path | str, loader: type[yaml.SafeLoader]) -> yaml.Node | None:
+class _TooManyError(Exception):
+    """A text has more nodes than are read on for."""
+
+
+class BoundedLoader(yaml.SafeLoader):
+    """Safe loader that reads no further than `MAX_NODES` values, each with its key: some seconds, whatever comes."""
+
+    def __init__(self, stream: str) -> None:
+        """Begin to read a text."""
+        super().__init__(stream)
+        self._nodes = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """The next node, a key, a value or an alias."""
+        self._nodes += 1
+        if self._nodes > 2 * MAX_NODES:
+            raise _TooManyError
+        return super().compose_node(parent, index)
+
+
+def _too_many(where: Path | str) -> InputError:
+    return InputError(f"{where}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly")
+
+
+def compose_yaml(text: str, where: Path | str, loader: type[BoundedLoader]) -> yaml.Node | None:
     """The nodes of one document of YAML, at most `MAX_NODES`; None for an empty one.
 
     Raises:
@@ -25,7 +49,10 @@ def compose_yaml(text: str, where: Path | str, loader: type[yaml.SafeLoader]) ->
         InputError: it is too large with its aliases written out, nested too deeply, or an alias holds itself.
     """
     with guarded(where, "YAML"):
-        node = yaml.compose(text, Loader=loader)
+        try:
+            node = yaml.compose(text, Loader=loader)
+        except _TooManyError:
+            raise _too_many(where) from None
         if node is not None:
             _check_nodes(node, where)
         return node
@@ -38,7 +65,7 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
         node = waiting.pop()
         count += 1
         if count > MAX_NODES:
-            raise InputError(f"{where}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly")
+            raise _too_many(where)
         if isinstance(node, yaml.MappingNode):
             for key, value in node.value:
                 if not isinstance(key, yaml.ScalarNode):
@@ -52,7 +79,7 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
             check_text(node.value, f"{where}: line {node.start_mark.line + 1}")
 
 
-class _Unknowing(yaml.SafeLoader):
+class _Unknowing(BoundedLoader):
     """Safe loader that takes the matrices of OpenCV for plain mappings."""
 
 
@@ -80,5 +107,7 @@ def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
                     _check_nodes(node, where)
                     found.append(loader.construct_document(node))
             return found
+    except _TooManyError:
+        raise _too_many(where) from None
     except yaml.YAMLError as error:
         raise InputError(f"{where}: not YAML ({' '.join(str(error).split())[:100]}); {what} was expected") from None

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
+from occlog.io.files import yaml_nodes
 from occlog.io.files.yaml_file import KEPT_LENGTH, KEPT_TEXTS, parse_yaml, read_yaml
-from occlog.io.files.yaml_nodes import MAX_NODES
+from occlog.io.files.yaml_nodes import MAX_NODES, BoundedLoader, compose_yaml, yaml_documents
 
 
 def test_a_document_has_at_most_so_many_entries_with_its_aliases_expanded() -> None:
@@ -18,6 +19,18 @@ def test_a_document_has_at_most_so_many_entries_with_its_aliases_expanded() -> N
     assert len(parse_yaml(text, "x", dict)["b"]) == 737
     with pytest.raises(InputError, match=f"x: more than {MAX_NODES} entries with its aliases expanded"):
         parse_yaml(text + "c: 1\n", "x", dict)
+
+
+@pytest.mark.parametrize("entry", ["1, ", "a: 1, "])
+def test_a_text_is_not_read_on_behind_so_many_entries(monkeypatch: pytest.MonkeyPatch, entry: str) -> None:
+    """4 MB of them took three quarters of a minute before they were counted; what comes behind is not looked at."""
+    monkeypatch.setattr(yaml_nodes, "MAX_NODES", 100)
+    open_, close = "[]" if ":" not in entry else "{}"
+    text = f"a: {open_}{entry * 300}{close}\n"
+    compose_yaml(f"a: {open_}{entry * 40}{close}", "x", BoundedLoader)
+    for read in (lambda: compose_yaml(text + "@", "x", BoundedLoader), lambda: yaml_documents(text + "@", "x", "YAML")):
+        with pytest.raises(InputError, match="x: more than 100 entries"):
+            read()
 
 
 def test_keys_come_once() -> None:
