@@ -1,7 +1,8 @@
 """Tries every reader on many changed files: `python -m tests.fuzz [READER ...] --inputs 1000000 --out FOLDER`.
 
 Each reader runs in a process of its own, so that a crash is a finding as well.  With atheris (extra `fuzz`) changes
-that reach new code are kept and changed again; without it all are drawn from good files.  Each kind of finding is
+that reach new code are kept and changed again; without it all are drawn from good files.  With `--grown BYTES` a piece
+of a good file is repeated until there are so many bytes: what takes longer than it may shows.  Each kind of finding is
 written once, as the bytes that show it and a line that says what happened.  Prints one line a reader, and ends with 1
 if there is a finding.  A run with the same seed draws the same changes.
 """
@@ -53,13 +54,14 @@ class Current:
         return self._memory[8 : 8 + int.from_bytes(self._memory[:8], "little")]
 
 
-def attempt(name: str, seconds: float, inputs: int, seed: int, out: Path, current: Current) -> None:
+def attempt(name: str, options: argparse.Namespace, seed: int, out: Path, current: Current) -> None:
     """Try one reader, in this process; what was found goes to `out`."""
-    from tests.fuzz.mutations import changed, draw
+    from tests.fuzz.mutations import changed, draw, grown
     from tests.fuzz.readers import READERS
     from tests.fuzz.watch import watching
 
-    guided = "atheris" in sys.modules
+    seconds, inputs = options.seconds, options.inputs
+    guided = "atheris" in sys.modules and not options.grown
     reader = READERS[name]
     seeds = reader.seeds
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -93,11 +95,13 @@ def attempt(name: str, seconds: float, inputs: int, seed: int, out: Path, curren
 
         for data in seeds:
             one(data)
+        while options.grown and sum(counts.values()) < inputs and time.monotonic() - begin < seconds:
+            one(grown(random.choice(seeds), random, options.grown, reader.layer))
         if guided:
             _guided(
                 one, lambda d, r: changed(d, draw(r), r.choice(seeds), reader.layer), seeds, inputs, seconds, seed, out
             )
-        else:
+        elif not options.grown:
             pool, known = list(seeds), set[str]()
             while sum(counts.values()) < inputs and time.monotonic() - begin < seconds:
                 data = changed(random.choice(pool), draw(random), random.choice(seeds), reader.layer)
@@ -168,7 +172,7 @@ def run(name: str, options: argparse.Namespace) -> dict[str, object]:
     if not child:
         status = 1
         try:
-            attempt(name, options.seconds, options.inputs, options.seed ^ zlib.crc32(name.encode()), out, current)
+            attempt(name, options, options.seed ^ zlib.crc32(name.encode()), out, current)
             status = 0
         except SystemExit as end:
             status = int(end.code or 0)
@@ -192,6 +196,7 @@ def main() -> None:
     parser.add_argument("--inputs", type=int, default=1_000_000, help="for each reader; default 1000000")
     parser.add_argument("--seconds", type=float, default=86_400, help="for each reader, at most; default a day")
     parser.add_argument("--seed", type=int, default=1, help="of the draw; default 1")
+    parser.add_argument("--grown", type=int, default=0, metavar="BYTES", help="repeat pieces up to so many bytes")
     parser.add_argument("--out", type=Path, default=Path("fuzz"), help="folder of findings; default fuzz")
     options = parser.parse_args()
     if importlib.util.find_spec("atheris") is not None:

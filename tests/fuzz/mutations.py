@@ -316,6 +316,28 @@ def draw(random: Random) -> Change:
     return Change(random.random() < 0.6, tuple(edits))
 
 
+def grown(data: bytes, random: Random, size: int, layer: Layer | None = None) -> bytes:
+    """The bytes with one piece of them, or one token, so often that there are `size` bytes."""
+    if layer is not None and random.random() < 0.5:
+        with suppress(Exception):
+            parts = layer.parts(data)
+            number = random.randrange(len(parts))
+            return layer.pack(data, number, grown(parts[number], random, size))
+    at = random.randrange(len(data) + 1)
+    match random.randrange(4):
+        case 0:  # a line
+            begin, end = data.rfind(b"\n", 0, at) + 1, data.find(b"\n", at) + 1
+            at, piece = begin, data[begin : end or len(data)]
+        case 1:  # a token, perhaps with a mark behind it
+            piece = random.choice((*TOKENS, b"1", b"a")) + random.choice((b"", b"", b" ", b",", b".", b":", b"\n"))
+        case 2:  # a word or a number, with what is behind it
+            found = _WORD.search(data, at) or _NUMBER.search(data, at)
+            piece = data[found.start() : found.end() + random.randrange(3)] if found else data
+        case _:
+            piece = data[at : at + random.choice((1, 2, 4, 8, 16, 64, 256))]
+    return data[:at] + piece * (max(size - len(data), 0) // max(len(piece), 1)) + data[at:]
+
+
 def _mcap_parts(data: bytes) -> list[bytes]:
     """Data of messages, attachments, schemas, metadata and names of topics, in this order."""
     reader = make_reader(io.BytesIO(data))

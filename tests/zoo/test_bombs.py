@@ -16,8 +16,11 @@ from scipy.io import savemat
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
+from occlog.io.boxes.columns import rows_of
 from occlog.io.calibration.common import MAX_BYTES
 from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.files.csv_rows import MAX_CELL, Rows
+from occlog.io.files.guard import LONG_TEXT, MAX_TEXTS_BYTES, check_texts
 from occlog.io.messages import bag
 from occlog.io.messages.bag import open_bag
 from occlog.io.recording import chunks
@@ -141,3 +144,30 @@ def test_a_bag_unpacks_to_a_thousand_times_its_size_at_most(tmp_path: Path, monk
     path.write_bytes(zstandard.ZstdCompressor().compress(RECORDING_MAGIC + bytes(1 << 22)))
     with pytest.raises(InputError, match="1000 times its size"):
         open_bag([path])
+
+
+LONG = "a" * (10 * LONG_TEXT)
+ROWS = MAX_TEXTS_BYTES // (4 * len(LONG)) + 1
+"""As many rows as make a column of texts too large, if one of them is long: a file of some kilobytes."""
+
+
+def test_a_long_text_does_not_make_every_row_as_long(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    zeros = np.zeros(ROWS, np.int64)
+    sensor = pa.DictionaryArray.from_arrays(pa.array(zeros, pa.int32()), [LONG])
+    columns = {"t_ns": np.arange(ROWS), "sensor": sensor, "azimuth": zeros.astype(float), "sigma": zeros + 0.1}
+    path = tmp_path / "bearings.parquet"
+    pq.write_table(pa.table(columns), path)
+    assert run(["track", str(path), "--scene", SCENE, "-o", str(tmp_path / "x.parquet")]) == ExitCode.BAD_INPUT
+    (line,) = capfd.readouterr().err.splitlines()
+    assert f"a text of {len(LONG)} characters in {ROWS} rows" in line
+    check_texts([LONG], ROWS - 1, "x")
+    check_texts([LONG[:LONG_TEXT]], 10**9, "x")
+
+
+def test_labels_of_json_and_text_are_no_longer_than_those_of_tables(tmp_path: Path) -> None:
+    def rows(length: int) -> Rows:
+        return rows_of(tmp_path / "b.json", [(1, {"name": "b"}), (2, {"name": "a" * length})], "entry", ())
+
+    assert rows(MAX_CELL).cells["name"].dtype == f"U{MAX_CELL}"
+    with pytest.raises(InputError, match=f"b.json: entry 2: a cell of more than {MAX_CELL} characters"):
+        rows(MAX_CELL + 1)

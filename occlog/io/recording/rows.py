@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
+from occlog.io.files.guard import check_texts
 from occlog.records.columns import Column, Table, check_copies
 from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes
 
@@ -149,6 +150,8 @@ class RowCollector(Generic[T]):
 def _array(c: Column, values: list[object], source: str) -> NDArray[np.generic]:
     if not values:
         return np.empty((0, c.width) if c.width else 0, "U1" if c.kind == "U" else c.dtype)
+    if c.kind == "U":
+        check_texts((text for text in values if isinstance(text, str)), len(values), f"{source}: column {c.name}")
     try:
         # null becomes NaN; only columns that declare a meaning for NaN will accept it.
         return np.array(values, dtype=np.str_ if c.kind == "U" else c.dtype)
