@@ -183,12 +183,7 @@ class InStretches:
     def _part(self, part: Stretch, begin: int, many: ManyConfig) -> GroundPart:
         limit, unit = self._config.limit_ns, self._scene.length_unit
         places = places_of(part.targets, part.tracks, part.times, begin, many, limit, unit)
-        last = int(part.times[-1])
-        over = tuple(
-            np.array([life.last_ns <= last for life in each.values()], dtype=np.bool_)
-            for each in (self.known.targets, self.known.tracks)
-        )
-        return GroundPart(places, begin, part.rows, part.targets, (over[0], over[1]))
+        return GroundPart(places, begin, part.rows, part.targets, self.known.over(int(part.times[-1])))
 
 
 class Written:

@@ -29,15 +29,15 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import ground_figures, many_config
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import describe, write_table
+from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.open import Opened, of_others, open_if_ours, open_input
+from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.plugins.chosen import Chosen
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Bearings, Diagnostics, Doa, Truth, TruthBoxes, Views
+from occlog.records.tables import Diagnostics, Doa, Truth, TruthBoxes
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
@@ -45,12 +45,9 @@ from .beside_tracks import BesideTracks
 from .by_plugin import with_plugins
 from .in_stretches import BOUND_WITHOUT_DISTANCES, InStretches, parameters_of
 from .inputs import Paths, in_frames, open_tables, provenance_of, read_tables
-from .sources import Sources, span_of_frames, streamed_bearings
+from .sources import Sources, any_long, span_of_frames, streamed_bearings
 from .stage import Evaluation, evaluate
 from .verdict import judge
-
-LONG = 200_000
-"""Rows of a table from which on a recording beside it is gone through several times, so that memory stays flat."""
 
 
 def run_evaluate(
@@ -172,7 +169,7 @@ def run_in_stretches(
         return None
     bearings = streamed_bearings(paths.bearings, paths.doa, paths.doa_labels, scene)
     recorded = [truth, views, *(None if p is None else open_input(p) for p in (paths.bearings, paths.doa))]
-    if any(o is not None and o.recording is not None for o in recorded) and not _any_long(tracks, *recorded):
+    if any(o is not None and o.recording is not None for o in recorded) and not any_long(tracks, *recorded):
         return None
     unit = scene.length_unit
     config, numbered_itself, own_numbers = _configured(paths, given, unit)
@@ -216,18 +213,6 @@ def _times_of_frames(sources: Sources) -> Iterator[Ints]:
     if sources.truth is not None:
         return (rows.t_ns[rows.role == "target"] for rows in sources.rows_of_truth())
     return (rows.t_ns for rows in sources.rows_of_bearings())
-
-
-def _any_long(*inputs: Opened | None) -> bool:
-    """Whether a table is so long that it is worth to go through a recording, which has images too, more than once."""
-    return any(opened is not None and _rows(opened) > LONG for opened in inputs)
-
-
-def _rows(opened: Opened) -> int:
-    """How many rows an input has; of a recording the number of messages of bearings or of boxes."""
-    if opened.recording is not None:
-        return max(opened.recording.messages(table) for table in (Bearings, Views, TruthBoxes))
-    return 0 if opened.foreign is not None else describe(opened.path)["rows"]
 
 
 def _measured(path: Path, result: Evaluation, scene: Scene, *, overwrite: bool) -> Evaluation:

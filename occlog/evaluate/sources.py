@@ -11,13 +11,16 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import describe
 from occlog.io.open import Opened, open_input
 from occlog.measure.scans.sources import bearings_of_doa, in_time
 from occlog.records.columns import Table
 from occlog.records.pieces import times, whole_times
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Diagnostics, Doa, Tracks, Truth
+from occlog.records.tables import Bearings, Diagnostics, Doa, Tracks, Truth, TruthBoxes, Views
 
+LONG = 200_000
+"""Rows of a table from which on a recording beside it is gone through several times, so that memory stays flat."""
 T = TypeVar("T", bound=Table)
 Span = tuple[int, int]
 """First time, and that after the last one [ns]."""
@@ -130,3 +133,15 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
 def no_frames(frames: tuple[int, int], count: int) -> InputError:
     """What is said of frames that are not there."""
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0")
+
+
+def any_long(*inputs: Opened | None) -> bool:
+    """Whether a table is so long that it is worth to go through a recording, which has images too, more than once."""
+    return any(opened is not None and rows_in(opened) > LONG for opened in inputs)
+
+
+def rows_in(opened: Opened) -> int:
+    """How many rows an input has; of a recording the number of messages of bearings, boxes or true positions."""
+    if opened.recording is not None:
+        return max(opened.recording.messages(table) for table in (Bearings, Views, TruthBoxes, Truth))
+    return 0 if opened.foreign is not None else describe(opened.path)["rows"]
