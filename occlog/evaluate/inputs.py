@@ -33,7 +33,7 @@ from occlog.records.tables import (
     Views,
 )
 
-from .sources import no_frames, streamed_bearings
+from .sources import no_frames, no_true_box, streamed_bearings
 from .verdict import Made
 
 T = TypeVar("T", bound=Table)
@@ -184,7 +184,7 @@ def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
 
     boxes = numbered(tables.truth_boxes)
     if boxes is not None and tables.views is not None and not len(boxes):
-        raise InputError(f"frames {first}:{stop}: no true box is in them")
+        raise no_true_box(frames)
     return replace(
         tables,
         tracks=during(tables.tracks),

@@ -154,7 +154,7 @@ def run_in_stretches(
     """The same as `run_evaluate` in flat memory.
 
     None where there are measurements, a scene to write, sensors held out without tracks or bearings or beside views,
-    many tracks with them, views of some frames, nothing to compare, or short tables in a recording.
+    many tracks with them, nothing to compare, or short tables in a recording.
     """
     if paths.measurements is not None or paths.write_scene is not None:
         return None
@@ -165,7 +165,7 @@ def run_in_stretches(
     positions = tracks is not None or paths.directions is not None
     if truth is not None and not truth.has(Truth if positions else TruthBoxes):
         return None
-    if views is not None and (truth is None or not truth.has(TruthBoxes) or frames is not None):
+    if views is not None and (truth is None or not truth.has(TruthBoxes)):
         return None
     bearings = streamed_bearings(paths.bearings, paths.doa, paths.doa_labels, scene)
     recorded = [truth, views, *(None if p is None else open_input(p) for p in (paths.bearings, paths.doa))]
@@ -177,8 +177,10 @@ def run_in_stretches(
     begin_work()
     diagnostics = None if paths.diagnostics is None else open_input(paths.diagnostics, Diagnostics)
     sources = Sources(tracks, truth, bearings, diagnostics)
-    if frames is not None:
-        during = span_of_frames(_times_of_frames(sources), frames)
+    timed = positions or paths.cooperation or paths.diagnostics or (truth is not None and truth.has(Truth))
+    if frames is not None and timed:
+        spans = (span_of_frames(times, frames) for times in _times_of_frames(sources))
+        during = next((span for span in spans if span is not None), None)
         if during is None:
             return None
         sources = replace(sources, during=during)
@@ -186,7 +188,7 @@ def run_in_stretches(
     if compared is not None and not (compared.can and few_held_out(config, len(compared.known.tracks))):
         return None
     cooperation = None if paths.cooperation is None else open_input(paths.cooperation)
-    more = BesideTracks(views, truth, cooperation, sources).figures(
+    more = BesideTracks(views, truth, cooperation, sources, frames).figures(
         config, None if compared is None else compared.known.tracks_ns
     )
     many, unknown = None, None
@@ -208,11 +210,15 @@ def run_in_stretches(
     return result, unit
 
 
-def _times_of_frames(sources: Sources) -> Iterator[Ints]:
-    """Times by which frames are numbered."""
-    if sources.truth is not None:
-        return (rows.t_ns[rows.role == "target"] for rows in sources.rows_of_truth())
-    return (rows.t_ns for rows in sources.rows_of_bearings())
+def _times_of_frames(sources: Sources) -> Iterator[Iterator[Ints]]:
+    """Times by which frames are numbered: those of true targets; where there are none, of what comes next."""
+    truth = sources.truth
+    if truth is not None and truth.has(Truth):
+        yield (rows.t_ns[rows.role == "target"] for rows in sources.rows_of_truth())
+    if truth is not None and truth.has(TruthBoxes):
+        yield (rows.t_ns for rows in truth.rows(TruthBoxes))
+    yield (rows.t_ns for rows in sources.rows_of_bearings())
+    yield (rows.t_ns for rows in sources.rows_of_tracks())
 
 
 def _measured(path: Path, result: Evaluation, scene: Scene, *, overwrite: bool) -> Evaluation:

@@ -135,6 +135,11 @@ def no_frames(frames: tuple[int, int], count: int) -> InputError:
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0")
 
 
+def no_true_box(frames: tuple[int, int]) -> InputError:
+    """What is said of frames of views that have no true box."""
+    return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them")
+
+
 def any_long(*inputs: Opened | None) -> bool:
     """Whether a table is so long that it is worth to go through a recording, which has images too, more than once."""
     return any(opened is not None and rows_in(opened) > LONG for opened in inputs)
