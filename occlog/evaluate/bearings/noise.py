@@ -11,7 +11,7 @@ Errors of the poses are in it, as they are for a filter.  What is wrong in the s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 from scipy.special import chdtri
@@ -86,13 +86,16 @@ class NoiseFigures:
         if squares is not None and degrees is not None:
             scale = noise_scale(squares, degrees.astype(np.int64))
         else:
-            scale = _noise_scale_of_many(self._squares, self._degrees)
+            scale = noise_scale_of_many(self._blocks, self._squares.count)
         known = self._sigma_px.count > 0
         return {
             "noise_scans": self._squares.count,
             "noise_scale": scale,
             "noise_px": scale * median_of(self._sigma_px) if known else float("nan"),
         }
+
+    def _blocks(self) -> Iterator[tuple[Floats, Floats]]:
+        return zip(self._squares.blocks(), self._degrees.blocks(), strict=True)
 
 
 def noise_scale(squares: Floats, degrees: Ints) -> float:
@@ -111,17 +114,19 @@ def noise_scale(squares: Floats, degrees: Ints) -> float:
     return float(np.sqrt(scale2))
 
 
-def _noise_scale_of_many(squares: Spool, degrees: Spool) -> float:
-    """`noise_scale` of numbers in files."""
+def noise_scale_of_many(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int) -> float:
+    """`noise_scale` of numbers that come in blocks.
 
-    def blocks() -> Iterator[tuple[Floats, Floats]]:
-        return zip(squares.blocks(), degrees.blocks(), strict=True)
+    Args:
+        blocks: gives squares and degrees of freedom, the same every time.
+        count: how many there are, at least `FEWEST_SCANS`.
+    """
 
     def shares() -> Iterator[tuple[Ints, Floats]]:
         for square, degree in blocks():
             yield np.zeros(len(square), dtype=np.int64), square / chdtri(degree, 0.5)
 
-    scale2 = float(group_medians(shares, np.array([squares.count]))[0])
+    scale2 = float(group_medians(shares, np.array([count]))[0])
     for _ in range(ITERATIONS):
         total, expected = Sum(), Sum()
         for square, degree in blocks():
