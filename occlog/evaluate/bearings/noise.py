@@ -107,11 +107,19 @@ def noise_scale(squares: Floats, degrees: Ints) -> float:
     """
     if len(squares) < FEWEST_SCANS:
         return float("nan")
-    scale2 = float(np.median(squares / chdtri(degrees, 0.5)))
+    scale2, limits = float(np.median(squares / _points(degrees, 0.5))), _points(degrees, CHANCE)
     for _ in range(ITERATIONS):
-        believed = squares <= scale2 * chdtri(degrees, CHANCE)
-        scale2 = float(squares[believed].sum() / degrees[believed].sum())
+        believed = squares <= scale2 * limits
+        before, scale2 = scale2, float(squares[believed].sum() / degrees[believed].sum())
+        if scale2 == before:  # nothing changes any more
+            break
     return float(np.sqrt(scale2))
+
+
+def _points(degrees: Floats | Ints, chance: float) -> Floats:
+    """(S,) what a chi-squared number of so many degrees, >= 1, is above with this probability."""
+    most = int(degrees.max(initial=1))
+    return np.asarray(chdtri(np.arange(1, most + 1), chance)[degrees.astype(np.int64) - 1])
 
 
 def noise_scale_of_many(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int) -> float:
@@ -124,17 +132,17 @@ def noise_scale_of_many(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], c
 
     def shares() -> Iterator[tuple[Ints, Floats]]:
         for square, degree in blocks():
-            yield np.zeros(len(square), dtype=np.int64), square / chdtri(degree, 0.5)
+            yield np.zeros(len(square), dtype=np.int64), square / _points(degree, 0.5)
 
     scale2 = float(group_medians(shares, np.array([count]))[0])
     for _ in range(ITERATIONS):
         total, expected = Sum(), Sum()
         for square, degree in blocks():
-            believed = square <= scale2 * chdtri(degree, CHANCE)
+            believed = square <= scale2 * _points(degree, CHANCE)
             total.add(float(square[believed].sum()))
             expected.add(float(degree[believed].sum()))
         before, scale2 = scale2, total.value / expected.value
-        if scale2 == before:  # nothing changes any more
+        if scale2 == before:
             break
     return float(np.sqrt(scale2))
 
