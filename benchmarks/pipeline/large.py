@@ -242,7 +242,9 @@ def measure(folder: Path, rows: int) -> dict[str, float]:
     out["report without truth"] = peak_mb("report", ours, seen, room, *page)
     out["evaluate without truth"] = peak_mb("evaluate", ours, seen, room, "--quiet")
     measured, new = f"--measurements={folder / 'measured.parquet'}", f"--write-scene={folder / 'new.yaml'}"
-    out["evaluate measurements"] = peak_mb("evaluate", ours, measured, true, room, errors, bound, "--quiet")
+    out["evaluate measurements"] = peak_mb(
+        "evaluate", ours, measured, true, room, errors, bound, "--overwrite", "--quiet"
+    )
     out["evaluate write-scene"] = peak_mb("evaluate", seen, true, room, new, "--quiet")
     some = f"--frames={rows // 40}:{rows // 5}"
     out["evaluate some frames"] = peak_mb("evaluate", ours, true, room, some, "--quiet")
