@@ -22,6 +22,7 @@ from occlog.records.tables import (
     Boxes,
     Diagnostics,
     Events,
+    Measurements,
     PeopleTracks,
     Tracks,
     Truth,
@@ -106,7 +107,7 @@ def make_many(folder: Path, rows: int) -> None:
 
 
 def make_seen(folder: Path, rows: int) -> None:
-    """Bearings of one person in four cameras, with tracks, truth and a scene; the boxes of `make_many` as views."""
+    """Bearings and ranges of one person, with tracks, truth and a scene; the boxes of `make_many` as views."""
     made, middle, size = Provenance("detect"), 10.0, rows // len(PLACES)
     cameras = tuple(
         Camera(
@@ -127,6 +128,7 @@ def make_seen(folder: Path, rows: int) -> None:
         TableWriter(folder / "seen_truth.parquet", Truth, made) as truth,
         TableWriter(folder / "seen.parquet", Bearings, made) as bearings,
         TableWriter(folder / "fared.parquet", Diagnostics, made) as diagnostics,
+        TableWriter(folder / "measured.parquet", Measurements, made) as measured,
     ):
         for start in range(0, size, CHUNK):
             step = np.arange(start, min(start + CHUNK, size))
@@ -141,12 +143,25 @@ def make_seen(folder: Path, rows: int) -> None:
             told |= {c.name: np.full(n, "") for c in Diagnostics.columns() if not c.optional and c.kind == "U"}
             names = np.full(n, ",".join(PLACES))
             diagnostics.write(Diagnostics.of(**told | shared | {"cameras": names, "ess": np.full(n, 100.0)}))
-            u, azimuth = np.empty((n, len(cameras))), np.empty((n, len(cameras)))
+            u, azimuth, far = (np.empty((n, len(cameras))) for _ in range(3))
             for k, camera in enumerate(cameras):
+                far[:, k] = np.hypot(x - camera.ground[0], y - camera.ground[1]) + random.normal(0.0, 0.1, n)
                 h, d = planar_offsets(np.column_stack([x, y]), camera.ground, camera.yaw)
                 u[:, k] = -500.0 * h / d + random.normal(0.0, 2.0, n)
                 azimuth[:, k] = u_to_azimuth(u[:, k], camera.yaw, 500.0)
             at = np.repeat(step * STEP_NS, len(cameras))
+            nan, sure = np.full(len(at), np.nan), np.full(len(at), 0.1)
+            measured.write(
+                Measurements.of(
+                    t_ns=at,
+                    sensor=np.tile(list(PLACES), n),
+                    target_id=np.zeros(len(at), np.int32),
+                    range=far.ravel(),
+                    sigma_range=sure,
+                    rssi=nan,
+                    sigma_rssi=nan,
+                )
+            )
             bearings.write(
                 Bearings.of(
                     t_ns=at,
@@ -211,6 +226,11 @@ def measure(folder: Path, rows: int) -> dict[str, float]:
     tables = [f"--{name}={folder / name}.parquet" for name in ("failures", "counts")]
     out["evaluate of several"] = peak_mb("evaluate", many, "--truth", people, "--match", "optimal", *tables, "--quiet")
     out["evaluate in images"] = peak_mb("evaluate", boxes, "--truth", true_boxes, "--quiet")
+    part = f"--frames={rows // PEOPLE // 8}:{rows // PEOPLE // 4}"
+    out["evaluate some frames in images"] = peak_mb("evaluate", boxes, "--truth", true_boxes, part, "--quiet")
+    for ours, true in ((many, people), (boxes, true_boxes)):
+        also = ("--truth", true, "--also", ours, true, part)
+        out[f"evaluate --also of {Path(ours).stem}"] = peak_mb("evaluate", ours, *also, "--quiet")
     seen, fared = f"--bearings={folder / 'seen.parquet'}", f"--diagnostics={folder / 'fared.parquet'}"
     room, true = f"--scene={folder / 'scene.yaml'}", f"--truth={folder / 'seen_truth.parquet'}"
     ours, bound = str(folder / "seen_tracks.parquet"), f"--bound={folder / 'bound.parquet'}"
@@ -221,10 +241,16 @@ def measure(folder: Path, rows: int) -> dict[str, float]:
     out["report bearings"] = peak_mb("report", ours, seen, fared, true, room, errors, bound, *page)
     out["report without truth"] = peak_mb("report", ours, seen, room, *page)
     out["evaluate without truth"] = peak_mb("evaluate", ours, seen, room, "--quiet")
+    measured, new = f"--measurements={folder / 'measured.parquet'}", f"--write-scene={folder / 'new.yaml'}"
+    out["evaluate measurements"] = peak_mb(
+        "evaluate", ours, measured, true, room, errors, bound, "--overwrite", "--quiet"
+    )
+    out["evaluate write-scene"] = peak_mb("evaluate", seen, true, room, new, "--quiet")
     some = f"--frames={rows // 40}:{rows // 5}"
     out["evaluate some frames"] = peak_mb("evaluate", ours, true, room, some, "--quiet")
     views = f"--views={folder / 'views.parquet'}"
     out["evaluate views"] = peak_mb("evaluate", views, f"--truth={true_boxes}", "--quiet")
+    out["evaluate some frames of views"] = peak_mb("evaluate", views, f"--truth={true_boxes}", part, "--quiet")
     out["report of several"] = peak_mb("report", many, "--truth", people, "-o", str(folder / "many.html"))
     everybody, events = str(folder / "everybody.parquet"), f"--events={folder / 'events.parquet'}"
     out["report of everybody"] = peak_mb("report", everybody, events, "--truth", people, *page)

@@ -138,7 +138,7 @@ def _several(
     paths: Paths, values: dict[str, Any], config: EvaluateConfig, many: dict[str, Any], thresholds: list[Threshold]
 ) -> int:
     """Figures of several recordings."""
-    from .several import Recording, run_evaluate_several
+    from .several.run import Recording, run_evaluate_several
     from .text import recording_lines
 
     if values["metrics"]:

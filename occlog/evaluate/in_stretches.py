@@ -17,6 +17,7 @@ from occlog.records.views import Counts, Failures
 from occlog.track.images.run.provenance import own_notes
 from occlog.track.plausibility.verdict import Evidence
 
+from .bearings.known_places import MeasuredNoise, figures_of, notes_of
 from .errors.streamed import Beside, CompareStreams, PairSums, Stretch, stretches
 from .errors.survey import Survey, survey
 from .inputs import Paths, provenance_of
@@ -44,8 +45,10 @@ class InStretches:
         """Nothing is read but what must be known of the whole (`survey`)."""
         self._sources, self._scene, self._config = sources, scene, config
         self._outlines, self._high = Outlines(), False
+        self.noise: dict[str, MeasuredNoise] = {}
+        """Noise of each camera at known places, after `evaluate` with a scene to write."""
         truth = sources.rows_of_truth()
-        truth = truth if sources.bearings is None else self._outlines.watch(truth)
+        truth = self._outlines.watch(truth) if self._beside else truth
         self.known: Survey = survey(self._watched(sources.rows_of_tracks()), truth)
 
     def _watched(self, chunks: Iterator[Tracks]) -> Iterator[Tracks]:
@@ -64,6 +67,11 @@ class InStretches:
     def _compares(self) -> bool:
         """Whether there are tracks and a truth."""
         return self._sources.tracks is not None and self._sources.truth is not None
+
+    @property
+    def _beside(self) -> bool:
+        """Whether there are bearings or measurements of distances."""
+        return self._sources.bearings is not None or self._sources.measured is not None
 
     @property
     def several(self) -> bool:
@@ -117,8 +125,9 @@ class InStretches:
             if self._compares and known.single is not None:
                 pairs = dict([known.single])
             seen, beside = None, None
-            if sources.bearings is not None:
-                seen = WithBearings(sources, known, self._outlines, self._scene, config)
+            if self._beside:
+                places = paths.write_scene is not None
+                seen = WithBearings(sources, known, self._outlines, self._scene, config, places=places)
                 beside = seen.begin(pairs, evidence, made, high_tracks=self._high)
             streams, begin = CompareStreams(known, pairs, config, unit), 0
             for part in self._stretches(many, beside):
@@ -141,10 +150,14 @@ class InStretches:
                 metrics = {**metrics, **{name: v for name, v in ground.metrics().items() if name not in metrics}}
                 apart = line_of_errors_apart(metrics, unit, config.match)
                 notes = (*notes, *ground.notes(), *own_notes(paths.tracks, many.own, asked), *apart)
+            if seen is not None:
+                self.noise = seen.noise_at_known_places()
+                metrics |= figures_of(self.noise)
+                notes = (*notes, *(notes_of(self._scene, self.noise) if self.noise else ()))
             findings = None
             if against.rows or sources.diagnostics is not None or (seen is not None and seen.rows):
                 findings = with_truth(evidence, made, against, unknown=known.unknown, metrics=metrics)
-            if made.measured and seen is not None and seen.bound_rows:
+            if made.measured and sources.measured is None and seen is not None and seen.bound_rows:
                 notes = (*notes, BOUND_WITHOUT_DISTANCES)
         return Evaluation(metrics, notes=notes, findings=None if sources.tracks is None else findings)
 
@@ -183,12 +196,7 @@ class InStretches:
     def _part(self, part: Stretch, begin: int, many: ManyConfig) -> GroundPart:
         limit, unit = self._config.limit_ns, self._scene.length_unit
         places = places_of(part.targets, part.tracks, part.times, begin, many, limit, unit)
-        last = int(part.times[-1])
-        over = tuple(
-            np.array([life.last_ns <= last for life in each.values()], dtype=np.bool_)
-            for each in (self.known.targets, self.known.tracks)
-        )
-        return GroundPart(places, begin, part.rows, part.targets, (over[0], over[1]))
+        return GroundPart(places, begin, part.rows, part.targets, self.known.over(int(part.times[-1])))
 
 
 class Written:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,7 +33,7 @@ from occlog.records.tables import (
     Views,
 )
 
-from .sources import no_frames, streamed_bearings
+from .sources import MeasuredSource, no_frames, no_true_box, streamed_bearings
 from .verdict import Made
 
 T = TypeVar("T", bound=Table)
@@ -114,7 +114,7 @@ def read_tables(paths: Paths, *, everybody: bool = False) -> Tables:
         diagnostics=None if paths.diagnostics is None else open_input(paths.diagnostics).read(Diagnostics),
         made=Made() if tracks is None else Made.of(tracks.provenance),
         found=None if found is None else _boxes_or_views(found),
-        measured=None if paths.measurements is None else _measured(paths.measurements, tracks, scene),
+        measured=None if paths.measurements is None else open_measured(paths.measurements, tracks, scene).read(),
     )
 
 
@@ -129,22 +129,24 @@ def open_tables(paths: Paths) -> tuple[Opened | None, Opened | None, Scene]:
     return tracks, truth, scene
 
 
-def _measured(path: Path, tracks: Opened | None, scene: Scene) -> tuple[Measurements, MeasuredConfig, Radio | None]:
+def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSource:
     """Measurements of distances, with the settings that the tracks were made with; defaults where these do not say."""
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
         raise UsageError(f"{path}: stations have no places without a scene; give one")
     if opened.made_in_a_scene:
         check_unit(opened, scene.length_unit, error=InputError)
-    if opened.has(Reads) and not opened.has(Measurements):
-        table = Measurements.concat(measurements_of_reads(opened.rows(Reads)))
-    else:
-        table = opened.read(Measurements)
+
+    def rows() -> Iterator[Measurements]:
+        if opened.has(Reads) and not opened.has(Measurements):
+            return measurements_of_reads(opened.rows(Reads))
+        return opened.rows(Measurements)
+
     made = {} if tracks is None else tracks.provenance.parameters.get("measurements")
     said = dict(made) if isinstance(made, dict) else {}
     radio = said.get("radio")
     known = {f.name: said[f.name] for f in fields(MeasuredConfig) if f.name in said}
-    return table, MeasuredConfig(**known), _radio(radio) if isinstance(radio, dict) else None
+    return MeasuredSource(rows, MeasuredConfig(**known), _radio(radio) if isinstance(radio, dict) else None)
 
 
 def _radio(said: dict[str, Any]) -> Radio:
@@ -178,13 +180,16 @@ def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
     found = tables.found
     if found is not None:
         found = found.take((found.t_ns >= low) & (found.t_ns < high))
+    measured = tables.measured
+    if measured is not None:
+        measured = (measured[0].take((measured[0].t_ns >= low) & (measured[0].t_ns < high)), *measured[1:])
 
     def numbered(table: N | None) -> N | None:
         return None if table is None else table.take((table.frame >= first) & (table.frame < stop))
 
     boxes = numbered(tables.truth_boxes)
     if boxes is not None and tables.views is not None and not len(boxes):
-        raise InputError(f"frames {first}:{stop}: no true box is in them")
+        raise no_true_box(frames)
     return replace(
         tables,
         tracks=during(tables.tracks),
@@ -193,6 +198,7 @@ def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
         bearings=during(tables.bearings),
         views=numbered(tables.views),
         found=found,
+        measured=measured,
         cooperation=during(tables.cooperation),
         diagnostics=during(tables.diagnostics),
     )

@@ -19,6 +19,7 @@ from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.azimuths import doa_metrics
 from occlog.evaluate.bearings.held_out import few_held_out
 from occlog.evaluate.bearings.known_places import (
+    MeasuredNoise,
     comment,
     figures_of,
     noise_at_known_places,
@@ -29,28 +30,25 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import ground_figures, many_config
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import describe, write_table
+from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.open import Opened, of_others, open_if_ours, open_input
+from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.plugins.chosen import Chosen
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Bearings, Diagnostics, Doa, Truth, TruthBoxes, Views
+from occlog.records.tables import Diagnostics, Doa, Truth, TruthBoxes
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
 from .beside_tracks import BesideTracks
 from .by_plugin import with_plugins
 from .in_stretches import BOUND_WITHOUT_DISTANCES, InStretches, parameters_of
-from .inputs import Paths, in_frames, open_tables, provenance_of, read_tables
-from .sources import Sources, span_of_frames, streamed_bearings
+from .inputs import Paths, in_frames, open_measured, open_tables, provenance_of, read_tables
+from .sources import Sources, any_long, span_of_frames, streamed_bearings
 from .stage import Evaluation, evaluate
 from .verdict import judge
-
-LONG = 200_000
-"""Rows of a table from which on a recording beside it is gone through several times, so that memory stays flat."""
 
 
 def run_evaluate(
@@ -107,7 +105,10 @@ def run_evaluate(
     if t.tracks is not None and t.truth is not None:
         result = with_plugins(result, plugged, t.tracks, t.truth, unit)
     if paths.write_scene is not None:
-        result = _measured(paths.write_scene, result, t.scene, overwrite=paths.overwrite)
+        noise = noise_at_known_places(result.looks, t.scene)
+        metrics, notes = {**result.metrics, **figures_of(noise)}, (*result.notes, *notes_of(t.scene, noise))
+        result = replace(result, metrics=metrics, notes=notes)
+        _write_scene(paths.write_scene, t.scene, noise, overwrite=paths.overwrite)
     findings = judge(
         t.tracks,
         t.scene,
@@ -156,11 +157,9 @@ def run_in_stretches(
 ) -> tuple[Evaluation, str] | None:
     """The same as `run_evaluate` in flat memory.
 
-    None where there are measurements, a scene to write, sensors held out without tracks or bearings or beside views,
-    many tracks with them, views of some frames, nothing to compare, or short tables in a recording.
+    None where there are sensors held out without tracks or bearings or beside views, many tracks with them, nothing to
+    compare, or short tables in a recording.
     """
-    if paths.measurements is not None or paths.write_scene is not None:
-        return None
     if given.get("held_out") and (paths.tracks is None or paths.directions is None or paths.views is not None):
         return None
     tracks, truth, scene = open_tables(paths)
@@ -168,20 +167,24 @@ def run_in_stretches(
     positions = tracks is not None or paths.directions is not None
     if truth is not None and not truth.has(Truth if positions else TruthBoxes):
         return None
-    if views is not None and (truth is None or not truth.has(TruthBoxes) or frames is not None):
+    if views is not None and (truth is None or not truth.has(TruthBoxes)):
         return None
     bearings = streamed_bearings(paths.bearings, paths.doa, paths.doa_labels, scene)
-    recorded = [truth, views, *(None if p is None else open_input(p) for p in (paths.bearings, paths.doa))]
-    if any(o is not None and o.recording is not None for o in recorded) and not _any_long(tracks, *recorded):
+    beside = (paths.bearings, paths.doa, paths.measurements)
+    recorded = [truth, views, *(None if p is None else open_input(p) for p in beside)]
+    if any(o is not None and o.recording is not None for o in recorded) and not any_long(tracks, *recorded):
         return None
     unit = scene.length_unit
     config, numbered_itself, own_numbers = _configured(paths, given, unit)
     _check_held_out(paths.tracks, config.held_out)
     begin_work()
     diagnostics = None if paths.diagnostics is None else open_input(paths.diagnostics, Diagnostics)
-    sources = Sources(tracks, truth, bearings, diagnostics)
-    if frames is not None:
-        during = span_of_frames(_times_of_frames(sources), frames)
+    measured = None if paths.measurements is None else open_measured(paths.measurements, tracks, scene)
+    sources = Sources(tracks, truth, bearings, diagnostics, measured)
+    timed = positions or paths.cooperation or paths.diagnostics or (truth is not None and truth.has(Truth))
+    if frames is not None and timed:
+        spans = (span_of_frames(times, frames) for times in _times_of_frames(sources))
+        during = next((span for span in spans if span is not None), None)
         if during is None:
             return None
         sources = replace(sources, during=during)
@@ -189,7 +192,7 @@ def run_in_stretches(
     if compared is not None and not (compared.can and few_held_out(config, len(compared.known.tracks))):
         return None
     cooperation = None if paths.cooperation is None else open_input(paths.cooperation)
-    more = BesideTracks(views, truth, cooperation, sources).figures(
+    more = BesideTracks(views, truth, cooperation, sources, frames).figures(
         config, None if compared is None else compared.known.tracks_ns
     )
     many, unknown = None, None
@@ -201,6 +204,8 @@ def run_in_stretches(
     asked = None if many_given.get("own") is None else str(many_given["own"])
     if compared is not None:
         result = compared.evaluate(paths, parameters, many, asked, more)
+        if paths.write_scene is not None:
+            _write_scene(paths.write_scene, scene, compared.noise, overwrite=paths.overwrite)
     else:
         result = Evaluation({name: float(value) for name, value in more.items()})
     notes = result.notes if unknown is None else (*result.notes, unknown)
@@ -211,33 +216,21 @@ def run_in_stretches(
     return result, unit
 
 
-def _times_of_frames(sources: Sources) -> Iterator[Ints]:
-    """Times by which frames are numbered."""
-    if sources.truth is not None:
-        return (rows.t_ns[rows.role == "target"] for rows in sources.rows_of_truth())
-    return (rows.t_ns for rows in sources.rows_of_bearings())
+def _times_of_frames(sources: Sources) -> Iterator[Iterator[Ints]]:
+    """Times by which frames are numbered: those of true targets; where there are none, of what comes next."""
+    truth = sources.truth
+    if truth is not None and truth.has(Truth):
+        yield (rows.t_ns[rows.role == "target"] for rows in sources.rows_of_truth())
+    if truth is not None and truth.has(TruthBoxes):
+        yield (rows.t_ns for rows in truth.rows(TruthBoxes))
+    yield (rows.t_ns for rows in sources.rows_of_bearings())
+    yield (rows.t_ns for rows in sources.rows_of_tracks())
 
 
-def _any_long(*inputs: Opened | None) -> bool:
-    """Whether a table is so long that it is worth to go through a recording, which has images too, more than once."""
-    return any(opened is not None and _rows(opened) > LONG for opened in inputs)
-
-
-def _rows(opened: Opened) -> int:
-    """How many rows an input has; of a recording the number of messages of bearings or of boxes."""
-    if opened.recording is not None:
-        return max(opened.recording.messages(table) for table in (Bearings, Views, TruthBoxes))
-    return 0 if opened.foreign is not None else describe(opened.path)["rows"]
-
-
-def _measured(path: Path, result: Evaluation, scene: Scene, *, overwrite: bool) -> Evaluation:
-    """Write the scene with the noise that was measured at known places; the evaluation with its figures."""
-    noise = noise_at_known_places(result.looks, scene)
+def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *, overwrite: bool) -> None:
+    """Write the scene with the noise that was measured at known places."""
     text = comment(noise) + scene_to_yaml(scene_with(scene, noise))
     write_bytes(path, text.encode(), overwrite)
-    return replace(
-        result, metrics={**result.metrics, **figures_of(noise)}, notes=(*result.notes, *notes_of(scene, noise))
-    )
 
 
 def _check_request(paths: Paths, given: Mapping[str, object]) -> None:

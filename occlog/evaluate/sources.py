@@ -5,27 +5,45 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import describe
 from occlog.io.open import Opened, open_input
+from occlog.measure.scans.config import MeasuredConfig
+from occlog.measure.scans.measured import Radio
 from occlog.measure.scans.sources import bearings_of_doa, in_time
 from occlog.records.columns import Table
+from occlog.records.measurements import Measurements
 from occlog.records.pieces import times, whole_times
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Diagnostics, Doa, Tracks, Truth
+from occlog.records.tables import Bearings, Diagnostics, Doa, Reads, Tracks, Truth, TruthBoxes, Views
 
+LONG = 200_000
+"""Rows of a table from which on a recording beside it is gone through several times, so that memory stays flat."""
 T = TypeVar("T", bound=Table)
 Span = tuple[int, int]
 """First time, and that after the last one [ns]."""
 
 
+class MeasuredSource(NamedTuple):
+    """Measurements of distances that are gone through as often as wanted, with what must be known of them."""
+
+    rows: Callable[[], Iterator[Measurements]]
+    config: MeasuredConfig
+    radio: Radio | None
+
+    def read(self) -> tuple[Measurements, MeasuredConfig, Radio | None]:
+        """All of them."""
+        return Measurements.concat(self.rows()), self.config, self.radio
+
+
 @dataclass(frozen=True)
 class Sources:
-    """Tracks, truth, bearings and diagnostics; None where not given.
+    """Tracks, truth, bearings, diagnostics and measurements of distances; None where not given.
 
     Attributes:
         during: rows of other times are left out; None: of none.
@@ -35,6 +53,7 @@ class Sources:
     truth: Opened | None
     bearings: Callable[[], Iterator[Bearings]] | None = None
     diagnostics: Opened | None = None
+    measured: MeasuredSource | None = None
     during: Span | None = None
 
     def rows_of_tracks(self) -> Iterator[Tracks]:
@@ -52,6 +71,10 @@ class Sources:
     def rows_of_diagnostics(self) -> Iterator[Diagnostics]:
         """All diagnostics; none without any."""
         return self._rows(self.diagnostics, Diagnostics)
+
+    def rows_of_measurements(self) -> Iterator[Measurements]:
+        """All measurements of distances; none without any."""
+        return iter(()) if self.measured is None else rows_during(self.measured.rows(), self.during)
 
     def _rows(self, opened: Opened | None, table: type[T]) -> Iterator[T]:
         return iter(()) if opened is None else rows_during(opened.rows(table), self.during)
@@ -130,3 +153,21 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
 def no_frames(frames: tuple[int, int], count: int) -> InputError:
     """What is said of frames that are not there."""
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0")
+
+
+def no_true_box(frames: tuple[int, int]) -> InputError:
+    """What is said of frames of views that have no true box."""
+    return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them")
+
+
+def any_long(*inputs: Opened | None) -> bool:
+    """Whether a table is so long that it is worth to go through a recording, which has images too, more than once."""
+    return any(opened is not None and rows_in(opened) > LONG for opened in inputs)
+
+
+def rows_in(opened: Opened) -> int:
+    """How many rows an input has; of a recording the number of messages of the table that has most."""
+    if opened.recording is not None:
+        tables = (Bearings, Views, TruthBoxes, Truth, Measurements, Reads)
+        return max(opened.recording.messages(table) for table in tables)
+    return 0 if opened.foreign is not None else describe(opened.path)["rows"]

@@ -24,13 +24,14 @@ from occlog.evaluate.bearings.held_out_boxes import held_out_box_metrics
 from occlog.evaluate.bearings.meeting import meeting_metrics
 from occlog.evaluate.bearings.noise import noise_metrics
 from occlog.evaluate.errors.bound import Measured, bound_metrics, compute_bound
+from occlog.evaluate.errors.distances import DistancesOfTargets
 from occlog.evaluate.errors.on_ground import compare, gaps_note, settled
 from occlog.evaluate.errors.sums import error_metrics
 from occlog.evaluate.figures import UNITS
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
 from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import Radio, make_stations, pack
+from occlog.measure.scans.measured import Radio
 from occlog.records.measurements import Measurements
 from occlog.records.people import PeopleTracks
 from occlog.records.scene import Scene
@@ -246,10 +247,10 @@ def _distances(
     """Measurements of distances of the targets of the truth."""
     table, config, radio = measured
     labels = _labels(table, truth, pairs)
-    table = table.take(np.isin(table.target_id, list(labels)))
-    row, rows = pack(table, make_stations(scene, config, radio), config, radio)
-    target = np.array([labels[k] for k in table.target_id[row].tolist()], dtype=np.int64)
-    return Measured(table.t_ns[row], target, rows)
+    found = DistancesOfTargets(labels, scene, config, radio)
+    out = found.add(table)
+    found.finish()
+    return out
 
 
 def _labels(bearings: Bearings | Measurements, truth: Truth, pairs: Mapping[int, int]) -> dict[int, int]:

@@ -1,4 +1,4 @@
-"""Bearings against truth and tracks in stretches of time: the figures of whole tables, in flat memory."""
+"""Bearings and distances against truth and tracks in stretches of time: the figures of whole tables, in flat memory."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import Bools
+from occlog.records.measurements import Measurements
 from occlog.records.pieces import LAST, Side
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors
@@ -15,10 +16,12 @@ from occlog.track.plausibility.verdict import Evidence
 
 from .bearings.detections import DetectionFigures
 from .bearings.held_out import HeldOutStreams
+from .bearings.known_places import KnownPlaces, MeasuredNoise
 from .bearings.meeting import MeetingFigures
 from .bearings.noise import NoiseFigures
 from .bearings.scans import ScanCuts, labelled
 from .errors.bound_streamed import BoundStreams, Ways
+from .errors.distances import DistancesOfTargets
 from .errors.streamed import Beside, Stretch
 from .errors.survey import Survey
 from .matching.config import EvaluateConfig
@@ -34,38 +37,49 @@ Metrics = dict[str, float]
 
 
 class WithBearings:
-    """Gathers what bearings tell, while stretches come by."""
+    """Gathers what bearings tell, and with measurements of distances the bound, while stretches come by."""
 
     def __init__(
-        self, sources: Sources, known: Survey, outlines: Outlines, scene: Scene, config: EvaluateConfig
+        self,
+        sources: Sources,
+        known: Survey,
+        outlines: Outlines,
+        scene: Scene,
+        config: EvaluateConfig,
+        *,
+        places: bool = False,
     ) -> None:
         """Nothing came yet.
 
         Args:
-            sources: what is compared; there are bearings, and tracks, a truth or both.
+            sources: what is compared; there are bearings and tracks, a truth or both, or measurements and a truth.
             known: of tracks and truth.
             outlines: of the truth.
             scene: the sensors.
             config: gates, limits, bound.
+            places: whether noise is measured at known places; there is a truth.
         """
         self._sources, self._known, self._outlines = sources, known, outlines
         self._scene, self._config = scene, config
         self._sensors: dict[str, Sensor] = {}
         self._cuts, self._noise = ScanCuts(config), NoiseFigures(config)
-        self._meeting = None if sources.tracks is None else MeetingFigures(scene.length_unit, config)
-        held_out = bool(config.held_out) and sources.tracks is not None
+        sees = sources.bearings is not None
+        self._meeting = MeetingFigures(scene.length_unit, config) if sees and sources.tracks is not None else None
+        held_out = bool(config.held_out) and self._meeting is not None
         self._held_out = HeldOutStreams(scene, sorted(known.tracks), config) if held_out else None
-        self._detections = None if sources.truth is None else DetectionFigures()
+        self._detections = DetectionFigures() if sees and sources.truth is not None else None
+        self._places = KnownPlaces(scene) if places else None
         self._bound: BoundStreams | None = None
         self._labels: dict[int, int] = {}
         self._sight: SightStreams | None = None
+        self._distances: DistancesOfTargets | None = None
         self._unmatched = 0
         self._labelled = False
         self.rows = 0
         """Bearings so far."""
 
     def begin(self, pairs: Mapping[int, int], evidence: Evidence, made: Made, *, high_tracks: bool) -> Beside:
-        """Open the bearings; what is to be gone through beside tracks and truth.
+        """Open bearings and measurements; what is to be gone through beside tracks and truth.
 
         Args:
             pairs: which target each track is of.
@@ -75,9 +89,10 @@ class WithBearings:
         """
         sources, config = self._sources, self._config
         self._bearings = Side(sources.rows_of_bearings(), Bearings)
+        self._measurements = Side(sources.rows_of_measurements(), Measurements)
         self._diagnostics: Side[Diagnostics] | None = None
         margin_ns = 0
-        if sources.tracks is not None:
+        if self._meeting is not None:
             self._sight = SightStreams(evidence, self._scene, made, config.held_out)
             margin_ns = self._sight.margin_ns
             if sources.diagnostics is not None and evidence.rows == self._known.estimates:
@@ -89,10 +104,16 @@ class WithBearings:
             self._labels = {k: k for k in targets if k >= 0 and k not in taken} | dict(pairs)
             ways = Ways.of(config, high=high_tracks and bool(self._outlines.high))
             self._bound = BoundStreams(self._scene, config, self._outlines.high, ways)
+            if sources.measured is not None:
+                how = sources.measured.config, sources.measured.radio
+                self._distances = DistancesOfTargets(self._labels, self._scene, *how)
         sides: list[Side[Any]] = [self._bearings, *([] if self._diagnostics is None else [self._diagnostics])]
+        margins_ns = [margin_ns] * len(sides)
+        if self._distances is not None:
+            sides, margins_ns = [*sides, self._measurements], [*margins_ns, 0]
         return Beside(
             sides,
-            [margin_ns] * len(sides),
+            margins_ns,
             tracks_ns=max(config.bridge_ns + self._cuts.window_ns + 1, margin_ns),
             truth_ns=0 if sources.truth is None else self._around_ns,
         )
@@ -121,14 +142,18 @@ class WithBearings:
             self._held_out.add(rows, tracks)
         if self._sight is not None:
             self._sight.add(part.limits, part.sides[0], self._bearings, self._diagnostics)
-        if self._detections is not None and self._bound is not None:
+        if self._bound is not None:
             targets, others = self._true_paths(part)
             looks = self._looks(rows, targets, others)
-            self._detections.add(looks)
+            if self._detections is not None:
+                self._detections.add(looks)
+            if self._places is not None:
+                self._places.add(looks)
             known = np.isin(rows.target_id, list(self._labels))
             self._unmatched += int(np.count_nonzero((rows.target_id >= 0) & ~known))
             counted = {name: found for name, found in looks.items() if name not in config.held_out}
-            self._bound.add(counted, self._sensors, errors, late, targets)
+            measured = None if self._distances is None else self._distances.add(part.limits.of(self._measurements))
+            self._bound.add(counted, self._sensors, errors, late, targets, measured)
 
     def _tracks_about(self, part: Stretch) -> Mapping[int, Path]:
         """Tracks about the scans that end in a stretch, which may have begun before it."""
@@ -156,7 +181,13 @@ class WithBearings:
         }
 
     def finish(self, take: Callable[[Bound], None]) -> None:
-        """Say that all stretches came; the bound is given away."""
+        """Say that all stretches came; the bound is given away.
+
+        Raises:
+            InputError: as `BoundStreams.finish`, and of measurements that cannot be.
+        """
+        if self._distances is not None:
+            self._distances.finish()
         if self._sight is not None:
             self._sight.finish()
         if self._bound is not None:
@@ -169,9 +200,11 @@ class WithBearings:
 
     def against_truth(self) -> Metrics:
         """Figures of detections and of the bound; none without a truth."""
-        if self._detections is None or self._bound is None:
+        if self._bound is None:
             return {}
-        told: Metrics = {**self._detections.metrics(), "bearings_unmatched": self._unmatched}
+        told: Metrics = {}
+        if self._detections is not None:
+            told = {**self._detections.metrics(), "bearings_unmatched": self._unmatched}
         return told | self._bound.metrics(self._scene.length_unit)
 
     def settled_bound(self) -> Metrics:
@@ -186,6 +219,14 @@ class WithBearings:
         """Figures of where sight lines meet, and of sensors that were held out; none without tracks."""
         found = {} if self._meeting is None else self._meeting.metrics()
         return found if self._held_out is None else found | self._held_out.metrics()
+
+    def noise_at_known_places(self) -> dict[str, MeasuredNoise]:
+        """The noise of each camera; none where it is not asked for.
+
+        Raises:
+            InputError: no camera has enough readings.
+        """
+        return {} if self._places is None else self._places.noise()
 
     def note(self) -> str:
         """Why no track was compared with where sight lines meet, and what to do."""

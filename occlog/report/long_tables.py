@@ -42,6 +42,7 @@ from occlog.records.tables import (
 from occlog.report.content import thinned as rule
 from occlog.report.content.beside_bound import BesideBound
 from occlog.report.content.fared import FaredStreams, deviation
+from occlog.report.content.followed import followers, relabelled
 from occlog.report.content.of_all import OfAll
 from occlog.report.content.people import PeopleStreams, crowd
 from occlog.report.content.selections import SelectionStreams
@@ -133,6 +134,7 @@ class _Reading:
         self._of_all: dict[str, Any] = {}
         self._moments: Ints | None = None
         self._unknown = False
+        self._selected: tuple[SelectionStreams, _Input[Diagnostics]] | None = None
         self._posts = Posts()
         self._evidence = Evidence()
         self._against = AgainstTruth(made, scene)
@@ -143,6 +145,7 @@ class _Reading:
         self._read_truth()
         self._read_diagnostics()
         self._read_errors_and_bound()
+        self._read_selections()
         self._read_events()
         self._read_occluders()
         self._read_bearings()
@@ -247,8 +250,18 @@ class _Reading:
         if not whole.rows:
             return
         self._of_all["fared"] = fared.finish()
+        self._selected = selected, given
+
+    def _read_selections(self) -> None:
+        """What came out where cameras were selected; errors say nothing of tracks that have names of their own."""
+        if self._selected is None:
+            return
+        selected, given = self._selected
         if selected.any:
-            self._came_out(selected, given, Errors)
+            errors, tracks = self._tables.get("errors"), self._tables.get("tracks")
+            named = isinstance(errors, Errors) and isinstance(tracks, Tracks) and relabelled(followers(errors, tracks))
+            if not named:
+                self._came_out(selected, given, Errors)
             self._came_out(selected, given, Tracks)
         self._of_all["selections"] = selected.finish()
 

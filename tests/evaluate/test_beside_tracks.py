@@ -12,6 +12,7 @@ from bearing_scenes import simulated
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.evaluate import run as running
 from occlog.evaluate.bearings.boxes import ViewFigures, view_metrics
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import cooperation_figures
@@ -84,6 +85,26 @@ def test_views_in_pieces_have_the_figures_of_whole_tables(
     assert {name: found[name] for name in whole} == pytest.approx(whole, rel=1e-12)
     exact = [n for n in whole if "median" in n or "recall" in n or float(whole[n]).is_integer()]
     assert {n: found[n] for n in exact} == {n: whole[n] for n in exact}
+
+
+@pytest.mark.parametrize("rows", [1, 13, 10**6])
+def test_frames_of_views_have_their_numbers_in_pieces_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], rows: int
+) -> None:
+    views, boxes = seen(4)
+    some = (table.take((table.frame >= 7) & (table.frame < 31)) for table in (views, boxes))
+    whole = view_metrics(*some, EvaluateConfig())  # type: ignore[arg-type]
+    for name, table in (("views", views), ("boxes", boxes)):
+        write_table(tmp_path / f"{name}.parquet", table, MADE)
+    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
+    monkeypatch.setattr(running, "read_tables", None)  # whole tables are not read
+    args = ["evaluate", "--views", str(tmp_path / "views.parquet"), "--truth", str(tmp_path / "boxes.parquet")]
+    assert run([*args, "--frames", "7:31", "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
+    found = json.loads((tmp_path / "m.json").read_text())
+    assert whole["views_frames"] == 48
+    assert {name: found[name] for name in whole} == pytest.approx(whole, rel=1e-12)
+    assert run([*args, "--frames", "40:50"]) == ExitCode.BAD_INPUT
+    assert "frames 40:50: no true box is in them" in capsys.readouterr().err
 
 
 def test_errors_of_views_in_files_have_the_figures_of_those_in_memory() -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tracked_crowds import crowd
 
-from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate.errors.on_ground import compare
@@ -21,59 +21,8 @@ from occlog.io import open as opening
 from occlog.io.files.parquet import iter_table, read_table, write_table
 from occlog.io.files.provenance import Provenance
 from occlog.records.scene import Scene
-from occlog.records.tables import Errors, Tracks, Truth
+from occlog.records.tables import Errors
 from occlog.records.views import Counts, Failures
-
-
-def crowd(seed: int, people: int = 5, moments: int = 90) -> tuple[Tracks, Truth]:
-    """People who meet in a small room; tracks are born, exchanged, lost for a while, false, and at other times."""
-    random = np.random.default_rng(seed)
-    place, pace = random.uniform(0, 4, (people, 2)), random.normal(0, 0.1, (people, 2))
-    begin, end = random.integers(0, 30, people), moments - random.integers(0, 30, people)
-    names, new = np.arange(people), 100
-    true: list[tuple[float, ...]] = []
-    ours: list[tuple[float, ...]] = []
-    for t in range(moments):
-        place = place + pace
-        pace = np.where((place < 0) | (place > 4), -pace, pace)
-        at, seen = int(0.2 * t * NS), int((0.2 * t + random.choice([0.0, 0.03])) * NS)
-        if random.random() < 0.1:
-            a, b = random.integers(0, people, 2)
-            names[[a, b]] = names[[b, a]]
-        if random.random() < 0.1:
-            names[random.integers(0, people)], new = new, new + 1
-        true += [(at, k, *place[k]) for k in range(people) if begin[k] <= t < end[k] and random.random() < 0.95]
-        lost = 20 <= t < 32
-        near = [
-            k for k in range(people) if begin[k] <= t < end[k] + 3 and random.random() < 0.8 and not (lost and k == 0)
-        ]
-        ours += [(seen, names[k], *(place[k] + random.normal(0, 0.25, 2))) for k in near]
-        if random.random() < 0.3:
-            ours, new = [*ours, (seen, new, *random.uniform(0, 4, 2))], new + 1
-    a, b = (np.array(sorted(rows)) for rows in (ours, true))
-    n, m = len(a), len(b)
-    spread = random.uniform(0.02, 0.2, n)
-    tracks = Tracks.of(
-        t_ns=a[:, 0].astype(np.int64),
-        target_id=a[:, 1].astype(np.int32),
-        x=a[:, 2],
-        y=a[:, 3],
-        vx=np.zeros(n),
-        vy=np.zeros(n),
-        cov_xx=spread,
-        cov_xy=np.zeros(n),
-        cov_yy=np.where(random.random(n) < 0.05, 0.0, spread),
-    )
-    truth = Truth.of(
-        t_ns=b[:, 0].astype(np.int64),
-        target_id=b[:, 1].astype(np.int32),
-        role=np.full(m, "target"),
-        x=b[:, 2],
-        y=b[:, 3],
-        z=np.full(m, np.nan),
-    )
-    return tracks, truth
-
 
 WAYS: tuple[tuple[EvaluateConfig, ManyConfig, list[str]], ...] = (
     (EvaluateConfig(), ManyConfig(match_distance=1.0, moda_distance=0.5, own="label"), []),

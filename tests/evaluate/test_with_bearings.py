@@ -13,7 +13,7 @@ from bearing_scenes import CASES, Case, hand_made, simulated
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate import run as running
+from occlog.evaluate import sources
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import Evaluation, evaluate
 from occlog.evaluate.verdict import Made, judge
@@ -154,7 +154,7 @@ def test_frames_that_are_not_there_are_refused(
 def test_bearings_and_directions_in_a_recording_give_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: int
 ) -> None:
-    monkeypatch.setattr(running, "LONG", long)
+    monkeypatch.setattr(sources, "LONG", long)
     case = simulated(2)
     with RecordingWriter(tmp_path / "run.mcap", case.place, Provenance("ingest")) as out:
         out.table(case.truth)

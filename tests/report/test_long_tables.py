@@ -243,6 +243,27 @@ def test_a_page_with_bearings_bound_and_diagnostics_has_the_numbers_of_the_whole
         assert "of these and the largest ones between them; figures are of all." in text
 
 
+@pytest.mark.parametrize(("names", "what"), [((0, 1), "error"), ((1, 0), "stated spread")])
+def test_errors_say_nothing_of_cameras_that_were_selected_for_tracks_with_names_of_their_own(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    names: tuple[int, int],
+    what: str,
+) -> None:
+    data = made_up(steps=600, targets=2, cameras=4)
+    assert data.tracks is not None
+    assert data.errors is not None
+    assert data.diagnostics is not None
+    errors = replace(data.errors, x=data.tracks.x.copy(), y=data.tracks.y.copy())
+    given: dict[str, Table] = {"errors": errors}
+    for name, table in (("tracks", data.tracks), ("diagnostics", selected(data.diagnostics))):
+        own = replace(table, target_id=np.array(names, dtype=np.int32)[table.target_id])
+        given[name] = own.take(np.lexsort((own.target_id, own.t_ns)))
+    _, part, _ = pages(["report", *written(tmp_path, **given)], tmp_path, monkeypatch, capsys)
+    assert f"; {what} in those scans: " in " ".join(part)
+
+
 NAMES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics")
 
 

@@ -8,18 +8,22 @@ So in the scene that is written the errors of poses are 0, and `read_px` is the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.metrics.errors import ratio
+from occlog.core.metrics.sums import Sum
 from occlog.errors import InputError
 from occlog.evaluate.matching.looks import SensorLooks
+from occlog.io.files.spool import IN_MEMORY, Spool
 from occlog.records.scene import Scene
 
-from .noise import noise_scale
+from .noise import noise_scale, noise_scale_of_many
 
 FEWEST_READINGS = 60
 """From fewer readings no noise is measured."""
@@ -57,6 +61,41 @@ def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
     return MeasuredNoise(sigma, _jackknife(sigmas), float(residual_px[true].mean()), _jackknife(biases), n)
 
 
+def _measured_noise_of_many(residual_px: Spool) -> MeasuredNoise:
+    """`measured_noise` of numbers in a file."""
+    n = residual_px.count
+    # As `np.array_split` cuts them
+    cuts = [n // STRETCHES * k + min(n % STRETCHES, k) for k in range(STRETCHES + 1)]
+    spans = [(0, 0), *pairwise(cuts)]
+
+    def without(first: int, stop: int) -> Iterator[Floats]:
+        at = 0
+        for block in residual_px.blocks():
+            low, high = (min(max(cut - at, 0), len(block)) for cut in (first, stop))
+            yield np.delete(block, slice(low, high))
+            at += len(block)
+
+    def scale(first: int, stop: int) -> float:
+        def squares() -> Iterator[tuple[Floats, Floats]]:
+            return ((one**2, np.ones(len(one))) for one in without(first, stop))
+
+        return noise_scale_of_many(squares, n - (stop - first))
+
+    sigmas = [scale(*span) for span in spans]
+
+    def bias(first: int, stop: int) -> float:
+        total, count = Sum(), 0
+        for one in without(first, stop):
+            true = one[np.abs(one) <= 4.0 * sigmas[0]]
+            total.add(float(true.sum()))
+            count += len(true)
+        return ratio(total.value, count)
+
+    biases = [bias(*span) for span in spans]
+    errors = (_jackknife(np.array(each[1:])) for each in (sigmas, biases))
+    return MeasuredNoise(sigmas[0], next(errors), biases[0], next(errors), n)
+
+
 def _sigma(residual_px: Floats) -> float:
     return noise_scale(residual_px**2, np.ones(len(residual_px), dtype=np.int64))
 
@@ -69,21 +108,51 @@ def _jackknife(without: Floats) -> float:
 
 def noise_at_known_places(looks: Mapping[str, SensorLooks], scene: Scene) -> dict[str, MeasuredNoise]:
     """The noise of every camera with enough readings of targets in plain view; InputError if none has them."""
-    out = {}
-    for camera in scene.cameras:
-        if camera.name not in looks:
-            continue
-        own = looks[camera.name].looks
-        use = own.truth & own.visible & own.reported & np.isfinite(own.residual_px)
-        found = measured_noise(own.take(use).residual_px)
-        if found is not None and found.sigma > 0.0:
-            out[camera.name] = found
-    if not out:
-        raise InputError(
-            f"write-scene: no camera has {FEWEST_READINGS} readings in pixels of a target in plain view whose place is "
-            "known; record more, or give the truth at more times"
-        )
-    return out
+    found = KnownPlaces(scene)
+    found.add(looks)
+    return found.noise()
+
+
+class KnownPlaces:
+    """Gathers readings of targets in plain view, while looks stream by."""
+
+    def __init__(self, scene: Scene, in_memory: int = IN_MEMORY) -> None:
+        """No reading yet.
+
+        Args:
+            scene: the cameras.
+            in_memory: how many errors of all cameras are kept in memory; more go to files without names.
+        """
+        share = in_memory // max(len(scene.cameras), 1)
+        self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
+
+    def add(self, looks: Mapping[str, SensorLooks]) -> None:
+        """Looks of some more frames, by sensor."""
+        for name in looks.keys() & self._residuals.keys():
+            own = looks[name].looks
+            use = own.truth & own.visible & own.reported & np.isfinite(own.residual_px)
+            # Labelled looks and those of candidates come one after the other, each in the order of time
+            order = np.argsort(own.t_ns[use], kind="stable")
+            self._residuals[name].add(own.residual_px[use][order])
+
+    def noise(self) -> dict[str, MeasuredNoise]:
+        """The noise of every camera with enough readings.
+
+        Raises:
+            InputError: none has them.
+        """
+        out = {}
+        for name, residuals in self._residuals.items():
+            whole = residuals.whole
+            found = _measured_noise_of_many(residuals) if whole is None else measured_noise(whole)
+            if found is not None and found.sigma > 0.0:
+                out[name] = found
+        if not out:
+            raise InputError(
+                f"write-scene: no camera has {FEWEST_READINGS} readings in pixels of a target in plain view whose "
+                "place is known; record more, or give the truth at more times"
+            )
+        return out
 
 
 def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:

@@ -11,7 +11,7 @@ Errors of the poses are in it, as they are for a filter.  What is wrong in the s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 from scipy.special import chdtri
@@ -86,13 +86,16 @@ class NoiseFigures:
         if squares is not None and degrees is not None:
             scale = noise_scale(squares, degrees.astype(np.int64))
         else:
-            scale = _noise_scale_of_many(self._squares, self._degrees)
+            scale = noise_scale_of_many(self._blocks, self._squares.count)
         known = self._sigma_px.count > 0
         return {
             "noise_scans": self._squares.count,
             "noise_scale": scale,
             "noise_px": scale * median_of(self._sigma_px) if known else float("nan"),
         }
+
+    def _blocks(self) -> Iterator[tuple[Floats, Floats]]:
+        return zip(self._squares.blocks(), self._degrees.blocks(), strict=True)
 
 
 def noise_scale(squares: Floats, degrees: Ints) -> float:
@@ -104,32 +107,42 @@ def noise_scale(squares: Floats, degrees: Ints) -> float:
     """
     if len(squares) < FEWEST_SCANS:
         return float("nan")
-    scale2 = float(np.median(squares / chdtri(degrees, 0.5)))
+    scale2, limits = float(np.median(squares / _points(degrees, 0.5))), _points(degrees, CHANCE)
     for _ in range(ITERATIONS):
-        believed = squares <= scale2 * chdtri(degrees, CHANCE)
-        scale2 = float(squares[believed].sum() / degrees[believed].sum())
+        believed = squares <= scale2 * limits
+        before, scale2 = scale2, float(squares[believed].sum() / degrees[believed].sum())
+        if scale2 == before:  # nothing changes any more
+            break
     return float(np.sqrt(scale2))
 
 
-def _noise_scale_of_many(squares: Spool, degrees: Spool) -> float:
-    """`noise_scale` of numbers in files."""
+def _points(degrees: Floats | Ints, chance: float) -> Floats:
+    """(S,) what a chi-squared number of so many degrees, >= 1, is above with this probability."""
+    most = int(degrees.max(initial=1))
+    return np.asarray(chdtri(np.arange(1, most + 1), chance)[degrees.astype(np.int64) - 1])
 
-    def blocks() -> Iterator[tuple[Floats, Floats]]:
-        return zip(squares.blocks(), degrees.blocks(), strict=True)
+
+def noise_scale_of_many(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int) -> float:
+    """`noise_scale` of numbers that come in blocks.
+
+    Args:
+        blocks: gives squares and degrees of freedom, the same every time.
+        count: how many there are, at least `FEWEST_SCANS`.
+    """
 
     def shares() -> Iterator[tuple[Ints, Floats]]:
         for square, degree in blocks():
-            yield np.zeros(len(square), dtype=np.int64), square / chdtri(degree, 0.5)
+            yield np.zeros(len(square), dtype=np.int64), square / _points(degree, 0.5)
 
-    scale2 = float(group_medians(shares, np.array([squares.count]))[0])
+    scale2 = float(group_medians(shares, np.array([count]))[0])
     for _ in range(ITERATIONS):
         total, expected = Sum(), Sum()
         for square, degree in blocks():
-            believed = square <= scale2 * chdtri(degree, CHANCE)
+            believed = square <= scale2 * _points(degree, CHANCE)
             total.add(float(square[believed].sum()))
             expected.add(float(degree[believed].sum()))
         before, scale2 = scale2, total.value / expected.value
-        if scale2 == before:  # nothing changes any more
+        if scale2 == before:
             break
     return float(np.sqrt(scale2))
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.sums import group_medians
 from occlog.evaluate.matching.paths import usual_gap_ns
 from occlog.io.files.spool import IN_MEMORY, Spool
@@ -57,6 +57,14 @@ class Survey:
     def estimates(self) -> int:
         """Number of rows of the tracks."""
         return sum(each.rows for each in self.tracks.values())
+
+    def over(self, t_ns: int) -> tuple[Bools, Bools]:
+        """Of each target and of each track whether no row of it comes after a time."""
+        targets, tracks = (
+            np.array([life.last_ns <= t_ns for life in each.values()], dtype=np.bool_)
+            for each in (self.targets, self.tracks)
+        )
+        return targets, tracks
 
     @property
     def single(self) -> tuple[int, int] | None:

@@ -5,8 +5,10 @@ The tables are gone through four times: for the cameras, for their frames and wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+import contextlib
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,11 +22,13 @@ from occlog.records.views import Failures, ViewTracks, boxes_of_ellipses
 
 from .config import ManyConfig
 from .stage import ViewFigures, keys_of, left_out_note
-from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames
+from .truth_and_tracks import TruthAndTracks, asked_for, boxes_in_true_frames
+
+B = TypeVar("B", bound=Boxes)
 
 
 @dataclass
-class _Known:
+class Known:
     """What is known of the whole.
 
     Attributes:
@@ -53,56 +57,57 @@ class BoxStreams:
         Args:
             tracks: tracks in images or boxes.
             truth: true boxes.
-            config: options.
+            config: options; rows of other cameras and frames are left out.
             looked: cameras that are compared even if no track is in them.
         """
         self._tracks, self._truth, self._config, self._looked = tracks, truth, config, looked
-        try:
-            self._known = self._survey()
-        except InputError:
-            self._known = None
-
-    @property
-    def can(self) -> bool:
-        """Whether they can be compared; whole tables say better what is wrong with others."""
-        return self._known is not None
+        self.known: Known | None = None
+        """What is known of the whole; None: they cannot be compared, and whole tables say better what is wrong."""
+        with contextlib.suppress(InputError):
+            self.known = self._survey()
 
     def evaluate(self, take: Callable[[Failures], None]) -> Evaluation:
         """All figures, while `take` gets failures as they come."""
-        known = self._known
+        known = self.known
         assert known is not None
         found = ViewFigures(known.views, known.targets, known.tracks, self._config)
-        for begin, part in self._parts(known):
+        for begin, part in self.parts(known):
             found.first(part, begin)
-        for begin, part in self._parts(known):
+        for begin, part in self.parts(known):
             take(found.second(part, begin))
         metrics = found.metrics(known.frames, known.counts)
         return Evaluation(metrics, notes=(*left_out_note(known.left_out), *found.notes()))
 
     def _boxes(self) -> Iterator[Boxes]:
         if self._tracks.has(ViewTracks):
-            yield from map(boxes_of_ellipses, self._tracks.rows(ViewTracks))
-        else:
-            yield from self._tracks.rows(self._kind)
+            return map(boxes_of_ellipses, self._tracks.rows(ViewTracks))
+        return self._tracks.rows(self._kind)
+
+    def _true_boxes(self) -> Iterator[TruthBoxes]:
+        return self._truth.rows(TruthBoxes)
+
+    def _wanted(self, chunks: Iterable[B]) -> Iterator[B]:
+        """Rows of the cameras and frames that are asked for."""
+        if not self._config.cameras and self._config.frames is None:
+            return iter(chunks)
+        return (rows.take(asked_for(rows, self._config)) for rows in chunks)
 
     @property
     def _kind(self) -> type[Boxes]:
         return TruthBoxes if self._tracks.has(TruthBoxes) else Boxes
 
-    def _survey(self) -> _Known | None:
+    def _survey(self) -> Known | None:
         """Cameras, frames and identities; None: nothing can be compared; InputError: a row is wrong."""
-        ours, theirs = set(self._looked), set[str]()
-        for boxes in self._boxes():
-            ours.update(np.unique(boxes.sensor).tolist())
-        for truth in self._truth.rows(TruthBoxes):
-            theirs.update(np.unique(truth.sensor).tolist())
+        ours, theirs = self._cameras(self._boxes(), self._looked), self._cameras(self._true_boxes())
+        if ours is None or theirs is None:
+            return None
         both = tuple(sorted(theirs & ours if ours else theirs))
         if not both:
             return None
-        known = _Known(both, tuple(sorted(theirs - ours)) if ours else ())
+        known = Known(both, tuple(sorted(theirs - ours)) if ours else ())
         frames, met, other = np.zeros(len(both), dtype=np.int64), 0, 0
         targets, tracks = known.targets, known.tracks
-        for _, part in self._parts(known):
+        for _, part in self.parts(known):
             frames += part.frames
             met += int(part.counts["frames"] - part.counts["frames_without_tracks"])
             other += int(part.counts["estimates_other_frames"])
@@ -120,10 +125,19 @@ class BoxStreams:
         known.counts = {name: float(n) for name, n in counts.items()}
         return known
 
-    def _parts(self, known: _Known) -> Iterator[tuple[list[int], TruthAndTracks]]:
+    def _cameras(self, chunks: Iterable[Boxes], looked: Collection[str] = ()) -> set[str] | None:
+        """Cameras of the rows that are asked for; None: one that is asked for is nowhere in the rows."""
+        there, wanted = set(looked), set(looked)
+        for boxes in chunks:
+            there.update(np.unique(boxes.sensor).tolist())
+            wanted.update(np.unique(boxes.sensor[asked_for(boxes, self._config)]).tolist())
+        return wanted if there.issuperset(self._config.cameras) else None
+
+    def parts(self, known: Known) -> Iterator[tuple[list[int], TruthAndTracks]]:
         """Number of frames of each view before a part, and the part."""
         begin = [0] * len(known.views)
-        for found in windows(self._boxes(), self._truth.rows(TruthBoxes), (self._kind, TruthBoxes), 0):
+        sides = self._wanted(self._boxes()), self._wanted(self._true_boxes())
+        for found in windows(*sides, (self._kind, TruthBoxes), 0):
             part = boxes_in_true_frames(found.a, found.b, self._config, views=known.views)
             yield begin, part
             begin = [n + more for n, more in zip(begin, part.frames, strict=True)]

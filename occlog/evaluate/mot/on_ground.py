@@ -41,7 +41,6 @@ def evaluate_ground(
     config: ManyConfig,
     limit_ns: int | None,
     unit: str = "m",
-    times: Ints | None = None,
 ) -> Evaluation:
     """Figures of points (x, y); heights are not looked at.
 
@@ -56,12 +55,11 @@ def evaluate_ground(
         config: options; `match_distance` is at once the distance at which a pair still meets, and tau.
         limit_ns: widest gap of the truth that is bridged [ns]; None: by the usual time between its rows.
         unit: of lengths.
-        times: of the frames, if not `times_of` the truth.
 
     Raises:
         InputError: no distance is given, or the truth has rows, but no target.
     """
-    times = times_of(tracks, truth) if times is None else times
+    times = times_of(tracks, truth)
     places = points_in_true_frames(tracks, truth, times, config, limit_ns, unit)
     found = GroundFigures(np.unique(truth.target_id), np.unique(tracks.target_id), len(times), config, unit)
     part = GroundPart(places, 0, tracks, paths_of(truth, "target"))
@@ -331,13 +329,18 @@ def times_of(tracks: Tracks, truth: Truth) -> Ints:
     return np.unique(truth.t_ns[truth.role == "target"] if len(truth) else tracks.t_ns)
 
 
+def no_targets() -> InputError:
+    """What is said of a truth that has rows, but none of a target."""
+    return InputError("truth: has no rows of role target; nothing to compare with")
+
+
 def points_in_true_frames(
     tracks: Tracks, truth: Truth, times: Ints, config: ManyConfig, limit_ns: int | None, unit: str
 ) -> Places:
     """Truth and tracks at the times of the frames, as the one view without a name."""
     targets = paths_of(truth, "target")
     if len(truth) and not targets:
-        raise InputError("truth: has no rows of role target; nothing to compare with")
+        raise no_targets()
     return places_of(targets, paths_of(tracks), times, 0, config, limit_ns, unit)
 
 

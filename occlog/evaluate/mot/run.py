@@ -15,6 +15,7 @@ from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.inputs import Paths, Tables, provenance_of
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.sources import any_long
 from occlog.evaluate.stage import Evaluation
 from occlog.io.boxes.kitti import is_kitti
 from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layout
@@ -83,14 +84,17 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
     return result
 
 
-def _in_stretches(paths: Paths, overlap: float, given: Mapping[str, object]) -> Evaluation | None:
-    """The same of two tables of ours in flat memory; None where there is anything else, or rows are wrong."""
-    if paths.mot is not None or given.get("frames") or given.get("cameras"):
-        return None
+def box_streams(paths: Paths, overlap: float, given: Mapping[str, object]) -> tuple[BoxStreams, ManyConfig] | None:
+    """Tracks in images and true boxes that are compared in flat memory, with the settings.
+
+    None where there is a format of others, a short recording, or rows that are wrong.  Arguments: as `compared_boxes`.
+    """
     ours, theirs = (None if path is None else open_if_ours(path) for path in (paths.tracks, paths.truth))
     if ours is None or theirs is None or not theirs.has(TruthBoxes):
         return None
-    if any(each.recording is not None or each.foreign is not None for each in (ours, theirs)):
+    if any(each.foreign is not None for each in (ours, theirs)):
+        return None
+    if theirs.recording is not None and not any_long(ours, theirs):
         return None
     config = _configured(paths, ours, overlap, given)
     check_counted(theirs.path, None, False, config)
@@ -98,8 +102,15 @@ def _in_stretches(paths: Paths, overlap: float, given: Mapping[str, object]) -> 
     begin_work()
     looked = _strings(ours.provenance.parameters.get("cameras")) if ours.has(ViewTracks) else ()
     streams = BoxStreams(ours, theirs, config, looked)
-    if not streams.can:
+    return None if streams.known is None else (streams, config)
+
+
+def _in_stretches(paths: Paths, overlap: float, given: Mapping[str, object]) -> Evaluation | None:
+    """The same in flat memory; None where that cannot be."""
+    found = None if paths.mot is not None else box_streams(paths, overlap, given)
+    if found is None:
         return None
+    streams, config = found
     with ExitStack() as stack:
         written: TableWriter | None = None
         if paths.failures is not None:

@@ -157,7 +157,9 @@ class ViewFigures:
     What it keeps grows with the number of targets and tracks, not with that of frames.
     """
 
-    def __init__(self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: ManyConfig) -> None:
+    def __init__(
+        self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: ManyConfig, *, apart: bool = True
+    ) -> None:
         """Nothing yet.
 
         Args:
@@ -165,13 +167,14 @@ class ViewFigures:
             targets: (G, 2) view and label of every target, rising.
             tracks: (K, 2) view and label of every track, rising.
             config: options.
+            apart: of several views give the figures of each one, too.
         """
         self._views, self._keys, self._config = views, (targets, tracks), config
         self._owners = Owners(config.own)
         self._pooled = _Boxes(targets, tracks, config)
         # Objects of one view alone have no view
         own = [[side[side[:, 0] == v] * [0, 1] for side in self._keys] for v in range(len(views))]
-        self._each = [_Boxes(theirs, ours, config) for theirs, ours in own] if len(views) > 1 else []
+        self._each = [_Boxes(theirs, ours, config) for theirs, ours in own] if apart and len(views) > 1 else []
         labels = [np.unique(side[:, 1]) for side in self._keys]
         self._labels = labels
         self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.overlap)
@@ -183,7 +186,7 @@ class ViewFigures:
         self._pooled.first(part.truth, part.tracks, begin)
         for v, each in enumerate(self._each):
             each.first(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
-        if self._each:
+        if len(self._views) > 1:
             self._across.add(_across_views(part.truth, part.tracks, self._labels))
 
     def second(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
@@ -203,7 +206,7 @@ class ViewFigures:
             counts: of what was compared and what was left out.
         """
         out = self._pooled.metrics(sum(frames), counts)
-        if self._each:
+        if len(self._views) > 1:
             got = self._across.result()
             out |= {"idf1_across_views": got.idf1, "idp_across_views": got.idp, "idr_across_views": got.idr}
         for v, each in enumerate(self._each):

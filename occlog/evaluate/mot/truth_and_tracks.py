@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from occlog.array_types import NS, Floats, Ints
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.records.tables import Boxes, TruthBoxes
@@ -115,14 +115,20 @@ def boxes_in_true_frames(
     )
 
 
+def asked_for(boxes: Boxes, config: ManyConfig) -> Bools:
+    """(n,) which rows are of the cameras and frames asked for."""
+    keep = np.isin(boxes.sensor, config.cameras) if config.cameras else np.ones(len(boxes), dtype=np.bool_)
+    if config.frames is not None:
+        keep &= (boxes.frame >= config.frames[0]) & (boxes.frame < config.frames[1])
+    return keep
+
+
 def _wanted(boxes: B, config: ManyConfig, what: str, looked: Collection[str] = ()) -> B:
     """Rows of the cameras and frames asked for."""
     names = sorted({*np.unique(boxes.sensor).tolist(), *looked})
     if missing := [name for name in config.cameras if name not in names]:
         raise InputError(f"{what}: no camera {', '.join(missing)}; there is {', '.join(names) or 'none'}")
-    keep = np.isin(boxes.sensor, config.cameras) if config.cameras else np.ones(len(boxes), dtype=np.bool_)
-    if config.frames is not None:
-        keep &= (boxes.frame >= config.frames[0]) & (boxes.frame < config.frames[1])
+    keep = asked_for(boxes, config)
     if what == "truth" and config.frames is not None and len(boxes) and not keep.any():
         first, stop = config.frames
         raise InputError(f"truth: no row in frames {first}:{stop}; they are {_span(boxes.frame)}")

@@ -17,44 +17,69 @@ FEWEST, MOST = 5, 0.5
 """Fewest differences that tell, and the share of them that may be beyond their stations: single ones are false."""
 
 
-def refuse_impossible(table: Measurements, row: Ints, packed: Distances) -> None:
+class Differences:
+    """Counts differences that are longer than their stations are apart, while measurements come by."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._all = self._beyond = 0
+        self._first = ""
+
+    def add(self, table: Measurements, row: Ints, packed: Distances) -> None:
+        """Some more measurements; see `refuse_impossible`."""
+        differs = packed.kind == DIFFERENCE
+        rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
+        apart = np.hypot(*(packed.place - packed.other).T) + rise
+        beyond = np.flatnonzero(differs & (np.abs(packed.value) > apart + BELOW * packed.sigma))
+        if len(beyond) and not self._beyond:
+            n = int(beyond[0])
+            where = _where(table, int(row[n]))
+            self._first = f"that {where} is {packed.value[n]:.4g}, and these are {apart[n]:.4g} apart"
+        self._all, self._beyond = self._all + int(np.count_nonzero(differs)), self._beyond + len(beyond)
+
+    def refuse(self) -> None:
+        """InputError where these are too many."""
+        if self._all >= FEWEST and self._beyond > MOST * self._all:
+            raise InputError(
+                f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
+                f"{self._first}; check the unit of times, propagation, and the unit of the stations"
+            )
+
+
+def _where(table: Measurements, n: int) -> str:
+    return f"of {str(table.sensor[n])!r} at {table.t_ns[n]} ns"
+
+
+def refuse_impossible(
+    table: Measurements, row: Ints, packed: Distances, differences: Differences | None = None
+) -> None:
     """InputError, with the station and the time, for measurements from which only a wrong place could come.
 
     Args:
-        table: the measurements.
+        table: the measurements, or a part of them that has all of each time.
         row: (m,) rows of the table that the packed measurements are of.
         packed: m measurements.
+        differences: counts those of a part, for whoever has all parts to refuse them; None: this is the whole.
     """
-
-    def where(n: int) -> str:
-        return f"of {str(table.sensor[n])!r} at {table.t_ns[n]} ns"
-
     with np.errstate(invalid="ignore"):
         strong = np.flatnonzero(table.rssi > STRONGEST_DBM)
     if len(strong):
         raise InputError(
-            f"measurements: the signal strength {where(int(strong[0]))} is {table.rssi[strong[0]]:g} dBm, and received "
-            f"signals are below {STRONGEST_DBM:g}; are signs missing?"
+            f"measurements: the signal strength {_where(table, int(strong[0]))} is {table.rssi[strong[0]]:g} dBm, and "
+            f"received signals are below {STRONGEST_DBM:g}; are signs missing?"
         )
     low = np.flatnonzero((packed.kind == RANGE) & (packed.value < -BELOW * packed.sigma))
     if len(low):
         n = int(low[0])
         raise InputError(
-            f"measurements: the range {where(int(row[n]))} is {packed.value[n]:g}, "
+            f"measurements: the range {_where(table, int(row[n]))} is {packed.value[n]:g}, "
             f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; a range is a "
             "distance (range_difference is a difference)"
         )
-    differs = packed.kind == DIFFERENCE
-    rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
-    apart = np.hypot(*(packed.place - packed.other).T) + rise
-    beyond = np.flatnonzero(differs & (np.abs(packed.value) > apart + BELOW * packed.sigma))
-    if np.count_nonzero(differs) >= FEWEST and len(beyond) > MOST * np.count_nonzero(differs):
-        n = int(beyond[0])
-        raise InputError(
-            f"measurements: {len(beyond)} of {np.count_nonzero(differs)} differences are longer than their stations "
-            f"are apart: that {where(int(row[n]))} is {packed.value[n]:.4g}, and these are {apart[n]:.4g} apart; "
-            "check the unit of times, propagation, and the unit of the stations"
-        )
+    found = Differences() if differences is None else differences
+    found.add(table, row, packed)
+    if differences is None:
+        found.refuse()
     _refuse_copies(table, row, packed)
 
 

@@ -26,7 +26,7 @@ from occlog.settings import METRES
 
 from .config import MeasuredConfig
 from .grouping import nearest
-from .impossible import refuse_impossible
+from .impossible import Differences, refuse_impossible
 from .scan import Measured, Scan, sensor_names
 from .shadowing import LastReads, Shadowing, with_sigmas
 
@@ -204,9 +204,20 @@ def _starts(t_ns: Ints, window_ns: int) -> list[int]:
 
 
 def pack(
-    table: Measurements, at: Stations, config: MeasuredConfig, radio: Radio | None = None
+    table: Measurements,
+    at: Stations,
+    config: MeasuredConfig,
+    radio: Radio | None = None,
+    differences: Differences | None = None,
 ) -> tuple[Ints, Distances]:
     """All measurements of a table, by rising row; a row may have several.
+
+    Args:
+        table: in the order of time.
+        at: the stations.
+        config: what the table does not say.
+        radio: a fitted path loss; None: as the scene and the settings say.
+        differences: see `refuse_impossible`.
 
     Returns:
         (m,) rows of the table, and the m measurements.
@@ -255,7 +266,7 @@ def pack(
     row = np.concatenate(rows)
     order = np.argsort(row, kind="stable")
     packed = concat(parts).take(order)
-    refuse_impossible(table, row[order], packed)
+    refuse_impossible(table, row[order], packed, differences)
     return row[order], packed
 
 

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from occlog.records.tables import Errors, Tracks
 
 LOOKS = 200
 """Errors of each target that are looked up among the tracks, evenly taken."""
+
+
+def relabelled(found: Mapping[int, int | None]) -> bool:
+    """Whether tracks have names of their own, and errors those of the truth, of what `followers` found."""
+    return any(target != track for target, track in found.items())
 
 
 def followers(errors: Errors, tracks: Tracks) -> dict[int, int | None]:

@@ -30,7 +30,7 @@ from occlog.track.plausibility.verdict import Finding
 
 from .beside_bound import with_bound
 from .fared import Fared, deviation
-from .followed import followers
+from .followed import followers, relabelled
 from .looks import Looked
 from .of_all import OfAll
 from .off_sight import Distances, Residual
@@ -211,7 +211,7 @@ class ReportInput:
     @cached_property
     def relabelled(self) -> bool:
         """Whether tracks have names of their own, and errors those of the truth."""
-        return any(target != track for target, track in self.followers.items())
+        return relabelled(self.followers)
 
     @cached_property
     def compared(self) -> tuple[int, ...]:

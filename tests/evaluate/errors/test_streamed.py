@@ -15,7 +15,7 @@ from evaluate_scenes import scene
 from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.evaluate import run as running
+from occlog.evaluate import sources
 from occlog.evaluate.errors.streamed import CompareStreams, stretches
 from occlog.evaluate.errors.survey import survey
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -128,7 +128,7 @@ def test_the_command_gives_the_same_with_small_batches(tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize("long", [10, 10**6])
 def test_truth_in_a_recording_gives_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: int) -> None:
-    monkeypatch.setattr(running, "LONG", long)
+    monkeypatch.setattr(sources, "LONG", long)
     tracks, truth = both(4)
     write_table(tmp_path / "tracks.parquet", tracks, Provenance("track"))
     with RecordingWriter(tmp_path / "truth.mcap", scene(), Provenance("ingest")) as out:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tracked_crowds import views
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
@@ -17,42 +18,8 @@ from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames
 from occlog.io import open as opening
 from occlog.io.files.parquet import iter_table, read_table, write_table
 from occlog.io.files.provenance import Provenance
-from occlog.records.tables import Boxes, TruthBoxes
+from occlog.records.tables import Boxes
 from occlog.records.views import Failures
-
-
-def rows_of(kind: type[Boxes], rows: list[tuple[int, str, int, int, float, float]]) -> Boxes:
-    """Boxes of 40 x 60 px; identity -1: a frame without one."""
-    rows = sorted(rows)
-    t_ns, sensor, frame, label, left, top = (np.array(column) for column in zip(*rows, strict=True))
-    none = label < 0
-    size = {name: np.where(none, np.nan, length) for name, length in (("width_px", 40.0), ("height_px", 60.0))}
-    place = {"left_px": np.where(none, np.nan, left), "top_px": np.where(none, np.nan, top)}
-    more = {"box": np.where(none, -1, label), "confidence": np.full(len(rows), np.nan)}
-    more |= {"visible": np.where(none, np.nan, 0.5)} if kind is TruthBoxes else {}
-    return kind.of(t_ns=t_ns, sensor=sensor, frame=frame, target_id=label.astype(np.int32), **place, **size, **more)
-
-
-def views(seed: int) -> tuple[Boxes, TruthBoxes]:
-    """Four people in two cameras, and in a third one that no track is in; frames without anybody, other frames."""
-    random, true, ours = np.random.default_rng(seed), [], []
-    for c, name in enumerate(("a", "b", "c")):
-        place, names = random.uniform(0, 250, (4, 2)), np.arange(4)
-        for t in range(40):
-            place = place + random.normal(0, 6, (4, 2))
-            if random.random() < 0.15:
-                i, j = random.integers(0, 4, 2)
-                names[[i, j]] = names[[j, i]]
-            at = 10**8 * t + 1000 * c
-            there = [k for k in range(4) if not 10 <= t < 13 and random.random() < 0.9]
-            true += [(at, name, t + 3, k, *place[k]) for k in there] or [(at, name, t + 3, -1, 0.0, 0.0)]
-            if name != "c":
-                near = [k for k in range(4) if random.random() < 0.8]
-                ours += [(at, name, t + 3, int(names[k]) + 2, *(place[k] + random.normal(0, 5, 2))) for k in near]
-    ours.append((10**10, "a", 200, 3, 1.0, 1.0))
-    truth = rows_of(TruthBoxes, true)
-    assert isinstance(truth, TruthBoxes)
-    return rows_of(Boxes, ours), truth
 
 
 @pytest.mark.jit
@@ -65,6 +32,8 @@ def views(seed: int) -> tuple[Boxes, TruthBoxes]:
             ManyConfig(own="best", clear_rule="challenge", gospa_px=30.0),
             ["--own", "best", "--clear-rule", "challenge", "--gospa-px", "30"],
         ),
+        (ManyConfig(own="start", frames=(5, 38)), ["--frames", "5:38"]),
+        (ManyConfig(own="start", frames=(2, 40), cameras=("b",)), ["--frames", "2:40", "--camera", "b"]),
     ],
 )
 def test_the_command_gives_what_whole_tables_give(
@@ -80,7 +49,8 @@ def test_the_command_gives_what_whole_tables_give(
     assert run(args) == ExitCode.DONE
     found = json.loads((tmp_path / "m.json").read_text())
     assert whole.metrics["id_switches"] > 1 < whole.metrics["fragmentations"]
-    assert whole.metrics["views_without_tracks"] == whole.metrics["estimates_other_frames"] == 1
+    assert whole.metrics["views_without_tracks"] == (not config.cameras)
+    assert whole.metrics["estimates_other_frames"] == (config.frames is None)
     assert {name: found[name] for name in whole.metrics} == pytest.approx(whole.metrics, rel=1e-12, nan_ok=True)
     failures = read_table(tmp_path / "failures.parquet", Failures)
     assert len(whole.failures) > 50

@@ -1,0 +1,92 @@
+"""Work of `occlog evaluate --also`: several recordings in one table, and all of them together.
+
+The figures of all together are those of one long recording in which the recordings follow one another, and in which no
+target or track of one is in another: counts are added up before rates are made of them, as TrackEval's COMBINED does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import NamedTuple
+
+from occlog.cli import options
+from occlog.details import begin_work
+from occlog.errors import UsageError
+from occlog.evaluate.inputs import Paths
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.mot.run import in_images
+from occlog.io.files.json_file import write_json
+from occlog.io.files.provenance import Provenance, hash_inputs
+
+from .in_images import figures_in_images
+from .on_ground import figures_on_ground
+
+NOT_COMBINED = ("ospa2_window",)
+"""Beginnings of names of figures that are of one recording only."""
+
+
+class Recording(NamedTuple):
+    """Tracks and truth of one recording."""
+
+    tracks: Path
+    truth: Path
+
+
+class Several(NamedTuple):
+    """Figures of each recording by name, of all together, and the unit of lengths."""
+
+    each: dict[str, dict[str, float]]
+    combined: dict[str, float]
+    unit: str
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Flat: those of all together, then those of each recording with names that end in `_recording_NAME`."""
+        own = {f"{name}_recording_{who}": value for who, row in self.each.items() for name, value in row.items()}
+        return self.combined | own
+
+
+def run_evaluate_several(
+    recordings: Sequence[Recording],
+    paths: Paths,
+    chosen: EvaluateConfig,
+    given: Mapping[str, object],
+    frames: tuple[int, int] | None,
+) -> Several:
+    """Read, compare, write the figures of several recordings.
+
+    Args:
+        recordings: two or more, all with tracks in images or all with tracks on the ground.
+        paths: scene and output; nothing else is used.
+        chosen: settings of the comparison.
+        given: settings of `ManyConfig` that were given.
+        frames: first frame of each to compare, and the one after the last.
+    """
+    files = [path for recording in recordings for path in recording]
+    options.check_outputs(files, (paths.output,), paths.overwrite)
+    kinds = {in_images(recording.tracks) for recording in recordings}
+    if len(kinds) > 1:
+        raise UsageError("also: tracks in images and tracks on the ground cannot be put together")
+    begin_work()
+    sides = [Paths(tracks=each.tracks, truth=each.truth, scene=paths.scene) for each in recordings]
+    if kinds.pop():
+        told = {**given} if frames is None else {**given, "frames": frames}
+        each, whole, unit = *figures_in_images(sides, chosen.box_overlap, told), "px"
+    else:
+        each, whole, unit = figures_on_ground(sides, chosen, given, frames)
+    combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}
+    found = Several(dict(zip(_names(recordings), each, strict=True)), combined, unit)
+    if paths.output is not None:
+        provenance = Provenance("evaluate", {**asdict(chosen), **given}, None, hash_inputs(files))
+        write_json(paths.output, {**found.metrics, "_provenance": provenance.as_dict()}, overwrite=paths.overwrite)
+    return found
+
+
+def _names(recordings: Sequence[Recording]) -> list[str]:
+    """A name for each recording: that of its tracks, or of its truth where these differ and the former do not."""
+    for side in ([r.tracks.stem for r in recordings], [r.truth.stem for r in recordings]):
+        if len(set(side)) == len(side):
+            return side
+    return [f"{number}" for number in range(1, len(recordings) + 1)]
