@@ -132,7 +132,10 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
         if pa.types.is_dictionary(values.type):
             texts = values.dictionary.to_pylist() or [""]
             check_texts(texts, len(values), f"column {c.name}")
-            return np.asarray(np.asarray(texts, dtype=np.str_)[to_numpy(values.indices)])
+            which = to_numpy(values.indices)
+            if len(which) and not 0 <= int(which.min()) <= int(which.max()) < len(texts):
+                raise InputError(f"column {c.name}: the file is damaged: it refers to a text that is not there")
+            return np.asarray(np.asarray(texts, dtype=np.str_)[which])
         texts = values.to_pylist()
         check_texts(texts, len(values), f"column {c.name}")
         return np.asarray(texts, dtype=np.str_) if texts else np.empty(0, "U1")

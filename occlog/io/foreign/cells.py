@@ -217,6 +217,7 @@ class ArrowCells:
             values = self.floats(name, blank=False)
             if unit == "s" and (np.abs(values) > LATEST_S).any():
                 raise self._too_large(name, values)
+            self._check_range(name, values, unit)
             # The whole part and the rest apart, since float64 cannot hold ns since 1970
             whole = np.floor(values)
             rest = np.round((values - whole) * UNITS[unit]).astype(np.int64)
@@ -232,9 +233,13 @@ class ArrowCells:
     def _scaled(self, name: str, values: Ints, unit: str) -> Ints:
         if unit == "s" and (np.abs(values) > LATEST_S).any():
             raise self._too_large(name, values)
-        if (np.abs(values) > MAX_NS // UNITS[unit]).any():
-            raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}")
+        self._check_range(name, values, unit)
         return values * UNITS[unit]
+
+    def _check_range(self, name: str, values: Floats | Ints, unit: str) -> None:
+        limit = MAX_NS // UNITS[unit]
+        if not ((values >= -limit) & (values <= limit)).all():
+            raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}")
 
     def _too_large(self, name: str, values: Floats | Ints) -> InputError:
         row = int(np.argmax(np.abs(values)))

@@ -19,7 +19,7 @@ from occlog.io.files import parquet
 from occlog.io.files.check_sums import Summed
 from occlog.io.files.provenance import Provenance
 from occlog.records.losses import Loss
-from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Views
+from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Truth, Views
 from occlog.track.people.boxes_by_moment import FrameTimes
 
 PROVENANCE = Provenance("detect", {"method": "em"}, 7, (("a.mcap", "00"),), (Loss("cam1", "frame 3", "lost", 1),))
@@ -293,3 +293,12 @@ def test_a_device_that_fails_at_any_write_leaves_no_table_and_is_one_error(
         parquet.write_table(tmp_path / "t.parquet", random_table(Bearings, 50).sorted(), PROVENANCE)
     gc.collect()  # a writer that is not closed would complain
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("index", [-1, 1, 200])
+def test_names_that_are_not_there_are_damage(index: int) -> None:
+    """Groups of rows that somebody damaged are read without Arrow's own look at all indices."""
+    names = pa.DictionaryArray.from_arrays(pa.array([0, index], pa.int32()), pa.array(["a"]), safe=False)
+    columns = {"t_ns": [1, 2], "target_id": [0, 0], "role": names, "x": [0.0, 0.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
+    with pytest.raises(InputError, match=r"column role: .* refers to a text that is not there"):
+        parquet.from_arrow(pa.table(columns), Truth)
