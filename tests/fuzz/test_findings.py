@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.io.frames.codec import image_size
 from occlog.io.models.fundamental_matrices import read_epipolar
 from occlog.io.models.motion_models import read_motion
 from occlog.records.tracks import Cooperation
@@ -66,11 +70,50 @@ FINDINGS = [
         "image 1: frame 100000000000000000000000; it must be",
     ),
     (
+        "truth",
+        b"frame,camera,time,left,top,width,height,confidence\n0,a,1,1,2,3,4,1\n0,b,1,5,6,7,8,0\n1,a,2,2,3,4,5,1\n",
+        "g.csv: no frame of a camera has a time",
+    ),
+    (
+        "truth",
+        b"frame,camera,time,left,top,width,height\n0,a,1,1,2,3,4\n1,a,2147483648,2,3,4,5\n9,b,3,2,3,4,5\n",
+        "times that are out of range",
+    ),
+    (
+        "directions (CSV)",
+        b"time,sensor,azimuth_deg,id\n0,wall,90,-7\n",
+        "d.csv: line 2: id is -7; it must be 0",
+    ),
+    ("directions (FRIDA)", b"algorithm,estimate_deg\nMUSIC,110\n", "d.csv: has no column recording"),
+    (
+        "scene",
+        b"occlog_scene: 1\nroom: [[0, 0], [12, 0], [1.0e+308, 1.0e+308], [-1.0e+308, 8]]\n",
+        "not a simple polygon with an area",
+    ),
+    (
         "calibration (COLMAP, images)",
         seeds.COLMAP_IMAGES.replace("1 1 0", f"1 {LARGE} 0").encode(),
         "no unit quaternion",
     ),
 ]
+
+
+def late_fragment() -> bytes:
+    """MP4 with a fragment at a time of 2^63 ticks."""
+    data = bytearray(seeds.videos_mp4()[2])
+    time = data.index(b"tfdt") + 8
+    assert data[time - 4] == 1, "its time has 64 bits"
+    data[time : time + 8] = b"\xff" * 8
+    return bytes(data)
+
+
+def signalling_sound() -> bytes:
+    """A sound of floats of which one is a NaN that signals."""
+    out = io.BytesIO()
+    wavfile.write(out, 8000, np.zeros((64, 2), np.float32))
+    data = bytearray(out.getvalue())
+    data[-4:] = b"\x01\0\x80\x7f"
+    return bytes(data)
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +146,21 @@ def test_a_box_may_end_behind_the_file(watch: Watch) -> None:
     size = data.rindex(b"traf") - 4
     data[size : size + 4] = (len(data) + 1000).to_bytes(4, "big")
     assert watch.outcome(READERS["video (MP4)"], bytes(data)).kind == "read"
+
+
+@pytest.mark.parametrize(("name", "make"), [("video (MP4)", late_fragment), ("sound", signalling_sound)])
+def test_a_finding_is_read(name: str, make: Callable[[], bytes], watch: Watch) -> None:
+    assert watch.outcome(READERS[name], make()).kind == "read"
+
+
+def test_the_size_of_a_jpeg_is_found_behind_bytes_that_mean_nothing() -> None:
+    """Decoders pass over them: an image of 485 million pixels was not seen to be one."""
+    data = cv2.imencode(".jpg", np.zeros((48, 64, 3), np.uint8))[1].tobytes()
+    assert image_size(data) == (64, 48)
+    for garbage in (b"\0\x01WXYZ", b"\xff", b"\xff\0\xff\xd0"):
+        assert image_size(data[:20] + garbage + data[20:]) == (64, 48)
+        decoded = cv2.imdecode(np.frombuffer(data[:20] + garbage + data[20:], np.uint8), cv2.IMREAD_COLOR)
+        assert decoded is None or decoded.shape == (48, 64, 3)
 
 
 def test_large_fundamental_matrices_stay_what_they_are(tmp_path: Path) -> None:

@@ -156,7 +156,7 @@ def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
             raise InputError(f"{folder}: has lines of 5 and of 7 numbers; write all in one way")
         return ("confidence",)
     last = [numbers[5] for *_, numbers in lines if len(numbers) == 6]
-    if last and all(text.isdigit() and int(text) > 0 for text in last):
+    if last and all(text.isascii() and text.isdigit() and text.strip("0") for text in last):
         return ("id",)
     if last and 5 in counts:
         raise InputError(f"{folder}: has lines with and without a confidence; write all in one way")

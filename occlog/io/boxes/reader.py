@@ -26,13 +26,13 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints, Strings
+from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.by_reader import reader_of
 from occlog.io.files.csv_rows import Rows, first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.sensor_names import match_sensor, means_none
-from occlog.io.files.timestamps import parse_times, time_column
+from occlog.io.files.timestamps import MAX_NS, parse_times, time_column
 from occlog.records.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
 
@@ -62,7 +62,13 @@ def note_times(rows: Rows, boxes: BoxRows, cameras: list[str], stamps: dict[str,
 
 
 def table_times(found: dict[int, int], first: int, stop: int, where: str) -> FrameTimes:
-    """Times of all frames; those without a row lie evenly between their neighbours."""
+    """Times of all frames; those without a row lie evenly between their neighbours.
+
+    Raises:
+        InputError: no frame has a time, or times go back, stand still or reach too far.
+    """
+    if not found:
+        raise InputError(f"{where}: no frame of a camera has a time; give the frame rate")
     frames = np.array(sorted(found), dtype=np.int64)
     t_ns = np.array([found[int(f)] for f in frames], dtype=np.int64)
     if (np.diff(t_ns) <= 0).any():
@@ -81,6 +87,8 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
     before, after = wanted < frames[0], wanted > frames[-1]
     relative[before] = (wanted[before] - frames[0]) * step
     relative[after] = float(t_ns[-1] - t_ns[0]) + (wanted[after] - frames[-1]) * step
+    if np.abs(relative).max(initial=0.0) > MAX_NS:
+        raise InputError(f"{where}: {step / NS:g} s from one frame to the next lead to times that are out of range")
     table = np.round(relative).astype(np.int64) + t_ns[0]
     table[frames[frames < stop]] = t_ns[frames < stop]
     return FrameTimes("column of times", 0, table)

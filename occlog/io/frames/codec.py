@@ -35,13 +35,15 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
+    # As decoders do, from mark to mark, whatever lies between
+    while 0 <= (at := data.find(b"\xff", at)) <= len(data) - 9:
         mark, length = data[at + 1], struct.unpack_from(">H", data, at + 2)[0]
         # The frame header is one of SOF0..SOF15 without DHT (c4), JPG (c8) and DAC (cc).
         if 0xC0 <= mark <= 0xCF and mark not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack_from(">HH", data, at + 5)
             return int(width), int(height)
-        at += 1 if mark == 0xFF else 2 + length
+        alone = mark in (0x00, 0x01) or 0xD0 <= mark <= 0xD9  # of these no length follows
+        at += 1 if mark == 0xFF else 2 if alone else 2 + length
     return None
 
 

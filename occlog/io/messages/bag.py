@@ -45,6 +45,7 @@ class Bag:
     promised: dict[str, int] = field(default_factory=dict)
     _losses: list[Loss] = field(default_factory=list)
     _folder: tempfile.TemporaryDirectory[str] | None = None
+    _packed: dict[Path, Path] = field(default_factory=dict)  # of each file that was unpacked, what it was made of
 
     @property
     def losses(self) -> list[Loss]:
@@ -61,8 +62,9 @@ class Bag:
                     out[topic.name] = topic
                     continue
                 if (old.kind, old.encoding) != (topic.kind, topic.encoding):
+                    where = self._packed.get(file.path, file.path)
                     raise InputError(
-                        f"{file.path}: topic {topic.name} holds {topic.kind} ({topic.encoding}), but {old.kind} "
+                        f"{where}: topic {topic.name} holds {topic.kind} ({topic.encoding}), but {old.kind} "
                         f"({old.encoding}) before; ingest them one by one"
                     )
                 count = None if old.messages is None or topic.messages is None else old.messages + topic.messages
@@ -118,6 +120,7 @@ class Bag:
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="occlog-bag-")
         out = Path(self._folder.name) / f"{len(self.files)}-{path.stem}"
+        self._packed[out] = path
         limit = MAX_CHUNK_BYTES + MAX_GROWTH * path.stat().st_size
         with path.open("rb") as source, out.open("wb") as target:
             try:

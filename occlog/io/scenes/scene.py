@@ -235,10 +235,11 @@ def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
     polygon = Polygon(corners)
     if not np.all(np.isfinite(np.asarray(corners))):
         raise InputError(f"{where}: corners must be finite numbers")
-    if not polygon.is_valid or polygon.area <= 0:
-        raise InputError(
-            f"{where}: not a simple polygon with an area ({explain_validity(polygon)}); list the corners in turn"
-        )
+    with np.errstate(all="ignore"):  # what is too large for an area has none
+        sound = polygon.is_valid and 0.0 < polygon.area < math.inf
+        why = "" if sound else explain_validity(polygon)
+    if not sound:
+        raise InputError(f"{where}: not a simple polygon with an area ({why}); list the corners in turn")
     points = np.asarray(corners, dtype=np.float64)
     return points if polygon.exterior.is_ccw else points[::-1].copy()
 

@@ -35,6 +35,9 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
     numbers: dict[str, int] = {}
     algorithms: dict[str, None] = {}
     for rows in read_rows(path, columns, "DOA estimates", ignored=("n_speakers", "snr_db", "speakers")):
+        missing = [column for column in columns if not rows.has(column)]
+        if missing:
+            raise InputError(f"{path}: has no column {', '.join(columns[m][0] for m in missing)}; add it")
         number = np.array([numbers.setdefault(r, len(numbers)) for r in rows.cells["recording"].tolist()])
         algorithms.update(dict.fromkeys(rows.cells["algorithm"].tolist()))
         if options.algorithm is None and len(algorithms) > 1:

@@ -74,7 +74,8 @@ class Sound:
         usable = len(data) // (width * self.channels) * (width * self.channels)
         data = data[:usable]
         if self.floats:
-            flat = np.frombuffer(data, dtype=f"<f{width}").astype(np.float64)
+            with np.errstate(invalid="ignore"):  # a NaN that signals is one like others
+                flat = np.frombuffer(data, dtype=f"<f{width}").astype(np.float64)
         elif width == 1:
             flat = (np.frombuffer(data, dtype=np.uint8).astype(np.float64) - 128.0) / 128.0
         elif width == 3:

@@ -99,7 +99,10 @@ def read_fragments(data: mmap.mmap, moov: Span, moofs: list[Span], track_id: int
             if unpack(data, ">I", tfhd.start + 4)[0] != track_id:
                 continue
             clock = _fragment(data, moof, traf, tfhd, defaults, clock, parts)
-    table = np.array(parts, dtype=np.int64).reshape(-1, 4)
+    try:
+        table = np.array(parts, dtype=np.int64).reshape(-1, 4)
+    except OverflowError:
+        raise BrokenContainerError(moofs[0].start, "samples of fragments at a time or place beyond 2^63") from None
     return Samples(scale, *table.T)
 
 
