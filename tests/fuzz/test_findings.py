@@ -148,7 +148,15 @@ def test_a_box_may_end_behind_the_file(watch: Watch) -> None:
     assert watch.outcome(READERS["video (MP4)"], bytes(data)).kind == "read"
 
 
-@pytest.mark.parametrize(("name", "make"), [("video (MP4)", late_fragment), ("sound", signalling_sound)])
+def endless_bag() -> bytes:
+    """The metadata of a bag with more messages than a number says."""
+    return seeds.METADATA.replace("message_count: 1", "message_count: .inf").encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [("video (MP4)", late_fragment), ("sound", signalling_sound), ("bag (metadata)", endless_bag)],
+)
 def test_a_finding_is_read(name: str, make: Callable[[], bytes], watch: Watch) -> None:
     assert watch.outcome(READERS[name], make()).kind == "read"
 

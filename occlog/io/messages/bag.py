@@ -221,7 +221,7 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
     for entry in counts if isinstance(counts, list) else ():
         try:
             name, count = str(entry["topic_metadata"]["name"]), int(entry["message_count"])
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             continue
         bag.promised[name] = bag.promised.get(name, 0) + count
     # A name may be an old absolute path, or lead out of the folder: only the file beside the metadata counts.
