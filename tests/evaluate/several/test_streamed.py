@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -50,6 +51,16 @@ def figures(args: list[str], output: Path) -> dict[str, float]:
     assert run(["evaluate", *args, "-o", str(output), "-q", "--overwrite"]) == ExitCode.DONE
     found = json.loads(output.read_text())
     return {name: np.nan if value is None else value for name, value in found.items() if name != "_provenance"}
+
+
+def written(folder: Path, sides: Sequence[tuple[Table, Table]]) -> list[tuple[Path, Path]]:
+    """Tracks and truth of each recording, written to a folder."""
+    paths = []
+    for n, side in enumerate(sides):
+        paths.append((folder / f"r{n}.parquet", folder / f"truth{n}.parquet"))
+        for path, table in zip(paths[n], side, strict=True):
+            write_table(path, table, MADE)
+    return paths
 
 
 def beside(paths: list[tuple[Path, Path]]) -> list[str]:
@@ -105,11 +116,7 @@ def test_some_frames_and_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         keep = ((t.t_ns >= times[4]) & (t.t_ns < times[25]) for t in (tracks, truth))
         some.append(tuple(table.take(k) for table, k in zip((tracks, truth), keep, strict=True)))
     each = [evaluate_ground(*one, config, None).metrics for one in some]
-    paths = []
-    for n, (tracks, truth) in enumerate(sides):
-        paths.append((tmp_path / f"r{n}.parquet", tmp_path / f"truth{n}.parquet"))
-        write_table(paths[n][0], tracks, MADE)
-        write_table(paths[n][1], truth, MADE)
+    paths = written(tmp_path, sides)
     monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
     found = figures([*beside(paths), "--frames", "4:25"], tmp_path / "m.json")
     own = {f"{name}_recording_r{k}": value for k, one in enumerate(each) for name, value in one.items()}
@@ -131,10 +138,6 @@ def test_in_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int) -
     whole = evaluate_views(boxes_in_true_frames(joined[0], joined[1], config), config).metrics
     each = [evaluate_views(boxes_in_true_frames(*one, config), config).metrics for one in sides]
     assert whole["id_switches"] > 2 < whole["fragmentations"]
-    paths = []
-    for n, (tracks, truth) in enumerate(sides):
-        paths.append((tmp_path / f"r{n}.parquet", tmp_path / f"truth{n}.parquet"))
-        write_table(paths[n][0], tracks, MADE)
-        write_table(paths[n][1], truth, MADE)
+    paths = written(tmp_path, sides)
     monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
     check(figures([*beside(paths), "--own", "best", "--gospa-px", "30"], tmp_path / "m.json"), whole, each)
