@@ -9,6 +9,7 @@ import importlib
 import json
 import struct
 from collections.abc import Callable
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -78,16 +79,8 @@ def _cdr(topic: Topic) -> Decode:
         raise UsageError(
             f"topic {topic.name}: messages of ROS 2 want the package rosbags, which is not installed; {INSTALL}"
         ) from None
-    store = types.get_typestore(types.Stores.EMPTY if topic.definition else types.Stores.LATEST)
-    text = topic.definition.decode("utf-8", "replace")
     try:
-        if topic.language == "ros2idl":
-            parts = [part.split("\n", 1)[1] for part in text.split(_LINE)[1:]] if text.startswith(_LINE) else [text]
-            for part in parts:
-                store.register(types.get_types_from_idl(part))
-        elif topic.definition:
-            store.register(types.get_types_from_msg(text, topic.kind))
-        store.get_msgdef(topic.kind)
+        store = _types(topic.kind, topic.language, topic.definition)
     except (*FAILURES, types.TypesysError, RecursionError) as error:
         reason = " ".join(str(error).split())[:80]
         what = "its definition cannot be read" if topic.definition else "the bag does not define it, nor does ROS"
@@ -100,3 +93,19 @@ def _cdr(topic: Topic) -> Decode:
             raise ValueError(str(error)) from None
 
     return decode
+
+
+@lru_cache(maxsize=32)
+def _types(kind: str, language: str, definition: bytes) -> Any:
+    """Store of a type of ROS 2; code is generated for it, which takes milliseconds, and cameras share their types."""
+    types = importlib.import_module("rosbags.typesys")
+    store = types.get_typestore(types.Stores.EMPTY if definition else types.Stores.LATEST)
+    text = definition.decode("utf-8", "replace")
+    if language == "ros2idl":
+        parts = [part.split("\n", 1)[1] for part in text.split(_LINE)[1:]] if text.startswith(_LINE) else [text]
+        for part in parts:
+            store.register(types.get_types_from_idl(part))
+    elif definition:
+        store.register(types.get_types_from_msg(text, kind))
+    store.get_msgdef(kind)
+    return store
