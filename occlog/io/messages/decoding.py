@@ -34,6 +34,8 @@ FAILURES = (
 )
 """What decoders raise for bytes that are not such a message."""
 INSTALL = "pip install 'occlog[ros2]'"
+LONGEST_DEFINITION = 128 << 10
+"""Bytes of a definition of ROS that is read, which takes about two seconds; types of ROS itself have a few thousand."""
 _LINE = "=" * 80 + "\n"
 
 
@@ -79,6 +81,11 @@ def _cdr(topic: Topic) -> Decode:
         raise UsageError(
             f"topic {topic.name}: messages of ROS 2 want the package rosbags, which is not installed; {INSTALL}"
         ) from None
+    if len(topic.definition) > LONGEST_DEFINITION:
+        raise InputError(
+            f"topic {topic.name}: type {topic.kind}: its definition has {len(topic.definition)} bytes; at most "
+            f"{LONGEST_DEFINITION} are read"
+        )
     try:
         store = _types(topic.kind, topic.language, topic.definition)
     except (*FAILURES, types.TypesysError, RecursionError) as error:
