@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -135,8 +136,7 @@ def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Ca
 
 def _shared_frames(found: BagSurvey) -> set[str]:
     """Frames of several cameras: those of stereo pairs whose right camera is told by its matrix P alone."""
-    frames = list(found.frames.values())
-    return {frame for frame in frames if frames.count(frame) > 1}
+    return {frame for frame, cameras in Counter(found.frames.values()).items() if cameras > 1}
 
 
 def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None:

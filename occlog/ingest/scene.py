@@ -19,6 +19,7 @@ from occlog.io.calibration.reader import Calibration, describe, read_calibration
 from occlog.io.files.sensor_names import match_sensor, safe_name
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.tags.places import read_readers
+from occlog.records.names import first_double
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
 
 from .plan import IngestPlan
@@ -146,7 +147,7 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
 
 def _check_names(plan: IngestPlan, names: Sequence[str]) -> None:
     """UsageError where a reader of the table has the name of another sensor."""
-    if plan.readers is not None and (double := next((n for n in names if names.count(n) > 1), None)) is not None:
+    if plan.readers is not None and (double := first_double(names)) is not None:
         raise UsageError(f"{plan.readers}: reader {double} has the name of another sensor; names must differ")
 
 

@@ -28,6 +28,9 @@ from .watch import Watch, watching
 LARGE = "1" + "0" * 300
 FINDINGS = [
     ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "not UTF-8 text"),
+    ("trajectories (TRC)", seeds.TRC.encode() + b"2\t0.2\t" + b"1" * 201 + b"\t2\t0\n", "a cell of more than 200 char"),
+    ("trajectories (TRC)", seeds.TRC.encode() + b" " * 1_000_001, "longer than 1000000 characters"),
+    ("boxes (KITTI)", seeds.KITTI.encode() + b" " * 1_000_001, "longer than 1000000 characters"),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1001", "9" * 400).encode(), "no list of longitudes"),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1,", "9" * 400 + ",").encode(), "where the scene lies"),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace('d": 3', f'd": {"9" * 400}').encode(), "t.geojson: "),

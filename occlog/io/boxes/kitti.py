@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows
+from occlog.io.files.csv_rows import Rows, text_lines
 
 from .columns import BoxSource, rows_of
 
@@ -48,7 +48,7 @@ def open_kitti(path: Path, camera: str | None) -> BoxSource:
 def _kitti(path: Path) -> Iterator[Rows]:
     records: list[tuple[int, dict[str, str]]] = []
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
+        for number, line in text_lines(path, file):
             cells = line.split()
             if not cells or cells[TYPE : TYPE + 1] == [DONT_CARE]:
                 continue

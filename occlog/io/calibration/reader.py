@@ -16,6 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
 from occlog.io.files.guard import guarded
+from occlog.records.names import first_double
 from occlog.records.scene import Camera
 from occlog.words import counted
 
@@ -96,9 +97,7 @@ def read_calibration(
         cameras = IMPORTERS[name].read(files, options)
     if not cameras:
         raise InputError(f"{files[0]}: describes no camera ({IMPORTERS[name].doc})")
-    names = [c.name for c in cameras]
-    double = next((n for n in names if names.count(n) > 1), None)
-    if double is not None:
+    if (double := first_double([c.name for c in cameras])) is not None:
         raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
     unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].unit)
     return Calibration(cameras, name, unit, (*options.told, *_doubts(cameras)))

@@ -236,18 +236,26 @@ def _rejoin(first: tuple[int, list[str]], rest: Iterator[tuple[int, list[str]]])
     yield from rest
 
 
+def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
+    """(line number, line) of a text; InputError for one that is too long to be one of a table.
+
+    A file without line ends is not read as a whole.
+    """
+    for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
+        if len(line) > LONGEST_LINE:
+            raise InputError(f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected")
+        yield number, line
+
+
 def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
     """(line number, cells) of every line with data."""
     reader = None
     number = 0
     try:
-        # A file without line ends is not read as a whole: a line is cut where it is too long to be one of a table
-        for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
+        for number, line in text_lines(path, file):
             text = line.strip()
             if not text or text.startswith("#"):
                 continue
-            if len(line) > LONGEST_LINE:
-                raise InputError(f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected")
             if "\0" in line:
                 _refuse(InputError(f"{path}: line {number}: not text; a text table was expected"))
                 continue

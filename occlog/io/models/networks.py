@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from occlog.errors import InputError
 from occlog.io.files.yaml_file import read_yaml
+from occlog.records.names import first_double
 
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[^\s,/=:]+$")]
 Count = Annotated[int, Meta(ge=0, le=1_000_000)]
@@ -83,8 +84,7 @@ def read_network(path: Path) -> NetworkSpec:
     if (loop := next((a for a, b in spec.links if a == b), None)) is not None:
         raise InputError(f"{path}: a link leads from {loop} to itself; remove it")
     attached = [(s.name, s.router) for s in spec.sensors] + [(c.name, c.router) for c in spec.cameras]
-    names = [name for name, _ in attached]
-    if (double := next((n for n in names if names.count(n) > 1 or n in nodes), None)) is not None:
+    if (double := first_double([*nodes, *(name for name, _ in attached)])) is not None:
         raise InputError(f"{path}: two nodes are named {double}; names must differ")
     known = ", ".join(sorted(routers))
     for name, router in attached:

@@ -12,6 +12,7 @@ from msgspec import Meta
 from occlog.errors import InputError
 from occlog.io.files.json_file import read_json, struct_of, write_json
 from occlog.io.files.provenance import Provenance
+from occlog.records.names import first_double
 
 Positive = Annotated[float, Meta(gt=0)]
 Share = Annotated[float, Meta(gt=0, lt=1)]
@@ -69,8 +70,7 @@ def read_path_loss(path: Path) -> PathLossSpec:
     for name, value in numbers.items():
         if not math.isfinite(value):
             raise InputError(f"{path}: {name} is {value}; want a finite number")
-    names = [r.name for r in spec.readers]
-    if (double := next((n for n in names if names.count(n) > 1), None)) is not None:
+    if (double := first_double([r.name for r in spec.readers])) is not None:
         raise InputError(f"{path}: reader {double} is there twice; keep one")
     return spec
 

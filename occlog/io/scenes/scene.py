@@ -19,6 +19,7 @@ from shapely.validation import explain_validity
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.yaml_file import parse_yaml, read_yaml
+from occlog.records.names import first_double
 from occlog.records.scene import Camera, Clock, MicrophoneArray, Occluder, Reader, Scene, camera_fov, camera_rotation
 
 MOST_PX = 100_000
@@ -219,10 +220,8 @@ def _build(spec: SceneSpec, source: str) -> Scene:
 
 
 def _check_names(scene: Scene, source: str) -> None:
-    names = [s.name for s in scene.sensors]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{source}: two sensors are named {name!r}; names must differ")
+    if (double := first_double([s.name for s in scene.sensors])) is not None:
+        raise InputError(f"{source}: two sensors are named {double!r}; names must differ")
     clocks = {c.name for c in scene.clocks}
     for sensor, clock in ((s.name, s.clock) for s in scene.sensors):
         if clock is not None and clock not in clocks:

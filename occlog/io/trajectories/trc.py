@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows
+from occlog.io.files.csv_rows import MAX_CELL, Rows, text_lines
+from occlog.records.names import first_double
 
 MAGIC = "PathFileType"
 UNITS = ("m", "mm")
@@ -50,7 +51,7 @@ def _lines(path: Path) -> Iterator[str]:
     """Lines of a text, without their ends."""
     with path.open(encoding="utf-8-sig") as file:
         try:
-            for line in file:
+            for _, line in text_lines(path, file):
                 yield line.rstrip("\r\n")
         except UnicodeDecodeError as error:
             bad = error.object[error.start]
@@ -85,7 +86,7 @@ def _targets(path: Path, header: list[str]) -> list[str]:
                 "and have their place on the ground (x, y) with z up"
             )
     numbers = [match[1] for match in found if match is not None]
-    twice = next((n for n in numbers if numbers.count(n) > 1), None)
+    twice = first_double(numbers)
     if twice is not None:
         raise InputError(f"{path}: line 4: marker target_{twice} is there twice; name each once")
     return numbers
@@ -95,17 +96,19 @@ def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterato
     """Time, identity and place of each target that a line has."""
     cells = [cell.strip() for cell in text.split("\t")]
     wanted = 2 + 3 * len(targets)
+    if max(map(len, cells)) > MAX_CELL:
+        raise InputError(f"{path}: line {line}: a cell of more than {MAX_CELL} characters; correct this line")
     if len(cells) > wanted and any(cells[wanted:]):
         raise InputError(f"{path}: line {line}: {len(cells)} cells; {len(targets)} markers have {wanted}")
     cells += [""] * (wanted - len(cells))
     for n, target in enumerate(targets):
         place = cells[2 + 3 * n : 5 + 3 * n]
-        if any(place) and not all(place):
+        if all(place):
+            yield cells[1], target, *place
+        elif any(place):
             raise InputError(
                 f"{path}: line {line}: target_{target} has a place with an empty cell; give all three or none"
             )
-        if any(place):
-            yield cells[1], target, *place
 
 
 def _rows(path: Path, records: list[tuple[int, tuple[str, ...]]], names: tuple[str, ...]) -> Rows:

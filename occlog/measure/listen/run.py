@@ -22,6 +22,7 @@ from occlog.io.files.timestamps import parse_time
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.sound.wav import Sound, open_sound
 from occlog.records.losses import Loss
+from occlog.records.names import first_double
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa
 from occlog.settings import configure
@@ -124,9 +125,7 @@ def _scene(request: ListenRequest) -> Scene:
     if more and scene.length_unit != "m":
         raise UsageError(f"--arrays: tables are in m, but {request.scene} in {scene.length_unit}; use one of them")
     arrays = (*scene.arrays, *more)
-    names = [a.name for a in arrays]
-    double = next((n for n in names if names.count(n) > 1), None)
-    if double is not None:
+    if (double := first_double([a.name for a in arrays])) is not None:
         raise UsageError(f"array {double}: is given twice; keep one")
     if not arrays:
         raise UsageError("no array whose microphones are known; give --scene with microphone_arrays, or --arrays")
