@@ -18,6 +18,7 @@ from occlog.errors import ExitCode
 from occlog.io.frames.codec import image_size
 from occlog.io.models.fundamental_matrices import read_epipolar
 from occlog.io.models.motion_models import read_motion
+from occlog.io.truth.calibration_board import read_sync_times
 from occlog.records.tracks import Cooperation
 from occlog.records.world import Occluders
 
@@ -40,6 +41,7 @@ FINDINGS = [
     ("directions (ODAS)", seeds.ODAS.replace("0.600", "9" * 400, 1).encode(), "x of a source is"),
     ("directions (ODAS)", seeds.ODAS.replace("0.600", "1" + "0" * 40, 1).encode(), "a unit vector was expected"),
     ("truth (board)", b"sync_index,point_id,x_coord,y_coord,z_coord\n", "holds a header and no row"),
+    ("arrays", b"1 2\n" * 10_001, "a.csv: 10001 rows; places of at most 10000 direction finders"),
     ("arrays", b"x,y,z\n", "holds a header and no row"),
     (
         "calibration (storage, XML)",
@@ -162,6 +164,18 @@ def endless_bag() -> bytes:
 )
 def test_a_finding_is_read(name: str, make: Callable[[], bytes], watch: Watch) -> None:
     assert watch.outcome(READERS[name], make()).kind == "read"
+
+
+def test_as_many_arrays_as_may_be(watch: Watch) -> None:
+    assert watch.outcome(READERS["arrays"], b"1 2\n" * 10_000).kind == "read"
+
+
+def test_many_times_of_one_moment_take_no_time_in_proportion_to_their_square(tmp_path: Path) -> None:
+    """They are exact, too: sums of times do not fit into floating-point numbers.  Pair by pair it took minutes."""
+    start = 1_700_000_000_000_000_000
+    path = tmp_path / "t.csv"
+    path.write_text("sync_index,frame_time_ns\n" + "".join(f"7,{start + k}\n" for k in range(100_001)))
+    assert read_sync_times(path) == {7: start + 50_000}
 
 
 def test_the_size_of_a_jpeg_is_found_behind_bytes_that_mean_nothing() -> None:

@@ -19,6 +19,8 @@ from .csv_log import DoaOptions, DoaRows, azimuths_only
 from .locata import looks_like_locata, read_array
 
 WHAT = "a table of places of arrays"
+MOST_ARRAYS = 10_000
+"""Direction finders of a table at most: each becomes a sensor of the scene."""
 _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
 _NUMBER = re.compile(r"^[0-9]{1,9}$")
 
@@ -122,6 +124,8 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
         microphones = np.concatenate([np.column_stack([rows.floats(c) for c in columns]) for rows in parts])
         return (MicrophoneArray(name or path.stem, np.zeros(3), microphones=microphones),)
     parts = list(read_plain(path, WHAT))
+    if (count := sum(map(len, parts))) > MOST_ARRAYS:
+        raise InputError(f"{path}: {count} rows; places of at most {MOST_ARRAYS} direction finders were expected")
     if len(parts[0].cells) not in (2, 3):
         raise InputError(f"{path}: {len(parts[0].cells)} columns; x and y of direction finders were expected")
     places = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in parts])

@@ -94,4 +94,10 @@ def read_sync_times(path: Path) -> dict[int, int]:
             raise InputError(f"{path}: has no columns sync_index and frame_time")
         for sync, t in zip(rows.ints("sync").tolist(), parse_times(rows, unit, unit).tolist(), strict=True):
             found.setdefault(sync, []).append(t)
-    return {sync: min(times) + round(sum(t - min(times) for t in times) / len(times)) for sync, times in found.items()}
+    return {sync: _mean(times) for sync, times in found.items()}
+
+
+def _mean(times: list[int]) -> int:
+    """Mean of times [ns], which are too large to be added up as floats."""
+    first = min(times)
+    return first + round(sum(t - first for t in times) / len(times))
