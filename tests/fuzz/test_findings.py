@@ -15,6 +15,7 @@ from scipy.io import wavfile
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.io.calibration.rigs import colmap
 from occlog.io.frames.codec import image_size
 from occlog.io.models.fundamental_matrices import read_epipolar
 from occlog.io.models.motion_models import read_motion
@@ -50,6 +51,7 @@ FINDINGS = [
     ),
     ("tag readers", b"reader,x,y\n ,0,40\n", "r.csv: line 2: the reader has no name"),
     ("calibration (TOML)", seeds.TOML.replace('name = "cam_0"', 'name = " "').encode(), "a camera has no name"),
+    ("calibration (COLMAP, images)", b"1 1 0 0 0 0 0 2 1 a.jpg\n\n" * 2_001, "2001 images; each becomes a camera"),
     ("stations", b"Tower,x,y\n,0,40\n", "s.csv: line 2: the station has no name"),
     ("foreign table (text)", b"time,conf,score,bbox\n0,1,1,1\n", "t.csv: "),
     (
@@ -168,6 +170,13 @@ def test_a_finding_is_read(name: str, make: Callable[[], bytes], watch: Watch) -
 
 def test_as_many_arrays_as_may_be(watch: Watch) -> None:
     assert watch.outcome(READERS["arrays"], b"1 2\n" * 10_000).kind == "read"
+
+
+def test_as_many_images_of_a_model_as_may_be(watch: Watch, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They come to the check of names, which is behind that of their number."""
+    monkeypatch.setattr(colmap, "MOST_IMAGES", 3)
+    found = watch.outcome(READERS["calibration (COLMAP, images)"], b"1 1 0 0 0 0 0 2 1 a.jpg\n\n" * 3)
+    assert "two cameras are named 'a'" in found.detail
 
 
 def test_many_times_of_one_moment_take_no_time_in_proportion_to_their_square(tmp_path: Path) -> None:

@@ -21,6 +21,8 @@ from ..common import CalibrationOptions, Lens, build_camera, lens_pose, read_tex
 from .ros import quaternion_rotation
 
 NAMES = ("cameras.txt", "images.txt")
+MOST_IMAGES = 2_000
+"""Images of a model that are read, in some seconds."""
 MODELS = {
     "SIMPLE_PINHOLE": ("f cx cy", "brown", ""),
     "PINHOLE": ("fx fy cx cy", "brown", ""),
@@ -72,6 +74,11 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     cameras = []
     # Every second line has the points of an image; it may be empty, but is there.
     lines = [text.strip() for text in read_text(files["images.txt"]).splitlines() if not text.startswith("#")]
+    if len(lines) > 2 * MOST_IMAGES:
+        raise InputError(
+            f"{files['images.txt']}: {(len(lines) + 1) // 2} images; each becomes a camera, and at most {MOST_IMAGES} "
+            "are read; name a model of the cameras alone"
+        )
     for line in lines[::2]:
         cells = line.split(maxsplit=9)
         where = f"{files['images.txt']}: image {cells[-1] if cells else ''}"
