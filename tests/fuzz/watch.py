@@ -25,8 +25,8 @@ from .readers import Reader
 
 SECONDS = 10
 """Of a processor, so that a machine that has other things to do finds the same."""
-WAITED_S = 120
-"""After which something waits for what does not come."""
+WAITED_S = 60
+"""Twice as long after which something waits for what does not come; once may be a machine that slept."""
 MEGABYTES = 512
 
 
@@ -48,6 +48,26 @@ class HangError(BaseException):
 
 def _too_long(_: int, __: FrameType | None) -> None:
     raise HangError
+
+
+class _Waiting:
+    """Told of the time that goes by; the second time is a hang."""
+
+    def __init__(self) -> None:
+        self._told = 0
+
+    def begin(self) -> None:
+        """Wait from now on."""
+        self._told = 0
+        signal.setitimer(signal.ITIMER_REAL, WAITED_S, WAITED_S)
+
+    def __call__(self, _: int, __: FrameType | None) -> None:
+        self._told += 1
+        if self._told > 1:
+            raise HangError
+
+
+_waiting = _Waiting()
 
 
 class Watch:
@@ -85,7 +105,7 @@ class Watch:
 
     def _read(self, reader: Reader, path: Path) -> Outcome:
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
-        signal.setitimer(signal.ITIMER_REAL, WAITED_S)
+        _waiting.begin()
         try:
             reader.read(path)
         except OcclogError as error:
@@ -141,7 +161,8 @@ def _place(error: BaseException) -> str:
 @contextmanager
 def watching() -> Iterator[Watch]:
     """A watch; standard error is kept from the terminal meanwhile."""
-    before = {number: signal.signal(number, _too_long) for number in (signal.SIGALRM, signal.SIGPROF)}
+    handlers = {signal.SIGALRM: _waiting, signal.SIGPROF: _too_long}
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     kept = os.dup(2)
     folder = Path(tempfile.mkdtemp(prefix="occlog-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
     with tempfile.TemporaryFile() as error, warnings.catch_warnings():
