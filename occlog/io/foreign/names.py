@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from functools import cache
 from typing import NamedTuple
 
 from occlog.errors import InputError
@@ -197,11 +198,16 @@ def said_unit(table: type[Table], column: Column, name: str) -> str:
     return "" if column.name == TIME and not (low.endswith(f"_{unit}") or low in IN_SECONDS) else unit
 
 
-def spellings(column: Column, table: type[Table] | None = None) -> dict[str, str]:
+def spellings(column: Column, table: type[Table] | None = None) -> Mapping[str, str]:
     """What a column (of a table) may be called, its own name first, and the unit that each name states."""
+    return _spellings(column, "" if table is None else table.NAME)
+
+
+@cache
+def _spellings(column: Column, table: str) -> Mapping[str, str]:
     if column.name == TIME:
         return {name: unit for unit, names in TIME_COLUMNS.items() for name in names}
-    own = {} if table is None else OWN_ALIASES.get(table.NAME, {})
+    own = OWN_ALIASES.get(table, {})
     bases = tuple(dict.fromkeys((column.name, *ALIASES.get(column.name, ()), *own.get(column.name, ()))))
     out = dict.fromkeys(bases, "")
     if column.unit == "rad":
