@@ -159,16 +159,18 @@ def _named(value: object, argument: str) -> tuple[str, ...]:
         wrong = next((name for name in value if not is_name(str(name))), None)
         if wrong is not None:
             raise UsageError(f"{argument}: {wrong!r} is no name: up to 64 characters without space, comma, / = and :")
-        return tuple(f"{name}={_text(each)}" for name, each in value.items())
+        return tuple(f"{name}={_text(each, argument)}" for name, each in value.items())
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return tuple(_text(each) for each in value)
-    return (_text(value),)
+        return tuple(_text(each, argument) for each in value)
+    return (_text(value, argument),)
 
 
-def _text(value: object) -> str:
-    """As it is typed: 10.0 is 10."""
+def _text(value: object, argument: str) -> str:
+    """As it is typed: 10.0 is 10; UsageError for a table in memory."""
     if isinstance(value, float):
         return f"{value:.15g}"
+    if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
+        raise UsageError(f"{argument}: a {type(value).__name__} in memory; a path was expected, or give it to track")
     return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
 
 

@@ -22,7 +22,7 @@ from occlog.records.scene import Camera
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of, yaml_values
 from .opencv_toml import rotation_from_vector
 
-MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "m", "matrix")
+MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx", "m", "matrix")
 DISTORTION = ("distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion", "dist", "d")
 ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
 TRANSLATION = ("t", "tvec", "translation", "translation_vector")

@@ -107,6 +107,8 @@ def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
                 raw = _Constructor(text, source).construct_document(node) if node is not None else None
                 _check_finite(raw, "$", lines, source)
         except yaml.YAMLError as error:
+            if text.startswith("%YAML") and "opencv-" in text:
+                raise InputError(f"{source}: a calibration of OpenCV; give it to occlog ingest --calibration") from None
             raise InputError(f"{source}: {_yaml_problem(error)}") from error
         known = raw, lines
         if len(text) <= KEPT_LENGTH:

@@ -254,6 +254,9 @@ class Evidence:
                     share = f" (allowed: {least:.0%})" if least else ""
                     sentence = f"{found[code]} of {self.rows} rows{share}: {code}: {text}"
                     yield Finding(code, "warning" if severity == "warning" else "note", sentence)
+                elif found[code] and words is WORDS:
+                    said = f"{found[code]} of {self.rows} rows are not to be believed (the diagnostics say which)"
+                    yield Finding(code, "note", f"{said}: {code}: {text}")
 
     def _bearings(self) -> Iterator[Finding]:
         """What the residuals of bearings contradict."""

@@ -128,9 +128,12 @@ def test_depletion_says_number_limit_and_remedy() -> None:
 
 
 @pytest.mark.parametrize("doubt", ["edge", "one-sensor", "out-of-view"])
-def test_doubts_are_said_beyond_one_row_in_twenty(doubt: str) -> None:
-    assert codes(diagnostics=fared(doubt=(doubt, round(DOUBTED * N)))) == []
-    assert codes(diagnostics=fared(doubt=(doubt, round(DOUBTED * N) + 1))) == [doubt]
+def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: str) -> None:
+    for count, severity in ((1, "note"), (round(DOUBTED * N), "note"), (round(DOUBTED * N) + 1, "warning")):
+        (found,) = said(diagnostics=fared(doubt=(doubt, count)))
+        assert (found.code, found.severity) == (doubt, severity)
+        assert found.sentence.startswith(f"{count} of {N} rows ")
+    assert codes(diagnostics=fared(doubt=(doubt, 0))) == []
 
 
 def test_an_honest_covariance_needs_care_and_is_plausible() -> None:

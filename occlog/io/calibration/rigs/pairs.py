@@ -53,7 +53,7 @@ def detect(text: str) -> bool:
     def has(names: tuple[str, ...]) -> bool:
         return any(re.search(rf"^\s*[<\"]?{name}[>\":\s]", lower, re.MULTILINE) is not None for name in names)
 
-    return has(MATRIX[:4]) != (has(ROTATION) or has(TRANSLATION))
+    return has(MATRIX[:5]) != (has(ROTATION) or has(TRANSLATION))
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
@@ -69,7 +69,11 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         found[name] = path
     for name in sorted(lenses.keys() ^ places.keys()):
         path, lacks = (lenses[name], "extrinsic") if name in lenses else (places[name], "intrinsic")
-        raise InputError(f"{path}: camera {name} has no {lacks} file; give both, with names as {_example(lacks, name)}")
+        raise InputError(
+            f"{path}: camera {name} has no {lacks} file; give both, with names as {_example(lacks, name)}; where one "
+            f"file has both, the matrix is called {', '.join(MATRIX)}, the place {' or '.join(ROTATION[::3])} and "
+            f"{' or '.join(TRANSLATION[:2])}"
+        )
     wildtrack = set(lenses) <= WILDTRACK.keys()
     if wildtrack:
         said = ", ".join(f"{WILDTRACK[name]} = {name}" for name in sorted(lenses))
