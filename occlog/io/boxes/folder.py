@@ -163,13 +163,18 @@ def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
     return ("confidence",)
 
 
+def names_of_classes(folder: Path) -> Path | None:
+    """The file with the names of classes of a folder of labels: in it or in the one above; None: there is none."""
+    return next((p for p in (folder / CLASS_NAMES, folder.parent / CLASS_NAMES) if p.is_file()), None)
+
+
 def _class_names(folder: Path) -> dict[str, str]:
-    """Names of classes by number, from `classes.txt` in the folder or the one above; empty where there is none."""
-    for place in (folder / CLASS_NAMES, folder.parent / CLASS_NAMES):
-        if place.is_file():
-            names = place.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-            return {str(n): name.strip() for n, name in enumerate(names)}
-    return {}
+    """Names of classes by number; empty where there are none."""
+    place = names_of_classes(folder)
+    if place is None:
+        return {}
+    names = place.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    return {str(n): name.strip() for n, name in enumerate(names)}
 
 
 def _check_shares(rows: Rows) -> None:

@@ -12,7 +12,8 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
-from occlog.pipeline.run.run import STATE, do_stages, files_of, inside, outcomes
+from occlog.pipeline.run.inputs import files_of, place_of
+from occlog.pipeline.run.run import STATE, do_stages, inside, outcomes
 from occlog.pipeline.run.stages import Config, plan, read_config
 
 from .archive import Packer
@@ -46,7 +47,8 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
         )
     wanted = read_config(config)
     _check_relative(wanted)
-    for step in do_stages(wanted, folder, force=False, dry_run=True, begin=lambda _: None):
+    steps = list(do_stages(wanted, folder, force=False, dry_run=True, begin=lambda _: None))
+    for step in steps:
         if step.what != "up to date":
             remedy = f"occlog run {config} -o {folder}"
             raise InputError(f"{folder}: stage {step.stage} is not as {config} makes it now; do it again: {remedy}")
@@ -54,7 +56,8 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
     place = folder.resolve()
     parents = [str(file.parent) for file in files] + ([str(place.parent)] if "ingest" in wanted.values else [])
     root = Path(os.path.commonpath(parents))
-    done = outcomes(folder)
+    stages = {step.stage for step in steps}
+    done = {name: outcome for name, outcome in outcomes(folder).items() if name in stages}
     made = sorted({name for outcome in done.values() for name in outcome.outputs})
     manifest = Manifest(
         occlog_pack=1,
@@ -102,7 +105,7 @@ def inputs_of(config: Config, folder: Path) -> list[Path]:
 def _check_relative(config: Config) -> None:
     """InputError for a file that is named by an absolute path, which is elsewhere on another machine."""
     for text in _texts(config.values):
-        place = Path(text.split("=", 1)[-1])
+        place = place_of(text)
         if place.is_absolute() and place.exists():
             raise InputError(
                 f"{config.path}: {text}: an absolute path, which another machine does not have; name it relative to "

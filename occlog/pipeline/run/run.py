@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +25,8 @@ from occlog.io.files.atomic import PARTIAL
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
-from occlog.io.recording.reader import linked_videos
 
+from .inputs import files_of, name_of, place_of
 from .stages import Config, Stage, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
@@ -117,7 +117,9 @@ def do_stages(
     if not dry_run and not (folder / STATE).exists():
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder
     digests = Digests()
-    for stage in plan(wanted, folder):
+    stages: list[Stage] = []
+    for stage in plan(wanted, folder):  # what a stage made decides which ones follow
+        stages.append(stage)
         with inside(wanted.path.resolve().parent):
             key = key_of(stage, folder, digests)
             kept = state.get(stage.name)
@@ -138,6 +140,22 @@ def do_stages(
         yield step
         if step.code not in GOING_ON:
             return
+    if not dry_run:
+        _drop_others(folder, state, stages)
+
+
+def _drop_others(folder: Path, state: dict[str, Outcome], stages: Sequence[Stage]) -> None:
+    """Forget stages that the configuration no longer has, and remove what they made: it would pass for the run's own.
+
+    A file that was changed since is left alone, and one that another stage makes now.
+    """
+    made = {str(Path(p).relative_to(folder)) for stage in stages for p in stage.output_paths}
+    for name in set(state) - {stage.name for stage in stages}:
+        for file, digest in state.pop(name).outputs.items():
+            place = folder / file
+            if file not in made and place.is_file() and hash_file(place) == digest:
+                place.unlink()
+        _write_state(folder, state)
 
 
 def _note_begin(stage: str, quiet: bool) -> None:
@@ -161,7 +179,7 @@ def worst(codes: Iterable[int]) -> int:
 
 def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, object]:
     metrics = folder / "metrics.json"
-    values = read_json(metrics) if metrics.is_file() else {}
+    values = read_json(metrics) if "evaluate" in done and metrics.is_file() else {}
     verdict = {k: v for k, v in values.items() if k in ("plausible", "warnings")}
     numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in verdict}
     if as_json:
@@ -212,27 +230,19 @@ def _do(stage: Stage) -> int:
 def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
     """Hash everything that the stage's outputs depend on: program, arguments, and content of the inputs.
 
-    Files are known by name and content, not by their folder, so that a run may be moved.
+    Files are known by name (those of a folder by the way to them) and content, so that a run may be moved.
     """
     digest = hashlib.sha256(f"{__version__}\0{installed_versions()}\0{stage.name}\0".encode())
     for text in stage.args:
-        path = Path(text.split("=", 1)[-1])
+        path = place_of(text)
         shown = text.replace(str(folder), "RUN")
         if text in stage.output_paths:
             digest.update(f"{shown}\0".encode())
             continue
         digest.update(f"{shown.replace(str(path), path.name) if path.is_file() else shown}\0".encode())
         for file in files_of(text):
-            digest.update(f"{file.name}\0{digests.of(file)}\0".encode())
+            digest.update(f"{name_of(file, text)}\0{digests.of(file)}\0".encode())
     return digest.hexdigest()
-
-
-def files_of(argument: str) -> list[Path]:
-    """Files that an argument of a stage names: a file with the videos that it links to, or those of a folder."""
-    path = Path(argument.split("=", 1)[-1])
-    whole = path.is_file()
-    found = [path, *linked_videos(path)] if whole else sorted(path.rglob("*")) if path.is_dir() else []
-    return [file for file in found if file.is_file()]
 
 
 def _hashes(stage: Stage, folder: Path) -> dict[str, str]:

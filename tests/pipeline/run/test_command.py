@@ -14,9 +14,12 @@ from occlog.errors import ExitCode
 from occlog.io.files.json_file import write_json
 from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.models.onnx_file import OnnxFile
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
+from occlog.pipeline.run import inputs as run_inputs
 from occlog.pipeline.run import run as stages_in_order
+from occlog.pipeline.run.inputs import files_of, name_of
 from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
 from occlog.pipeline.run.stages import Stage, plan, read_config
 from occlog.records.tables import Particles, PeopleTracks, Tracks
@@ -280,6 +283,60 @@ def test_a_stage_depends_on_linked_videos_and_not_on_where_its_inputs_lie(tmp_pa
     (tmp_path / "one" / "a.avi").write_bytes(b"framez")
     (tmp_path / "two" / "a.avi").unlink()
     assert len({before, key_of_detect(one), key_of_detect(two)}) == 3
+
+
+def test_paths_with_an_equals_sign_are_inputs_like_others(tmp_path: Path) -> None:
+    (tmp_path / "date=1").mkdir()
+    one = recording_with_video(tmp_path / "date=1" / "k=2")
+    before = key_of_detect(one)
+    (one.parent / "a.avi").write_bytes(b"framez")
+    assert key_of_detect(one) != before
+
+
+def test_what_is_read_beside_an_argument_is_an_input(tmp_path: Path) -> None:
+    """Names of classes beside or above labels; a folder's files are known by the way to them."""
+    labels = tmp_path / "labels" / "view1"
+    labels.mkdir(parents=True)
+    (labels / "000000.txt").write_text("0 0.5 0.5 0.1 0.2\n")
+    (tmp_path / "labels" / "classes.txt").write_text("person\n")
+    assert files_of(f"view1={labels}") == [labels / "000000.txt", tmp_path / "labels" / "classes.txt"]
+    folder = str(tmp_path / "labels")
+    assert [name_of(file, folder) for file in files_of(folder)] == ["classes.txt", "view1/000000.txt"]
+
+
+def test_weights_beside_a_network_are_inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, weights = tmp_path / "net.onnx", tmp_path / "net.bin"
+    model.write_bytes(b"network")
+    weights.write_bytes(b"weights")
+    told = OnnxFile(model, (), (), {}, (weights,))
+    monkeypatch.setattr(run_inputs, "read_onnx", {model: told}.__getitem__)
+    assert files_of(str(model)) == [model, weights]
+
+
+@pytest.mark.jit
+def test_what_a_stage_made_goes_with_the_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It would pass for the run's own: figures of a truth that is not there any more."""
+    scene, folder, config = hall("abc"), tmp_path / "out", tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\nrecording: hall.mcap\ntrack: {method: jipda}\n")
+
+    def record(*, known: bool) -> None:
+        with RecordingWriter(tmp_path / "hall.mcap", scene, Provenance("test"), overwrite=True) as out:
+            out.table(boxes(scene, 2.0))
+            if known:
+                out.table(truth(2.0))
+
+    record(known=True)
+    assert "evaluate" in stages(config, capsys)
+    (folder / "errors.parquet").write_bytes(b"of somebody else")
+    record(known=False)
+    assert run(["run", str(config), "-o", str(folder), "--json", "-q"]) == ExitCode.DONE
+    told = json.loads(capsys.readouterr().out)
+    assert "evaluate" not in told["stages"]
+    assert told["metrics"] == {}
+    assert "evaluate" not in outcomes(folder)
+    assert not (folder / "metrics.json").exists()
+    assert (folder / "errors.parquet").read_bytes() == b"of somebody else"
+    assert (folder / "tracks.parquet").exists()
 
 
 def test_a_run_that_was_interrupted_in_its_first_stage_goes_on(
