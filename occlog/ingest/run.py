@@ -160,7 +160,7 @@ def _hashes(plan: IngestPlan) -> tuple[tuple[str, str], ...]:
     out: list[tuple[str, str]] = []
     for path in plan.paths():
         if path.is_dir():
-            held = hash_inputs(files_in(path))
+            held = tuple((file.relative_to(path).as_posix(), hash_file(file)) for file in files_in(path))
             out.append((path.name, hashlib.sha256(repr(held).encode()).hexdigest()))
         else:
             out += hash_inputs([path])

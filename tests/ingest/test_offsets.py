@@ -12,7 +12,7 @@ from occlog.errors import ExitCode, UsageError
 from occlog.ingest.offsets import MOST_S, offsets_of, with_offsets
 from occlog.io.recording.reader import open_recording
 from occlog.records.scene import Clock, MicrophoneArray, Scene
-from occlog.records.tables import Boxes, Doa
+from occlog.records.tables import Boxes, Doa, Truth
 
 SCENE = """occlog_scene: 1
 cameras:
@@ -55,6 +55,31 @@ def test_offsets_are_added_and_recorded(place: Path) -> None:
     assert doa.t_ns.tolist() == [2_250_000_000, 4_250_000_000]
     assert recording.provenance is not None
     assert recording.provenance.parameters["offset"] == {"cam2": -0.4, "mic": 0.25}
+
+
+def test_truth_that_counts_frames_is_not_moved_with_one_of_the_cameras(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whose frames it counts must be said where these have other times than those of another camera."""
+    truth = place / "t.csv"
+    truth.write_text("frame,x,y\n0,1,2\n3,1,2\n")
+    given = ["--scene", str(place / "scene.yaml"), "--boxes", str(place / "b.csv"), "--fps", "10", "--start-time", "1"]
+
+    def times(*more: str) -> list[int]:
+        args = ["ingest", "-o", str(place / "out.mcap"), "--overwrite", "-q", *given, *more]
+        assert run(args) == ExitCode.DONE, capsys.readouterr().err
+        return open_recording(place / "out.mcap").read(Truth).t_ns.tolist()
+
+    for offsets in ((), ("--offset", "cam1=-0.4s", "--offset", "cam2=-0.4s")):
+        moved = -400_000_000 if offsets else 0
+        assert times("--truth", str(truth), *offsets) == [10**9 + moved, 1_300_000_000 + moved]
+    for first, camera in (("cam1", "cam2"), ("cam2", "cam1")):
+        one = ["--offset", f"{first}=-0.4s"]
+        args = ["ingest", "-o", str(place / "out.mcap"), "--overwrite", "-q", *given, "--truth", str(truth), *one]
+        assert run(args) == ExitCode.USAGE
+        assert "the cameras' frames differ in time; give CAMERA=t.csv" in capsys.readouterr().err
+        assert times("--truth", f"{camera}={truth}", *one) == [10**9, 1_300_000_000]
+        assert times("--truth", f"{first}={truth}", *one) == [600_000_000, 900_000_000]
 
 
 def test_an_offset_adds_to_the_clock_of_the_scene() -> None:

@@ -72,6 +72,19 @@ class FrameTimes:
         told = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"
         return replace(self, source=told, clock=clock)
 
+    def same_as(self, other: FrameTimes) -> bool:
+        """Whether every frame has the same time in the world."""
+        if self.count != other.count or (self.table_ns is None and self.rate != other.rate):
+            return False
+        if self.table_ns is not None:
+            frames = np.arange(len(self.table_ns))
+        elif self.rate is not None:
+            # The drift of a clock is told by two frames that are far apart
+            frames = np.array([0, min(10**6, int(MAX_SECONDS * float(self.rate)))])
+        else:
+            return self.start_ns == other.start_ns
+        return np.array_equal(self.at(frames), other.at(frames))
+
     def interval_ns(self) -> float:
         """Typical time between two frames [ns]; infinity where that cannot be known."""
         if self.table_ns is not None:

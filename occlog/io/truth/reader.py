@@ -80,11 +80,8 @@ class TruthOptions:
             return self.times[self.camera]
         if not self.times:
             raise UsageError(f"{where}: counts frames, and nothing says when they were taken; give the frame rate")
-        found = list(self.times.values())
-        first = found[0]
-        same = all((t.rate, t.start_ns, t.count) == (first.rate, first.start_ns, first.count) for t in found)
-        tables = [t.table_ns for t in found if t.table_ns is not None]
-        if not same or any(not np.array_equal(t, tables[0]) for t in tables):
+        first, *others = self.times.values()
+        if not all(times.same_as(first) for times in others):
             raise UsageError(f"{where}: counts frames, but the cameras' frames differ in time; give CAMERA={where}")
         return first
 
