@@ -79,7 +79,7 @@ def command(**values: Any) -> int:
     from occlog.track.plausibility.verdict import plausible
 
     from .by_plugin import names_of_figures
-    from .inputs import Paths
+    from .inputs import Paths, lost_earlier
     from .run import run_evaluate, run_evaluate_doa
 
     context = click.get_current_context()
@@ -107,6 +107,8 @@ def command(**values: Any) -> int:
         result, unit = run_evaluate(paths, chosen, many, values["frames"], plugged)
     for line in result.notes:
         options.note(line, quiet)
+    for loss in lost_earlier(paths):
+        options.note(f"lost earlier: {loss}", quiet)
     options.note_findings(result.findings or (), quiet)
     _show(result, unit, as_json)
     code = _judged(result.metrics, thresholds)

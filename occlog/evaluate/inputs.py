@@ -18,6 +18,7 @@ from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import Radio, measurements_of_reads
 from occlog.measure.scans.shadowing import Shadowing
 from occlog.records.columns import Table
+from occlog.records.losses import Loss
 from occlog.records.measurements import Measurements
 from occlog.records.people import PeopleTracks
 from occlog.records.scene import Scene
@@ -256,5 +257,9 @@ def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scen
 
 def provenance_of(paths: Paths, parameters: Mapping[str, object]) -> Provenance:
     """Parameters, inputs, and what was lost in making the inputs."""
-    losses = losses_of(open_if_ours(path) for path in paths.inputs)
-    return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), losses)
+    return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), lost_earlier(paths))
+
+
+def lost_earlier(paths: Paths) -> tuple[Loss, ...]:
+    """What was lost in making the inputs."""
+    return losses_of(open_if_ours(path) for path in paths.inputs)

@@ -1,4 +1,4 @@
-"""Input that was lost on the way: listed in every output and told by exit code 3."""
+"""Input that was lost on the way: listed in every output, and told by exit code 3 of what makes rows of the rest."""
 
 from __future__ import annotations
 

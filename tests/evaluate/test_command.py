@@ -89,6 +89,8 @@ FULL = ["evaluate", "tracks.parquet", "--truth", "recording.mcap", "--bearings",
 def test_all_outputs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = run([*FULL, "-o", "metrics.json", "--errors", "errors.parquet", "--bound", "bound.parquet"])
     assert code == ExitCode.DONE
+    said = capsys.readouterr()
+    assert f"occlog: lost earlier: {LOSS}\n" in said.err
     values = json.loads((folder / "metrics.json").read_text())
     assert values["rmse_m"] == pytest.approx(0.6)
     assert values["detection_rate"] == 1.0
@@ -106,10 +108,9 @@ def test_all_outputs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(read_table(folder / "errors.parquet", Errors)) == 5
     assert len(read_table(folder / "bound.parquet", Bound)) == 5
     assert read_provenance(folder / "bound.parquet").command == "evaluate"
-    out, err = capsys.readouterr()
-    assert "RMSE" in out
-    assert "RMSE / bound" in out
-    assert "wrote metrics.json" in err
+    assert "RMSE" in said.out
+    assert "RMSE / bound" in said.out
+    assert "wrote metrics.json" in said.err
 
 
 def test_same_input_gives_the_same_bytes(folder: Path) -> None:
@@ -125,7 +126,7 @@ def test_json_on_standard_output_is_one_flat_object(folder: Path, capsys: pytest
     values = json.loads(out)
     assert values["rmse_m"] == pytest.approx(0.6)
     assert values["bearing_nis"] == pytest.approx(0.0, abs=1e-20)
-    assert err == ""
+    assert err == f"occlog: lost earlier: {LOSS}\n"
 
 
 def test_tracks_and_a_truth_need_no_scene_but_bearings_do(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
