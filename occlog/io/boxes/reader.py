@@ -37,7 +37,7 @@ from occlog.records.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
 
 from .classes import check_classes, class_labels, wanted_rows
-from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, WHAT, BoxSource
+from .columns import COLUMNS, SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, WHAT, BoxSource
 from .folder import open_folder
 from .kitti import is_kitti, open_kitti
 from .objects import is_json, open_json
@@ -360,8 +360,18 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
     if is_kitti(head):
         return open_kitti(file.path, file.camera)
     if is_header(head):
+        _check_corner(file.path, {cell.lower() for cell in head})
         return open_csv(file.path, file.camera, ignore_extra=options.ignore_extra)
     return open_mot(file.path, file.camera)
+
+
+def _check_corner(path: Path, names: set[str]) -> None:
+    """InputError for boxes with places x and y, of which nothing says which point of the box they are."""
+    if {"x", "y"} <= names and names & {"w", "width"} and not names & set(COLUMNS["left"]):
+        raise InputError(
+            f"{path}: columns x and y: they may be a corner or the middle of a box; call them left and top, or give "
+            "left, top, right and bottom"
+        )
 
 
 def _numbering(file: BoxFile, source: BoxSource, options: BoxOptions) -> BoxOptions:

@@ -206,9 +206,10 @@ def _detect(path: Path) -> str:
     for name, entry in FORMATS.items():
         if entry.detect([cell.lower() for cell in head]):
             return name
-    raise InputError(
-        f"{path}: not ground truth of a known format ({', '.join(FORMATS)}); name its columns in a header line"
-    )
+    remedy = "name its columns in a header line"
+    if is_header(head):
+        remedy = f"its header is {', '.join(head)[:120]}; time (or t_ns, frame), x and y were expected, and perhaps id"
+    raise InputError(f"{path}: not ground truth of a known format ({', '.join(FORMATS)}); {remedy}")
 
 
 def _one_camera(path: Path, options: TruthOptions) -> str:

@@ -79,6 +79,18 @@ def test_other_names_and_width_and_height(tmp_path: Path) -> None:
     assert np.isnan(boxes.confidence[0])
 
 
+def test_x_and_y_may_be_any_point_of_a_box(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match="x and y: they may be a corner or the middle of a box; call them left and top"
+    ):
+        read(BoxFile(write(tmp_path, "frame,x,y,w,h\n1,2,3,4,5\n"), "cam"))
+    boxes, _ = read(
+        BoxFile(write(tmp_path, "frame,left,top,w,h,x,y\n1,2,3,4,5,6,7\n"), "cam"),
+        options=BoxOptions(ignore_extra=True),
+    )
+    assert boxes.left_px.tolist()[-1] == 2
+
+
 def test_labels_of_cameras_are_matched_with_those_of_the_scene(tmp_path: Path) -> None:
     path = write(tmp_path, SIMPLE.replace(",a,", ",1,").replace(",b,", ",2,"))
     boxes, _ = read(BoxFile(path, None), known=("cam1", "cam2"))
