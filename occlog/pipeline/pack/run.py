@@ -13,7 +13,7 @@ from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
 from occlog.pipeline.run.inputs import files_of, place_of
-from occlog.pipeline.run.run import STATE, do_stages, inside, outcomes
+from occlog.pipeline.run.run import STATE, do_stages, inside, other_versions, outcomes
 from occlog.pipeline.run.stages import Config, plan, read_config
 
 from .archive import Packer
@@ -51,7 +51,11 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
     for step in steps:
         if step.what != "up to date":
             remedy = f"occlog run {config} -o {folder}"
-            raise InputError(f"{folder}: stage {step.stage} is not as {config} makes it now; do it again: {remedy}")
+            others = other_versions(folder)
+            why = f" (it was made with other packages: {others})" if others else ""
+            raise InputError(
+                f"{folder}: stage {step.stage} is not as {config} makes it now{why}; do it again: {remedy}"
+            )
     files = inputs_of(wanted, folder)
     place = folder.resolve()
     parents = [str(file.parent) for file in files] + ([str(place.parent)] if "ingest" in wanted.values else [])

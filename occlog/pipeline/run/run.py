@@ -91,6 +91,8 @@ def run_stages(
         steps.append(step)
     if steps and steps[-1].code not in GOING_ON:
         return steps[-1].code
+    if dry_run and (others := other_versions(folder)):
+        options.note(f"{folder} was made with other packages: {others}", quiet)
     summary = _summary(folder, {step.stage: step.what for step in steps}, as_json)
     options.note_findings((("", "warning", text) for text in sentences(summary)), quiet)
     options.echo_summary(summary, as_json)
@@ -274,6 +276,17 @@ def outcomes(folder: Path) -> dict[str, Outcome]:
         return {name: Outcome(**outcome) for name, outcome in read_json(path)["stages"].items()}
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not the state of a run; remove it to do every stage again") from error
+
+
+def other_versions(folder: Path) -> str:
+    """Which packages a run folder was made with that are other ones now; "": they are the same, or it says nothing."""
+    path = folder / STATE
+    then = read_json(path).get("versions") if path.is_file() else None
+    if not isinstance(then, dict):
+        return ""
+    now = installed_versions()
+    names = [name for name in sorted({*now, *then}) if now.get(name) != then.get(name)]
+    return ", ".join(f"{name} {then.get(name, 'none')}, now {now.get(name, 'none')}" for name in names)
 
 
 def drop_empty(folder: Path) -> None:

@@ -17,6 +17,7 @@ from occlog.io.calibration.opencv_toml import rotation_from_vector
 from occlog.io.calibration.projection import take_apart
 from occlog.io.calibration.reader import IMPORTERS, describe, meeting_point, read_calibration
 from occlog.io.calibration.tsai import rotation_zyx
+from occlog.io.scenes.scene import read_scene
 from occlog.records.scene import Camera
 
 CMC_SIZE = CalibrationOptions(image_size=(1920, 1024))
@@ -325,6 +326,26 @@ def test_opencv_storage_of_version_4_equals_the_toml(tmp_path: Path) -> None:
     assert np.allclose(a.position, b.position)
     assert np.allclose(a.rotation, b.rotation)
     assert np.allclose(a.distortion, b.distortion)
+
+
+@pytest.mark.parametrize("key", ["camera_matrix", "K", "mtx", "cameraMatrix"])
+def test_the_matrix_of_opencv_storage_under_the_names_in_use(tmp_path: Path, key: str) -> None:
+    (tmp_path / "left.yml").write_text(STORAGE.replace("camera_matrix:", f"{key}:"))
+    found = read_calibration([tmp_path / "left.yml"])
+    assert found.format == "opencv-storage"
+    assert found.cameras[0].focal_px.tolist() == [500, 510]
+
+
+def test_a_matrix_under_another_name_is_told_of_with_those_that_are_known(tmp_path: Path) -> None:
+    (tmp_path / "left.yml").write_text(STORAGE.replace("camera_matrix:", "lens:"))
+    with pytest.raises(InputError, match=r"where one file has both, the matrix is called camera_matrix, .* mtx, "):
+        read_calibration([tmp_path / "left.yml"])
+
+
+def test_a_calibration_is_no_scene(tmp_path: Path) -> None:
+    (tmp_path / "left.yml").write_text(STORAGE)
+    with pytest.raises(InputError, match=r"left.yml: a calibration of OpenCV; give it to occlog ingest --calibration"):
+        read_scene(tmp_path / "left.yml")
 
 
 @pytest.mark.parametrize("name", ["cam1.yml", "cam1.xml"])

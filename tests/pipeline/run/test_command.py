@@ -117,6 +117,20 @@ def shown_topics(folder: Path) -> set[str]:
     return {topic.name for topic in open_recording(path).topics}
 
 
+def test_other_packages_are_named_where_they_are_why_stages_would_run(
+    config: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stages(config, capsys)
+    state = config.parent / "out" / "run.json"
+    values = json.loads(state.read_text())
+    assert values["versions"]["scipy"]
+    values["versions"] |= {"scipy": "1.0", "gone": "2.0"}
+    state.write_text(json.dumps(values))
+    assert run(["run", str(config), "-o", str(state.parent), "--dry-run"]) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert "was made with other packages: gone 2.0, now none, scipy 1.0, now " in said
+
+
 def test_a_change_that_leaves_outputs_the_same_stops_early(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stages(config, capsys)
     scene = config.parent / "room.yaml"
