@@ -179,6 +179,15 @@ def test_the_same_input_gives_the_same_bytes(folder: Path) -> None:
         assert one.read_bytes() == two.read_bytes()
 
 
+def test_images_in_which_nobody_was_found_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    nobody = tracks_of([0]).take(np.zeros(0, dtype=np.int64))
+    write_table(folder / "t.parquet", nobody, Provenance("track"), overwrite=True)
+    assert report(folder, "--video", str(folder / "o.avi"), "--json") == ExitCode.DONE
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["frames"], summary["tracks"]) == (N, 0)
+    assert len(frames_of(folder / "o.avi")) == N
+
+
 def test_views_that_end_early_or_are_slower_keep_their_last_picture(tmp_path: Path) -> None:
     data = encode_image(np.full((64, 96, 3), 90, dtype=np.uint8), "png", 0)
     with RecordingWriter(tmp_path / "r.mcap", Scene(), Provenance("ingest")) as writer:
