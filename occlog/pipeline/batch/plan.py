@@ -36,6 +36,7 @@ class Source(NamedTuple):
 def sources_of(patterns: Sequence[str]) -> list[Source]:
     """Find the recordings that patterns name, each once, in the order of their names.
 
+    Of several ways to one recording, over links, the one with the fewest links counts, and else the first by name.
     A recording is called by its file name without the ending; those of one name have a hash of their folder below the
     common one behind it, so that names do not depend on where everything lies.
 
@@ -45,8 +46,8 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
     Raises:
         InputError: a file is missing, or a pattern finds none.
     """
-    places = dict.fromkeys(place for pattern in patterns for place in _places(pattern))
-    shown = _shown(list(places))
+    places = _each_once(place for pattern in patterns for place in _places(pattern))
+    shown = _shown(places)
     alike: dict[str, list[str]] = defaultdict(list)
     for place in places:
         alike[_stem(place).casefold()].append(place)
@@ -59,11 +60,24 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
     return sorted(found)
 
 
+def _each_once(places: Iterable[str]) -> list[str]:
+    """Of the ways to each recording the one over the fewest links, of these the first by name."""
+    ways: dict[str, set[str]] = defaultdict(set)
+    for place in places:
+        ways[place if is_url(place) else os.path.realpath(place)].add(place)
+    return [min(each, key=lambda way: (_links(way), way)) if len(each) > 1 else each.pop() for each in ways.values()]
+
+
+def _links(place: str) -> int:
+    """Number of symbolic links on the way to a file."""
+    return 0 if is_url(place) else sum(part.is_symlink() for part in (Path(place), *Path(place).parents))
+
+
 def _places(pattern: str) -> Iterable[str]:
     if is_url(pattern):
         return _found(pattern)
     if Path(pattern).is_file():  # also one whose name has brackets
-        return [os.path.abspath(pattern)]  # noqa: PTH100 -- Path.absolute keeps `..`
+        return [_absolute(pattern)]
     if Path(pattern).is_dir():
         raise InputError(f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'")
     if not glob.has_magic(pattern):
@@ -71,7 +85,13 @@ def _places(pattern: str) -> Iterable[str]:
     names = sorted(name for name in glob.glob(pattern, recursive=True) if Path(name).is_file())  # noqa: PTH207
     if not names:
         raise InputError(f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone")
-    return [os.path.abspath(name) for name in names]  # noqa: PTH100
+    return [_absolute(name) for name in names]
+
+
+def _absolute(name: str) -> str:
+    """The absolute path that keeps the names of links, except where a `..` after one would lead elsewhere."""
+    path, real = os.path.abspath(name), os.path.realpath(name)  # noqa: PTH100 -- Path.absolute keeps `..`
+    return path if os.path.realpath(path) == real else real
 
 
 def _found(pattern: str) -> list[str]:

@@ -53,6 +53,29 @@ def test_a_recording_that_is_named_twice_counts_once(tmp_path: Path, monkeypatch
     assert [(source.name, source.shown) for source in found] == [("hall", "hall.mcap"), ("odd[1]", "odd[1].mcap")]
 
 
+def test_a_recording_that_links_lead_to_counts_once(tmp_path: Path) -> None:
+    touch(tmp_path, "all/b/hall.mcap", "all/b/yard.mcap", "elsewhere/lot.mcap")
+    for name in ("all/a", "all/latest"):
+        (tmp_path / name).symlink_to("b")
+    (tmp_path / "all" / "loop").symlink_to(".")
+    (tmp_path / "all" / "b" / "again.mcap").symlink_to("hall.mcap")
+    for name in ("all/far", "all/away"):
+        (tmp_path / name).symlink_to(tmp_path / "elsewhere")
+    found = sources_of([str(tmp_path / "all/**/*.mcap")])
+    assert [source[:2] for source in found] == [
+        ("hall", "b/hall.mcap"),
+        ("lot", "away/lot.mcap"),
+        ("yard", "b/yard.mcap"),
+    ]
+
+
+def test_a_folder_above_a_linked_one_is_the_one_that_the_system_means(tmp_path: Path) -> None:
+    touch(tmp_path, "one/deep/hall.mcap", "one/yard.mcap", "yard.mcap")
+    (tmp_path / "link").symlink_to("one/deep")
+    (found,) = sources_of([str(tmp_path / "link/../yard.mcap")])
+    assert found.place == str(tmp_path.resolve() / "one" / "yard.mcap")
+
+
 @pytest.mark.parametrize(
     ("pattern", "words"),
     [
