@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import hashlib
 import os
+import stat
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
@@ -26,11 +27,13 @@ class Source(NamedTuple):
         name: of its run folder, different from every other one, also where case does not count.
         shown: its file name, with folders where these are needed to find it among the others; names no machine.
         place: where it is.
+        fault: why it cannot be taken, in words that follow its name; empty: it may be.
     """
 
     name: str
     shown: str
     place: str
+    fault: str = ""
 
 
 def sources_of(patterns: Sequence[str]) -> list[Source]:
@@ -56,7 +59,7 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
     for stem, group in alike.items():
         for place in sorted(group, key=shown.__getitem__):
             name = _stem(place) if stem in taken else _with_hash(_stem(place), shown[place], taken)
-            found.append(Source(name, shown[place], place))
+            found.append(Source(name, shown[place], place, _fault(place)))
     return sorted(found)
 
 
@@ -82,10 +85,30 @@ def _places(pattern: str) -> Iterable[str]:
         raise InputError(f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'")
     if not glob.has_magic(pattern):
         raise InputError(f"{pattern}: no such file; check the name and the folder")
-    names = sorted(name for name in glob.glob(pattern, recursive=True) if Path(name).is_file())  # noqa: PTH207
+    names = sorted(name for name in glob.glob(pattern, recursive=True) if _may_be_file(name))  # noqa: PTH207
     if not names:
         raise InputError(f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone")
     return [_absolute(name) for name in names]
+
+
+def _may_be_file(name: str) -> bool:
+    """Whether it is a file, or something that cannot be looked at: whoever named it has to be told."""
+    try:
+        return stat.S_ISREG(Path(name).stat().st_mode)
+    except OSError:
+        return True
+
+
+def _fault(place: str) -> str:
+    if is_url(place):
+        return ""
+    try:
+        Path(place).stat()
+    except FileNotFoundError:
+        return "is a symbolic link to a file that is not there; mend or remove it"
+    except OSError as error:
+        return f"cannot be looked at: {error.strerror}; mend or remove it"
+    return ""
 
 
 def _absolute(name: str) -> str:

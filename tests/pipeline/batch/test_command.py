@@ -122,6 +122,26 @@ def test_all_that_fail_are_no_batch(simulated: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "tracks.parquet").exists()
 
 
+@pytest.mark.usefixtures("here")
+def test_a_link_that_leads_nowhere_has_failed(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    for name in ("batch.yaml", "hall.mcap"):
+        shutil.copy(simulated / name, folder)
+    (folder / "gone.mcap").symlink_to(tmp_path / "no" / "hall.mcap")
+    (folder / "self.mcap").symlink_to("self.mcap")
+    do(folder, out, code=ExitCode.LOSSY)
+    rows = {row["recording"]: row for row in pq.read_table(out / "runs.parquet").to_pylist()}
+    assert {name: row["state"] for name, row in rows.items()} == {"gone": "failed", "hall": "done", "self": "failed"}
+    assert (rows["gone"]["exit_code"], rows["gone"]["stage"]) == (ExitCode.BAD_INPUT, "recording")
+    assert "gone.mcap: is a symbolic link to a file that is not there" in rows["gone"]["message"]
+    assert "occlog: failed: gone: recording: gone.mcap: is a symbolic link" in capsys.readouterr().err
+    (folder / "hall.mcap").unlink()
+    do(folder, tmp_path / "none", code=ExitCode.BAD_INPUT)
+
+
 def test_an_object_store_holds_recordings_and_results(
     simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
