@@ -24,8 +24,8 @@ class Source(NamedTuple):
     """A recording of a batch.
 
     Attributes:
-        name: of its run folder, different from every other one, also where case does not count.
-        shown: its file name, with folders where these are needed to find it among the others; names no machine.
+        name: of its run folder, different from every other one, also where case does not count; text.
+        shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
         place: where it is.
         fault: why it cannot be taken, in words that follow its name; empty: it may be.
     """
@@ -59,8 +59,14 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
     for stem, group in alike.items():
         for place in sorted(group, key=shown.__getitem__):
             name = _stem(place) if stem in taken else _with_hash(_stem(place), shown[place], taken)
-            found.append(Source(name, shown[place], place, _fault(place)))
+            found.append(Source(name, in_text(shown[place]), place, _fault(place)))
     return sorted(found)
+
+
+def in_text(name: str) -> str:
+    r"""A name of a file, or words with one, as text: a byte that is not UTF-8 is written as `\xe9`."""
+    bytewise = (f"\\x{ord(c) - 0xDC00:02x}" if 0xDC80 <= ord(c) <= 0xDCFF else c for c in name)
+    return "".join(bytewise).encode("utf-8", "backslashreplace").decode()
 
 
 def _each_once(places: Iterable[str]) -> list[str]:
@@ -108,7 +114,8 @@ def _fault(place: str) -> str:
         return "is a symbolic link to a file that is not there; mend or remove it"
     except OSError as error:
         return f"cannot be looked at: {error.strerror}; mend or remove it"
-    return ""
+    name = Path(place).name
+    return "" if in_text(name) == name else "its name is not UTF-8, as names in tables have to be; rename it"
 
 
 def _absolute(name: str) -> str:
@@ -125,7 +132,8 @@ def _found(pattern: str) -> list[str]:
 
 
 def _stem(place: str) -> str:
-    return PurePosixPath(without_secrets(place) if is_url(place) else place).stem
+    """The file's name without its ending, as text."""
+    return PurePosixPath(without_secrets(place) if is_url(place) else in_text(place)).stem
 
 
 def _shown(places: Sequence[str]) -> dict[str, str]:

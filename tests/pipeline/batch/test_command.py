@@ -142,6 +142,26 @@ def test_a_link_that_leads_nowhere_has_failed(
     do(folder, tmp_path / "none", code=ExitCode.BAD_INPUT)
 
 
+@pytest.mark.usefixtures("here")
+def test_a_name_that_is_no_text_fails_alone(simulated: Path, tmp_path: Path) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    odd = os.fsdecode(b"d\xe9")
+    (folder / odd).mkdir(parents=True)
+    shutil.copy(simulated / "batch.yaml", folder)
+    shutil.copy(simulated / "hall.mcap", folder / odd)
+    shutil.copy(simulated / "cut.mcap", folder / odd / os.fsdecode(b"b\xe9.mcap"))
+    shutil.copy(simulated / "cut.mcap", folder / r"b\xe9.mcap")
+    do(folder, out, pattern="**/*.mcap", code=ExitCode.LOSSY)
+    rows = {row["source"]: row for row in pq.read_table(out / "runs.parquet").to_pylist()}
+    assert rows[r"d\xe9/hall.mcap"]["state"] == "done"
+    refused = rows[r"d\xe9/b\xe9.mcap"]
+    assert (refused["state"], refused["exit_code"]) == ("failed", ExitCode.BAD_INPUT)
+    assert refused["message"].startswith(r"d\xe9/b\xe9.mcap: its name is not UTF-8")
+    assert rows[r"b\xe9.mcap"]["stage"] == "detect"
+    assert len({row["recording"] for row in rows.values()}) == 3
+    assert set(pq.read_table(out / "tracks.parquet")["recording"].to_pylist()) == {"hall"}
+
+
 def test_an_object_store_holds_recordings_and_results(
     simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

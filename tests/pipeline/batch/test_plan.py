@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
-from occlog.pipeline.batch.plan import sources_of
+from occlog.pipeline.batch.plan import in_text, sources_of
 
 
 def touch(folder: Path, *names: str) -> None:
@@ -74,6 +74,10 @@ def test_a_folder_above_a_linked_one_is_the_one_that_the_system_means(tmp_path: 
     (tmp_path / "link").symlink_to("one/deep")
     (found,) = sources_of([str(tmp_path / "link/../yard.mcap")])
     assert found.place == str(tmp_path.resolve() / "one" / "yard.mcap")
+
+
+def test_names_of_bytes_become_text() -> None:
+    assert in_text("hall \u00e9 \udce9\udcff \ud800") == "hall \u00e9 \\xe9\\xff \\ud800"
 
 
 @pytest.mark.parametrize(
