@@ -18,6 +18,8 @@ from occlog.io.remote.urls import shown as without_secrets
 
 FEWEST_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""
+LONGEST_NAME = 255
+"""Bytes of a name that file systems take."""
 
 
 class Source(NamedTuple):
@@ -41,7 +43,7 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
 
     Of several ways to one recording, over links, the one with the fewest links counts, and else the first by name.
     A recording is called by its file name without the ending; those of one name have a hash of their folder below the
-    common one behind it, so that names do not depend on where everything lies.
+    common one behind it, so that names do not depend on where everything lies, and so have names that are too long.
 
     Args:
         patterns: files, patterns with `*`, `?`, `[...]` and `**`, and URLs.
@@ -54,7 +56,7 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
     alike: dict[str, list[str]] = defaultdict(list)
     for place in places:
         alike[_stem(place).casefold()].append(place)
-    taken = {stem for stem, group in alike.items() if len(group) == 1}
+    taken = {stem for stem, group in alike.items() if len(group) == 1 and _fits(_stem(group[0]))}
     found = []
     for stem, group in alike.items():
         for place in sorted(group, key=shown.__getitem__):
@@ -132,8 +134,13 @@ def _found(pattern: str) -> list[str]:
 
 
 def _stem(place: str) -> str:
-    """The file's name without its ending, as text."""
-    return PurePosixPath(without_secrets(place) if is_url(place) else in_text(place)).stem
+    """The file's name without its ending, as text; with `_` for points where it has no more, as these name folders."""
+    stem = PurePosixPath(without_secrets(place) if is_url(place) else in_text(place)).stem
+    return stem if stem.strip(".") else "_" * len(stem)
+
+
+def _fits(name: str) -> bool:
+    return len(name.encode()) <= LONGEST_NAME
 
 
 def _shown(places: Sequence[str]) -> dict[str, str]:
@@ -145,9 +152,10 @@ def _shown(places: Sequence[str]) -> dict[str, str]:
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
-    """A name that nobody else has; it is taken then."""
+    """A name that nobody else has and that file systems take; it is taken then."""
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
-    names = (f"{stem}-{digest[:length]}" for length in range(FEWEST_DIGITS, len(digest) + 1))
+    ends = (f"-{digest[:length]}" for length in range(FEWEST_DIGITS, len(digest) + 1))
+    names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)
     name = next(name for name in names if name.casefold() not in taken)
     taken.add(name.casefold())
     return name

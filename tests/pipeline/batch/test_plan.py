@@ -76,6 +76,23 @@ def test_a_folder_above_a_linked_one_is_the_one_that_the_system_means(tmp_path: 
     assert found.place == str(tmp_path.resolve() / "one" / "yard.mcap")
 
 
+def test_names_of_points_are_no_folders_above(tmp_path: Path) -> None:
+    touch(tmp_path, "..mcap", "...mcap", "_.mcap", ".mcap")
+    names = [source.name for source in sources_of([str(path) for path in tmp_path.iterdir()])]
+    assert len(set(names)) == 4
+    assert {(tmp_path / "runs" / name).resolve().parent for name in names} == {tmp_path.resolve() / "runs"}
+
+
+def test_names_with_a_hash_are_no_longer_than_file_systems_take(tmp_path: Path) -> None:
+    stem = 125 * "\u00e9"
+    touch(tmp_path, f"a/{stem}.mcap", f"b/{stem}.mcap", f"b/x{stem[1:]}.mcap")
+    names = [source.name for source in sources_of([str(tmp_path / "*/*.mcap")])]
+    assert len(set(names)) == 3
+    assert f"x{stem[1:]}" in names
+    for name in names:
+        (tmp_path / name).mkdir()
+
+
 def test_names_of_bytes_become_text() -> None:
     assert in_text("hall \u00e9 \udce9\udcff \ud800") == "hall \u00e9 \\xe9\\xff \\ud800"
 
