@@ -173,9 +173,21 @@ def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
     times: Ints = times_of(tracks, truth)
     if not len(truth):
         raise InputError(f"{run.truth}: holds no true positions, so there are no frames to compare runs in")
+    if len(tracks) and len(times):
+        _check_clocks(run, tracks.t_ns, times)
     config = ManyConfig(match_distance=limit)
     places = points_in_true_frames(tracks, truth, times, config, EvaluateConfig().limit_ns, unit)
     return frame_sums(of_points(places.truth, places.tracks, limit), len(times), RULES[config.clear_rule])
+
+
+def _check_clocks(run: Run, tracks: Ints, truth: Ints) -> None:
+    """InputError where all tracks are before or after the truth: that says nothing of the tracker."""
+    (a, b), (c, d) = ((int(times.min()), int(times.max())) for times in (tracks, truth))
+    if b < c or d < a:
+        raise InputError(
+            f"{run.tracks}: no estimate is from the time of the truth {run.truth}: tracks {a} to {b} ns, "
+            f"truth {c} to {d} ns; check the clocks"
+        )
 
 
 def _same(a: Truth, b: Truth) -> bool:

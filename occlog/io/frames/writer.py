@@ -17,6 +17,7 @@ import numpy as np
 from occlog.errors import OutputError
 from occlog.io.files.atomic import Together, check_writable, folder_beside, open_output
 from occlog.io.files.provenance import hash_file
+from occlog.io.video.mkv_uids import number_tracks
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 
@@ -95,6 +96,7 @@ class VideoWriter:
             self._folder.__exit__(None, None, None)
 
     def _finish(self) -> None:
+        number_tracks(self._draft)
         container = read_container(self._draft)
         written = 0 if container is None else (container.frames or 0) - int(container.broken.sum())
         if written != self.frames:
@@ -153,7 +155,10 @@ class LosslessVideo(VideoWriter):
 
 
 class ShownVideo(VideoWriter):
-    """Video to look at, not to measure in; the name's suffix, one of `SHOWN`, decides on the kind."""
+    """Video to look at, not to measure in; the name's suffix, one of `SHOWN`, decides on the kind.
+
+    Equal images give equal bytes.
+    """
 
     def __init__(self, path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False) -> None:
         """Prepare to write `path` with images of `size` (width, height), both even."""

@@ -13,7 +13,11 @@ from .schema import NAMES, field, gathered_schema, write_rows
 
 _LOSS = pa.struct([("source", pa.string()), ("place", pa.string()), ("what", pa.string()), ("count", pa.int64())])
 RUNS = (
-    field("source", pa.string(), "the recording's file, with the folders that tell it from the others"),
+    field(
+        "source",
+        pa.string(),
+        "the recording's file, with the folders that tell it from the others; a byte that is not UTF-8 as \\xe9",
+    ),
     field("sha256", pa.string(), "of the recording's bytes; empty: it could not be read"),
     field("state", NAMES, "done, lossy (input was lost), threshold (not met) or failed"),
     field("exit_code", pa.int32(), "as `occlog run` would have ended"),

@@ -56,8 +56,8 @@ def parse(data: mmap.mmap) -> Container:
     """The video frames of the file and what is wrong with it."""
     found = _Found()
     try:
-        header = _element(data, 0, len(data))
-        segment = _element(data, header.stop or len(data), len(data))
+        header = element(data, 0, len(data))
+        segment = element(data, header.stop or len(data), len(data))
         if segment.id != SEGMENT:
             raise BrokenContainerError(segment.head, "the segment is missing")
         if segment.stop is not None and segment.stop > len(data):
@@ -70,7 +70,7 @@ def parse(data: mmap.mmap) -> Container:
     return _container(found)
 
 
-def _element(data: mmap.mmap, at: int, stop: int) -> Element:
+def element(data: mmap.mmap, at: int, stop: int) -> Element:
     """The element that begins at a byte; BrokenContainerError where none can."""
     if at >= min(stop, len(data)):
         raise BrokenContainerError(at, "the data ends here")
@@ -88,10 +88,11 @@ def _element(data: mmap.mmap, at: int, stop: int) -> Element:
     return Element(ident, at, start, None if size == (1 << (7 * length)) - 1 else start + size)
 
 
-def _children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
+def children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
+    """The elements that follow each other from a byte to another; BrokenContainerError where these do not."""
     at = start
     while at < stop:
-        child = _element(data, at, stop)
+        child = element(data, at, stop)
         if child.stop is None or child.stop > stop:
             raise BrokenContainerError(at, "an element that is longer than what holds it")
         yield child
@@ -103,7 +104,7 @@ def _segment(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
     while at < stop:
         done = let_go(data, at, done)
         try:
-            part = _element(data, at, stop)
+            part = element(data, at, stop)
             if part.id not in _LEVEL1:
                 raise BrokenContainerError(at, f"an unknown element 0x{part.id:x}")
             at = _part(data, part, stop, found)
@@ -158,7 +159,7 @@ def _uint(data: mmap.mmap, e: Element) -> int:
 
 
 def _info(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
-    for e in _children(data, start, stop):
+    for e in children(data, start, stop):
         if e.id == TICK:
             found.tick_ns = max(_uint(data, e), 1)
         elif e.id == DURATION and e.stop is not None and e.stop - e.start in (4, 8):
@@ -166,8 +167,8 @@ def _info(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
 
 
 def _tracks(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
-    for entry in (e for e in _children(data, start, stop) if e.id == ENTRY):
-        values = {e.id: e for e in _children(data, entry.start, entry.stop or stop)}
+    for entry in (e for e in children(data, start, stop) if e.id == ENTRY):
+        values = {e.id: e for e in children(data, entry.start, entry.stop or stop)}
         if NUMBER in values and TYPE in values and _uint(data, values[TYPE]) == 1:
             found.track = _uint(data, values[NUMBER])
             found.frame_ns = _uint(data, values[FRAME_NS]) if FRAME_NS in values else 0
@@ -179,7 +180,7 @@ def _cluster(data: mmap.mmap, start: int, stop: int, found: _Found, *, open_end:
     """Note the frames of a cluster; the byte after it."""
     at, base = start, 0
     while at < stop:
-        e = _element(data, at, stop)
+        e = element(data, at, stop)
         if open_end and e.id in _LEVEL1 - {CRC32, 0xEC}:
             return at
         if e.stop is None or e.stop > stop:
@@ -191,7 +192,7 @@ def _cluster(data: mmap.mmap, start: int, stop: int, found: _Found, *, open_end:
         elif e.id == SIMPLE_BLOCK:
             _block(data, e, base, found)
         elif e.id == GROUP:
-            for inner in _children(data, e.start, e.stop):
+            for inner in children(data, e.start, e.stop):
                 if inner.id == BLOCK:
                     _block(data, inner, base, found)
         at = e.stop

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import hashlib
 import os
+import stat
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
@@ -17,27 +18,32 @@ from occlog.io.remote.urls import shown as without_secrets
 
 FEWEST_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""
+LONGEST_NAME = 255
+"""Bytes of a name that file systems take."""
 
 
 class Source(NamedTuple):
     """A recording of a batch.
 
     Attributes:
-        name: of its run folder, different from every other one, also where case does not count.
-        shown: its file name, with folders where these are needed to find it among the others; names no machine.
+        name: of its run folder, different from every other one, also where case does not count; text.
+        shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
         place: where it is.
+        fault: why it cannot be taken, in words that follow its name; empty: it may be.
     """
 
     name: str
     shown: str
     place: str
+    fault: str = ""
 
 
 def sources_of(patterns: Sequence[str]) -> list[Source]:
     """Find the recordings that patterns name, each once, in the order of their names.
 
+    Of several ways to one recording, over links, the one with the fewest links counts, and else the first by name.
     A recording is called by its file name without the ending; those of one name have a hash of their folder below the
-    common one behind it, so that names do not depend on where everything lies.
+    common one behind it, so that names do not depend on where everything lies, and so have names that are too long.
 
     Args:
         patterns: files, patterns with `*`, `?`, `[...]` and `**`, and URLs.
@@ -45,33 +51,79 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
     Raises:
         InputError: a file is missing, or a pattern finds none.
     """
-    places = dict.fromkeys(place for pattern in patterns for place in _places(pattern))
-    shown = _shown(list(places))
+    places = _each_once(place for pattern in patterns for place in _places(pattern))
+    shown = _shown(places)
     alike: dict[str, list[str]] = defaultdict(list)
     for place in places:
         alike[_stem(place).casefold()].append(place)
-    taken = {stem for stem, group in alike.items() if len(group) == 1}
+    taken = {stem for stem, group in alike.items() if len(group) == 1 and _fits(_stem(group[0]))}
     found = []
     for stem, group in alike.items():
         for place in sorted(group, key=shown.__getitem__):
             name = _stem(place) if stem in taken else _with_hash(_stem(place), shown[place], taken)
-            found.append(Source(name, shown[place], place))
+            found.append(Source(name, in_text(shown[place]), place, _fault(place)))
     return sorted(found)
+
+
+def in_text(name: str) -> str:
+    r"""A name of a file, or words with one, as text: a byte that is not UTF-8 is written as `\xe9`."""
+    bytewise = (f"\\x{ord(c) - 0xDC00:02x}" if 0xDC80 <= ord(c) <= 0xDCFF else c for c in name)
+    return "".join(bytewise).encode("utf-8", "backslashreplace").decode()
+
+
+def _each_once(places: Iterable[str]) -> list[str]:
+    """Of the ways to each recording the one over the fewest links, of these the first by name."""
+    ways: dict[str, set[str]] = defaultdict(set)
+    for place in places:
+        ways[place if is_url(place) else os.path.realpath(place)].add(place)
+    return [min(each, key=lambda way: (_links(way), way)) if len(each) > 1 else each.pop() for each in ways.values()]
+
+
+def _links(place: str) -> int:
+    """Number of symbolic links on the way to a file."""
+    return 0 if is_url(place) else sum(part.is_symlink() for part in (Path(place), *Path(place).parents))
 
 
 def _places(pattern: str) -> Iterable[str]:
     if is_url(pattern):
         return _found(pattern)
     if Path(pattern).is_file():  # also one whose name has brackets
-        return [os.path.abspath(pattern)]  # noqa: PTH100 -- Path.absolute keeps `..`
+        return [_absolute(pattern)]
     if Path(pattern).is_dir():
         raise InputError(f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'")
     if not glob.has_magic(pattern):
         raise InputError(f"{pattern}: no such file; check the name and the folder")
-    names = sorted(name for name in glob.glob(pattern, recursive=True) if Path(name).is_file())  # noqa: PTH207
+    names = sorted(name for name in glob.glob(pattern, recursive=True) if _may_be_file(name))  # noqa: PTH207
     if not names:
         raise InputError(f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone")
-    return [os.path.abspath(name) for name in names]  # noqa: PTH100
+    return [_absolute(name) for name in names]
+
+
+def _may_be_file(name: str) -> bool:
+    """Whether it is a file, or something that cannot be looked at: whoever named it has to be told."""
+    try:
+        return stat.S_ISREG(Path(name).stat().st_mode)
+    except OSError:
+        return True
+
+
+def _fault(place: str) -> str:
+    if is_url(place):
+        return ""
+    try:
+        Path(place).stat()
+    except FileNotFoundError:
+        return "is a symbolic link to a file that is not there; mend or remove it"
+    except OSError as error:
+        return f"cannot be looked at: {error.strerror}; mend or remove it"
+    name = Path(place).name
+    return "" if in_text(name) == name else "its name is not UTF-8, as names in tables have to be; rename it"
+
+
+def _absolute(name: str) -> str:
+    """The absolute path that keeps the names of links, except where a `..` after one would lead elsewhere."""
+    path, real = os.path.abspath(name), os.path.realpath(name)  # noqa: PTH100 -- Path.absolute keeps `..`
+    return path if os.path.realpath(path) == real else real
 
 
 def _found(pattern: str) -> list[str]:
@@ -82,7 +134,13 @@ def _found(pattern: str) -> list[str]:
 
 
 def _stem(place: str) -> str:
-    return PurePosixPath(without_secrets(place) if is_url(place) else place).stem
+    """The file's name without its ending, as text; with `_` for points where it has no more, as these name folders."""
+    stem = PurePosixPath(without_secrets(place) if is_url(place) else in_text(place)).stem
+    return stem if stem.strip(".") else "_" * len(stem)
+
+
+def _fits(name: str) -> bool:
+    return len(name.encode()) <= LONGEST_NAME
 
 
 def _shown(places: Sequence[str]) -> dict[str, str]:
@@ -94,9 +152,10 @@ def _shown(places: Sequence[str]) -> dict[str, str]:
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
-    """A name that nobody else has; it is taken then."""
+    """A name that nobody else has and that file systems take; it is taken then."""
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
-    names = (f"{stem}-{digest[:length]}" for length in range(FEWEST_DIGITS, len(digest) + 1))
+    ends = (f"-{digest[:length]}" for length in range(FEWEST_DIGITS, len(digest) + 1))
+    names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)
     name = next(name for name in names if name.casefold() not in taken)
     taken.add(name.casefold())
     return name

@@ -24,6 +24,7 @@ from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
 
 from .folders import run_folder
+from .plan import in_text
 
 METRICS = "metrics.json"
 STATES = {ExitCode.DONE: "done", ExitCode.LOSSY: "lossy", ExitCode.THRESHOLD: "threshold"}
@@ -128,7 +129,7 @@ class _Run:
         text = " ".join(text.split())
         for path, name in self._names.items():
             text = text.replace(path, name)
-        return replace(found, code=int(code), stage=self._stage, message=text, redone=True)
+        return replace(found, code=int(code), stage=self._stage, message=in_text(text), redone=True)
 
     def _begin(self, stage: str) -> None:
         self._stage = stage

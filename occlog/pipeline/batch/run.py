@@ -124,15 +124,16 @@ def _outcomes(
     tasks = {
         s.name: Task(s.name, s.shown, s.place, config, f"{folder}/{RUNS}/{s.name}", request.force, request.cache)
         for s in sources
+        if not s.fault
     }
     places = [folder, *(source.place for source in sources)]
     isolated = not any(is_url(place) and kind_of(place) == "memory" for place in places)
     jobs = None if is_url(folder) else Path(folder) / JOBS_FOLDER
-    workers = min(request.workers, len(tasks))
+    workers = max(1, min(request.workers, len(tasks)))
     executor = executor_of(workers, request.scheduler, request.jobs, jobs, isolated=isolated)
-    done: dict[str, Outcome] = {}
+    done = {s.name: _refused(s) for s in sources if s.fault}
     with shown_progress("batch", "recording", len(tasks), quiet) as progress:
-        for name, found in executor.outcomes(tasks, process):
+        for name, found in executor.outcomes(tasks, process) if tasks else ():
             if isinstance(found, Lost):
                 task = tasks[name]
                 found = Outcome(name, task.shown, code=ExitCode.BUG, stage="worker", message=found.reason, redone=True)
@@ -140,6 +141,12 @@ def _outcomes(
             if progress is not None:
                 progress(1)
     return [done[source.name] for source in sources]
+
+
+def _refused(source: Source) -> Outcome:
+    """The outcome of a recording that is not tried."""
+    message = f"{source.shown}: {source.fault}"
+    return Outcome(source.name, source.shown, code=ExitCode.BAD_INPUT, stage="recording", message=message, redone=True)
 
 
 def _fetch_gathered(place: str, runs: Path, outcomes: Sequence[Outcome], results: Sequence[str]) -> None:

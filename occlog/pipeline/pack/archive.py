@@ -122,7 +122,7 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
         raise InputError(f"{path}: {len(infos)} files; the limit is {MAX_FILES}")
     found: dict[str, zipfile.ZipInfo] = {}
     for info in infos:
-        check_name(info.filename, str(path))
+        check_name(info.filename, str(path), "it is not unpacked")
         kind = stat.S_IFMT(info.external_attr >> 16)
         fault = (
             "a link or a device"

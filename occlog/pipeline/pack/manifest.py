@@ -79,12 +79,7 @@ def read_manifest(data: bytes, where: str) -> Manifest:
         manifest = msgspec.json.decode(data, type=Manifest)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{where}: not a manifest of `occlog pack` ({error}); pack the run again") from error
-    for files in (manifest.inputs, manifest.outputs):
-        for file in files:
-            check_name(file.path, where)
-        if len({file.path for file in files}) < len(files):
-            raise InputError(f"{where}: names a file twice; pack the run again")
-    check_name(manifest.folder, where)
+    check_names(manifest, where, "it is not unpacked")
     if any(f"{file.path}/".startswith(f"{manifest.folder}/") for file in manifest.inputs):
         raise InputError(f"{where}: has inputs in its run folder {manifest.folder!r}; pack the run again")
     if manifest.config not in {file.path for file in manifest.inputs}:
@@ -92,14 +87,31 @@ def read_manifest(data: bytes, where: str) -> Manifest:
     return manifest
 
 
-def check_name(name: str, where: str) -> None:
-    """InputError for a name that leads out of its folder, or that is none on some systems."""
+def check_names(manifest: Manifest, where: str, so: str) -> None:
+    """InputError, which ends with `so`, for names that no archive has, or two that differ in case alone."""
+    for place, files in ((INPUTS, manifest.inputs), (OUTPUTS, manifest.outputs)):
+        met: dict[str, str] = {}
+        for file in files:
+            check_name(f"{place}/{file.path}", where, so)
+            key = file.path.lower()
+            if key in met:
+                both = f"{met[key]!r} and {file.path!r}"
+                raise InputError(f"{where}: names a file twice where case does not count, {both}; {so}")
+            met[key] = file.path
+    check_name(manifest.folder, where, so)
+
+
+def check_name(name: str, where: str, so: str) -> None:
+    """InputError, which ends with `so`, for a name that leads out of its folder, or that other programs misread.
+
+    A colon is in many names of recordings, for their time, and leads nowhere on the systems that occlog runs on.
+    """
     parts = name.split("/")
     bad = (
         len(name) > LONGEST_NAME or any(part in ("", ".", "..") for part in parts) or PurePosixPath(name).is_absolute()
     )
-    if bad or any(mark in name for mark in ("\\", "\0", ":")) or not name.isprintable():
-        raise InputError(f"{where}: {name[:80]!r} is no name of a file inside the archive; it is not unpacked")
+    if bad or "\\" in name or not name.isprintable():
+        raise InputError(f"{where}: {name[:80]!r} is no name of a file inside the archive; {so}")
 
 
 def lock_text(manifest: Manifest) -> bytes:

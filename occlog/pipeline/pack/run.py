@@ -16,8 +16,19 @@ from occlog.pipeline.run.inputs import files_of, place_of
 from occlog.pipeline.run.run import STATE, do_stages, inside, other_versions, outcomes
 from occlog.pipeline.run.stages import Config, plan, read_config
 
-from .archive import Packer
-from .manifest import INPUTS, LOCK, MADE, MANIFEST, OUTPUTS, Manifest, PackedFile, lock_text, manifest_bytes
+from .archive import MAX_FILES, Packer
+from .manifest import (
+    INPUTS,
+    LOCK,
+    MADE,
+    MANIFEST,
+    OUTPUTS,
+    Manifest,
+    PackedFile,
+    check_names,
+    lock_text,
+    manifest_bytes,
+)
 
 
 class Packed(NamedTuple):
@@ -39,7 +50,8 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
 
     Raises:
         UsageError: `folder` is not a run folder.
-        InputError: a stage is not up to date, or a path in the configuration is absolute.
+        InputError: a stage is not up to date, a path in the configuration is absolute, or `verify` would not take the
+            archive: for a name of a file, or for their number.
     """
     if not (folder / STATE).is_file():
         raise UsageError(
@@ -76,6 +88,7 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
         outputs=[_packed(folder / name, folder, True) for name in made],
         stages={name: int(outcome.code) for name, outcome in done.items()},
     )
+    _check_unpackable(manifest, folder)
     with open_output(output, overwrite) as out:
         packer = Packer(out)
         packer.bytes(MANIFEST, manifest_bytes(manifest))
@@ -115,6 +128,16 @@ def _check_relative(config: Config) -> None:
                 f"{config.path}: {text}: an absolute path, which another machine does not have; name it relative to "
                 "the configuration, run again, and pack"
             )
+
+
+def _check_unpackable(manifest: Manifest, folder: Path) -> None:
+    """InputError for names, or so many files, that `unpack` would refuse."""
+    check_names(manifest, str(folder), "rename it, run again, and pack")
+    count = len({*manifest.members(), MANIFEST, LOCK})
+    if count > MAX_FILES:
+        raise InputError(
+            f"{folder}: {count} files with its inputs; the limit is {MAX_FILES}; leave them out: --reference"
+        )
 
 
 def _texts(value: object) -> Iterator[str]:

@@ -79,7 +79,7 @@ def _check_shown(asked: Asked, shown: int, png: bytes, pictures: Pictures) -> No
     if asked.video is not None and not shown:
         first, last = asked.frames or (0, 0)
         raise InputError(f"{asked.recording}: camera {pictures.first} has no frame in {first}:{last}")
-    if asked.video is not None and asked.tracks is not None and not pictures.used()["tracks"]:
+    if asked.video is not None and pictures.strange():
         raise InputError(
             f"{asked.tracks}: no row is of a frame shown of {asked.recording} (time and camera must agree); "
             "are these the tracks of this recording?"

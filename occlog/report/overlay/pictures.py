@@ -86,7 +86,7 @@ class Rows(Generic[T]):
         """`chunks` follow each other in time."""
         self._chunks = iter(chunks)
         self._held: T | None = None
-        self.used = 0
+        self.read = self.used = 0
 
     def at(self, t_ns: int, sensor: str) -> T | None:
         """Rows of one frame; times must not go back.  None at the end of a table without any rows."""
@@ -94,6 +94,7 @@ class Rows(Generic[T]):
             more = next(self._chunks, None)
             if more is None:
                 break
+            self.read += len(more)
             kept = self._held.take(self._times(self._held) >= t_ns) if self._held is not None else None
             self._held = more if kept is None else type(more).concat([kept, more])
         if self._held is None:
@@ -143,6 +144,10 @@ class Pictures:
         height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
         size = (max(1, round(self.scale * width)), max(1, round(self.scale * height)))
         return Plan(scene, METRES.get(scene.length_unit, 1.0), size, self._ranks)
+
+    def strange(self) -> bool:
+        """Whether the table of tracks in images has rows, none of which is of a frame so far."""
+        return self._tracks is not None and self._tracks.read > 0 and not self._tracks.used
 
     def used(self) -> dict[str, int]:
         """Rows of each table that belong to the frames so far."""

@@ -172,6 +172,25 @@ def test_a_run_that_meets_nobody_has_no_error_to_be_compared(
     assert (rows["recall"]["this"], rows["recall"]["difference"]) == (0.0, -1.0)
 
 
+def test_a_truth_of_another_clock_is_refused_and_no_tracks_are_a_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a, b = write(tmp_path / "a", 1, frames=200), write(tmp_path / "b", 1, frames=200, tracker=1)
+    none = read_table(b / "tracks.parquet", Tracks).take(np.zeros(0, dtype=np.int64))
+    write_table(b / "tracks.parquet", none, Provenance("track"), overwrite=True)
+    assert compared(a, b, more=("--truth", str(a / "truth.parquet"), "--json")) == ExitCode.DONE
+    assert said(capsys)["recall"]["this"] == 0.0
+    other = read_table(a / "truth.parquet", Truth)
+    for clock in (1_577_836_800 * 10**9, -(10**12)):
+        moved = Truth.of(**{c.name: getattr(other, c.name) for c in Truth.columns()} | {"t_ns": other.t_ns + clock})
+        write_table(tmp_path / "moved.parquet", moved, Provenance("simulate"), overwrite=True)
+        assert compared(a, b, more=("--truth", str(tmp_path / "moved.parquet"))) == ExitCode.BAD_INPUT
+        told = capsys.readouterr()
+        assert "no estimate is from the time of the truth" in told.err
+        assert "check the clocks" in told.err
+        assert told.out == ""
+
+
 def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     a, b = write(tmp_path / "a", 1, frames=30), write(tmp_path / "b", 2, frames=30)
     truth = ("--truth", str(a / "truth.parquet"))

@@ -3,7 +3,7 @@ import pytest
 
 from occlog.errors import OutputError, OutputExistsError
 from occlog.io.frames.decode import decode, examine
-from occlog.io.frames.writer import LosslessVideo, ShownVideo
+from occlog.io.frames.writer import SHOWN, LosslessVideo, ShownVideo
 from occlog.io.video.reader import read_container
 
 
@@ -78,6 +78,18 @@ def test_the_header_of_a_video_to_look_at_states_the_largest_frame(tmp_path):
             video.write(image)
     container = read_container(path)
     assert container.largest[0] == container.largest[1] > 1000
+
+
+@pytest.mark.parametrize("suffix", SHOWN)
+def test_equal_images_give_equal_bytes(tmp_path, suffix):
+    made = [tmp_path / f"{name}{suffix}" for name in "ab"]
+    for path in made:
+        with ShownVideo(path, (64, 48), 5.0) as video:
+            for image in images(9):
+                video.write(image)
+    one, two = (path.read_bytes() for path in made)
+    assert one == two
+    assert len([*decode(examine(made[0]), 0, None, lambda _: None)]) == 9
 
 
 def test_bytes_that_did_not_reach_the_disk_are_noticed(tmp_path):

@@ -122,6 +122,46 @@ def test_all_that_fail_are_no_batch(simulated: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "tracks.parquet").exists()
 
 
+@pytest.mark.usefixtures("here")
+def test_a_link_that_leads_nowhere_has_failed(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    for name in ("batch.yaml", "hall.mcap"):
+        shutil.copy(simulated / name, folder)
+    (folder / "gone.mcap").symlink_to(tmp_path / "no" / "hall.mcap")
+    (folder / "self.mcap").symlink_to("self.mcap")
+    do(folder, out, code=ExitCode.LOSSY)
+    rows = {row["recording"]: row for row in pq.read_table(out / "runs.parquet").to_pylist()}
+    assert {name: row["state"] for name, row in rows.items()} == {"gone": "failed", "hall": "done", "self": "failed"}
+    assert (rows["gone"]["exit_code"], rows["gone"]["stage"]) == (ExitCode.BAD_INPUT, "recording")
+    assert "gone.mcap: is a symbolic link to a file that is not there" in rows["gone"]["message"]
+    assert "occlog: failed: gone: recording: gone.mcap: is a symbolic link" in capsys.readouterr().err
+    (folder / "hall.mcap").unlink()
+    do(folder, tmp_path / "none", code=ExitCode.BAD_INPUT)
+
+
+@pytest.mark.usefixtures("here")
+def test_a_name_that_is_no_text_fails_alone(simulated: Path, tmp_path: Path) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    odd = os.fsdecode(b"d\xe9")
+    (folder / odd).mkdir(parents=True)
+    shutil.copy(simulated / "batch.yaml", folder)
+    shutil.copy(simulated / "hall.mcap", folder / odd)
+    shutil.copy(simulated / "cut.mcap", folder / odd / os.fsdecode(b"b\xe9.mcap"))
+    shutil.copy(simulated / "cut.mcap", folder / r"b\xe9.mcap")
+    do(folder, out, pattern="**/*.mcap", code=ExitCode.LOSSY)
+    rows = {row["source"]: row for row in pq.read_table(out / "runs.parquet").to_pylist()}
+    assert rows[r"d\xe9/hall.mcap"]["state"] == "done"
+    refused = rows[r"d\xe9/b\xe9.mcap"]
+    assert (refused["state"], refused["exit_code"]) == ("failed", ExitCode.BAD_INPUT)
+    assert refused["message"].startswith(r"d\xe9/b\xe9.mcap: its name is not UTF-8")
+    assert rows[r"b\xe9.mcap"]["stage"] == "detect"
+    assert len({row["recording"] for row in rows.values()}) == 3
+    assert set(pq.read_table(out / "tracks.parquet")["recording"].to_pylist()) == {"hall"}
+
+
 def test_an_object_store_holds_recordings_and_results(
     simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
-from occlog.pipeline.batch.plan import sources_of
+from occlog.pipeline.batch.plan import in_text, sources_of
 
 
 def touch(folder: Path, *names: str) -> None:
@@ -51,6 +51,50 @@ def test_a_recording_that_is_named_twice_counts_once(tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
     found = sources_of(["hall.mcap", "*.mcap", "./hall.mcap", "odd[1].mcap"])
     assert [(source.name, source.shown) for source in found] == [("hall", "hall.mcap"), ("odd[1]", "odd[1].mcap")]
+
+
+def test_a_recording_that_links_lead_to_counts_once(tmp_path: Path) -> None:
+    touch(tmp_path, "all/b/hall.mcap", "all/b/yard.mcap", "elsewhere/lot.mcap")
+    for name in ("all/a", "all/latest"):
+        (tmp_path / name).symlink_to("b")
+    (tmp_path / "all" / "loop").symlink_to(".")
+    (tmp_path / "all" / "b" / "again.mcap").symlink_to("hall.mcap")
+    for name in ("all/far", "all/away"):
+        (tmp_path / name).symlink_to(tmp_path / "elsewhere")
+    found = sources_of([str(tmp_path / "all/**/*.mcap")])
+    assert [source[:2] for source in found] == [
+        ("hall", "b/hall.mcap"),
+        ("lot", "away/lot.mcap"),
+        ("yard", "b/yard.mcap"),
+    ]
+
+
+def test_a_folder_above_a_linked_one_is_the_one_that_the_system_means(tmp_path: Path) -> None:
+    touch(tmp_path, "one/deep/hall.mcap", "one/yard.mcap", "yard.mcap")
+    (tmp_path / "link").symlink_to("one/deep")
+    (found,) = sources_of([str(tmp_path / "link/../yard.mcap")])
+    assert found.place == str(tmp_path.resolve() / "one" / "yard.mcap")
+
+
+def test_names_of_points_are_no_folders_above(tmp_path: Path) -> None:
+    touch(tmp_path, "..mcap", "...mcap", "_.mcap", ".mcap")
+    names = [source.name for source in sources_of([str(path) for path in tmp_path.iterdir()])]
+    assert len(set(names)) == 4
+    assert {(tmp_path / "runs" / name).resolve().parent for name in names} == {tmp_path.resolve() / "runs"}
+
+
+def test_names_with_a_hash_are_no_longer_than_file_systems_take(tmp_path: Path) -> None:
+    stem = 125 * "\u00e9"
+    touch(tmp_path, f"a/{stem}.mcap", f"b/{stem}.mcap", f"b/x{stem[1:]}.mcap")
+    names = [source.name for source in sources_of([str(tmp_path / "*/*.mcap")])]
+    assert len(set(names)) == 3
+    assert f"x{stem[1:]}" in names
+    for name in names:
+        (tmp_path / name).mkdir()
+
+
+def test_names_of_bytes_become_text() -> None:
+    assert in_text("hall \u00e9 \udce9\udcff \ud800") == "hall \u00e9 \\xe9\\xff \\ud800"
 
 
 @pytest.mark.parametrize(

@@ -187,3 +187,54 @@ def test_what_cannot_be_packed_is_refused(packed: Path, tmp_path: Path, capsys: 
     code, error = pack(packed / "out", other)
     assert (code, "an absolute path" in error) == (ExitCode.BAD_INPUT, True)
     assert os.listdir(tmp_path) == []
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let stages be done at once."""
+    monkeypatch.setattr("occlog.pipeline.run.run._do", write_outputs)
+
+
+def pack_recording(folder: Path, name: str, beside: str = "") -> int:
+    """Run and pack with a recording of a name, and a truth of another."""
+    truth = f"evaluate: {{truth: {beside}}}\n" if beside else ""
+    (folder / "run.yaml").write_text(f"occlog_run: 1\nrecording: '{name}'\ntrack: {{particles: 20}}\n{truth}")
+    for each in filter(None, (name, beside)):
+        with RecordingWriter(folder / each, None, Provenance("simulate")) as writer:
+            writer.video_frame("cam1", 40_000_000, 0)
+    config = str(folder / "run.yaml")
+    assert run(["run", config, "-o", str(folder / "out"), "-q"]) == ExitCode.DONE
+    return run(["pack", str(folder / "out"), "--config", config, "-o", str(folder / "x.zip")])
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_recording_may_be_called_after_its_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert pack_recording(tmp_path, "hall 10:30.mcap") == ExitCode.DONE
+    code, found = verify(tmp_path / "x.zip", capsys)
+    assert (code, found["result"]) == (ExitCode.DONE, "made again to the same bytes")
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize(
+    ("name", "beside", "words"),
+    [
+        ("ha\\ll.mcap", "", "is no name of a file inside the archive; rename it, run again, and pack"),
+        ("hall\u200e.mcap", "", "is no name of a file inside the archive; rename it"),
+        ("HALL.mcap", "hall.mcap", "twice where case does not count, 'HALL.mcap' and 'hall.mcap'; rename it"),
+    ],
+)
+def test_names_that_would_not_be_unpacked_are_not_packed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, beside: str, words: str
+) -> None:
+    assert pack_recording(tmp_path, name, beside) == ExitCode.BAD_INPUT
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "x.zip").exists()
+
+
+@pytest.mark.usefixtures("at_once")
+def test_more_files_than_are_unpacked_are_not_packed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("occlog.pipeline.pack.run.MAX_FILES", 4)
+    assert pack_recording(tmp_path, "hall.mcap") == ExitCode.BAD_INPUT
+    assert "the limit is 4; leave them out: --reference" in capsys.readouterr().err

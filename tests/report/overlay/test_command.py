@@ -14,6 +14,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.frames.codec import encode_image
+from occlog.io.frames.writer import SHOWN
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Scene
@@ -171,11 +172,20 @@ def test_truth_alone_one_camera_and_some_frames(folder: Path, capsys: pytest.Cap
 
 
 def test_the_same_input_gives_the_same_bytes(folder: Path) -> None:
-    for name in ("a", "b"):
-        assert report(folder, "--video", str(folder / f"{name}.avi")) == ExitCode.DONE
-        assert report(folder, "--video", str(folder / f"{name}.mp4")) == ExitCode.DONE
-    assert (folder / "a.avi").read_bytes() == (folder / "b.avi").read_bytes()
-    assert (folder / "a.mp4").read_bytes() == (folder / "b.mp4").read_bytes()
+    for suffix in SHOWN:
+        one, two = folder / f"a{suffix}", folder / f"b{suffix}"
+        for path in (one, two):
+            assert report(folder, "--video", str(path)) == ExitCode.DONE
+        assert one.read_bytes() == two.read_bytes()
+
+
+def test_images_in_which_nobody_was_found_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    nobody = tracks_of([0]).take(np.zeros(0, dtype=np.int64))
+    write_table(folder / "t.parquet", nobody, Provenance("track"), overwrite=True)
+    assert report(folder, "--video", str(folder / "o.avi"), "--json") == ExitCode.DONE
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["frames"], summary["tracks"]) == (N, 0)
+    assert len(frames_of(folder / "o.avi")) == N
 
 
 def test_views_that_end_early_or_are_slower_keep_their_last_picture(tmp_path: Path) -> None:
