@@ -162,14 +162,14 @@ def _several(
 
 
 def _show(result: Evaluation, unit: str, as_json: bool) -> None:
-    from .text import number, summary_lines, thinned
+    from .text import LABEL, number, summary_lines, thinned
 
     if as_json:
         options.echo_summary(thinned(result.figures), True)
         return
     lines = summary_lines(result.metrics, unit)
     if result.plugged:
-        lines += ["", "plug-ins", *(f"  {name:<38}{number(result.metrics[name]):>12}" for name in result.plugged)]
+        lines += ["", "plug-ins", *(f"  {name:<{LABEL}}{number(result.metrics[name]):>12}" for name in result.plugged)]
     if result.findings is not None:
         lines += ["", f"plausible: {options.plausible_in_words(result.figures)}"]
     click.echo("\n".join(lines))

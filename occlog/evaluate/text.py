@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from .mot.apart import errors_apart
 
+LABEL = 48
+"""Width of what stands before a number: that of the longest."""
 GROUP = (
     "many targets",
     (
@@ -283,7 +285,7 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
             if heading == "errors" and errors_apart(metrics, unit):
                 heading = "errors, each track held to one target for all its time"
             lines += ["", heading] if lines else [heading]
-            lines += [f"  {label:<38}{number(value):>12} {of}".rstrip() for label, value, of in shown]
+            lines += [f"  {label:<{LABEL}}{number(value):>12} {of}".rstrip() for label, value, of in shown]
     for kind, columns in (
         ("target", OF_SMOOTHED if metrics.get("tracks_smoothed") else BY_TARGET),
         ("sensor", BY_SENSOR),
