@@ -6,7 +6,7 @@ import io
 import mmap
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -21,6 +21,7 @@ from occlog.io.files.parquet import (
     WRITTEN,
     Header,
     TableWriter,
+    arrow_schema_of,
     check_schema,
     from_arrow,
     groups_of,
@@ -33,7 +34,7 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.utc import utc
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
-from occlog.records.tables import TABLES
+from occlog.records.tables import TABLES, table_with
 
 from .groups import pattern_of, rows_of
 from .marks import GROUP, SCHEMA, Mark, group_of, marks
@@ -79,19 +80,24 @@ def recover_table(source: Path, path: Path, *, overwrite: bool = False) -> Recov
         header = read_header(source)
     except InputError:
         return _without_footer(source, path, overwrite)
-    table = _table_named(source, header.table)
-    return _write(source, path, header, table, _by_footer(source), header.provenance.losses, overwrite)
+    table, left_out = _table_for(source, header.table, arrow_schema_of(source).names)
+    losses = (*header.provenance.losses, *left_out)
+    return _write(source, path, header, table, _by_footer(source, table), losses, overwrite)
 
 
-def _table_named(source: Path, name: str) -> type[Table]:
+def _table_for(source: Path, name: str, columns: Collection[str]) -> tuple[type[Table], list[Loss]]:
+    """The table of a name that takes a file's columns, and those that it does not take."""
     if name not in TABLES:
         raise InputError(f"{source}: holds {name!r}, which is no table of this version; update occlog")
-    return TABLES[name]
+    table = table_with(name, columns)
+    known = {c.name for c in table.columns()}
+    what = f"is left out: {name} of this version has no such column"
+    return table, [Loss(source.name, f"column {column}", what) for column in columns if column not in known]
 
 
-def _by_footer(source: Path) -> Iterator[Table | Lost]:
+def _by_footer(source: Path, table: type[Table]) -> Iterator[Table | Lost]:
     """Groups of rows of a file whose footer is right, or their loss."""
-    for group in groups_of(source, TABLES):
+    for group in groups_of(source, {table.NAME: table}):
         try:
             rows = [from_arrow(batch, group.table) for batch in group.batches()]
         except InputError:
@@ -116,10 +122,10 @@ def _without_footer(source: Path, path: Path, overwrite: bool) -> RecoveredTable
         with translate_read_errors(source):
             schema = pa.ipc.read_schema(pa.py_buffer(first.says))
             header, rows = by_footer or (header_of(source, schema), None)
-            table = _table_named(source, header.table)
+            table, left_out = _table_for(source, header.table, schema.names)
             check_schema(source, schema, table)
             pattern = pattern_of(_row_of(schema))
-        before = header.provenance.losses
+        before = (*header.provenance.losses, *left_out)
         if rows is None:
             before = (*before, Loss(source.name, "its end", "what was lost while it was made is not known any more"))
         whole = _by_marks(data, pattern, table, first, found, rows)
