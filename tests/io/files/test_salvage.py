@@ -129,6 +129,16 @@ def test_rows_that_are_lost_are_counted_with_their_times(whole: Path, tmp_path: 
         assert (lost.count, lost.place) == (ROWS, "2023-11-14T22:13:27.990Z to 2023-11-14T22:13:32.000Z")
 
 
+def test_rows_of_neighbouring_groups_are_added_up(whole: Path, tmp_path: Path) -> None:
+    data = bytearray(whole.read_bytes())
+    for group in [group_of(mark) for mark in marks(data) if mark.kind == GROUP][1:3]:
+        data[group.at + 100] ^= 1
+    for damaged in (data, data[:-5]):  # with and without a footer
+        table, losses = salvaged(tmp_path, bytes(damaged))
+        assert len(table) == (GROUPS - 2) * ROWS
+        assert [loss.count for loss in losses if "check sum" in loss.what] == [2 * ROWS]
+
+
 def test_the_command_says_what_is_lost(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cut, out = tmp_path / "cut.parquet", tmp_path / "whole.parquet"
     cut.write_bytes(whole.read_bytes()[: ends(whole.read_bytes())[1] + 10])

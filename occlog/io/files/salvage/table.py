@@ -6,6 +6,7 @@ import io
 import mmap
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -193,7 +194,7 @@ def _write(
     overwrite: bool,
 ) -> RecoveredTable:
     """Write what is whole, and gather what is not with the times of the rows around it."""
-    losses, open_losses = list(before), list[Lost]()
+    losses, open_losses = list(before), Counter[str]()  # of the latter: rows by what is lost
     last: int | None = None
     span: tuple[int, int] | None = None
 
@@ -204,21 +205,24 @@ def _write(
             return f"before {utc(until or 0)}"
         return f"after {utc(last)}" if until is None else f"{utc(last)} to {utc(until)}"
 
+    def close(until: int | None) -> None:
+        losses.extend(Loss(source.name, place(until), what, count) for what, count in open_losses.items())
+        open_losses.clear()
+
     made = Provenance("recover", {}, None, hash_inputs([source]))
     with TableWriter(path, table, made, overwrite=overwrite, length_unit=header.length_unit) as writer:
         for part in found:
             if isinstance(part, Lost):
-                open_losses.append(part)
+                open_losses[part.what] += part.rows
             elif len(part):
                 times = part.t_ns  # type: ignore[attr-defined]
-                losses += [Loss(source.name, place(int(times[0])), each.what, each.rows) for each in open_losses]
-                open_losses.clear()
+                close(int(times[0]))
                 span = (int(times[0]) if span is None else span[0], int(times[-1]))
                 last = int(times[-1])
                 writer.write(part)
-        losses += [Loss(source.name, place(None), each.what, each.rows) for each in open_losses]
         if open_losses and not writer.rows:
             raise InputError(f"{source}: no group of rows is whole; copy it again, or make it again")
-        told = tuple(dict.fromkeys(losses))
+        close(None)
+        told = tuple(losses)
         writer.annotate(Provenance("recover", {}, None, made.inputs, told))
         return RecoveredTable(writer.rows, span, told)
