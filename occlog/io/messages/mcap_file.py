@@ -25,6 +25,7 @@ from mcap.summary import Summary
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC as MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES, chunk_head, unpacked
+from occlog.io.recording.ends import END_BYTES, behind_end, is_end_mark
 from occlog.io.recording.layout import HEAD, MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.records.losses import Loss
@@ -71,6 +72,7 @@ class McapFile:
         self.losses: dict[Loss, None] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
+        self._contradicted = ""  # the definition that is of another file
         summary: Summary | None = None
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
@@ -134,7 +136,7 @@ class McapFile:
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
         """(channel, time, data) of the messages of some topics, or of all of them."""
-        size = self.path.stat().st_size
+        size, self._contradicted = self.path.stat().st_size, ""
         with self.path.open("rb") as file:
             at = len(MAGIC)
             while at < size:
@@ -144,16 +146,31 @@ class McapFile:
                     self._lose(f"byte {at}", "the file ends within a record")
                     return
                 code, length = HEAD.unpack(head)
-                if code in (Opcode.DATA_END, Opcode.FOOTER):
+                if is_end_mark(code, length):
+                    self._check_end(file, at, size)
                     return
                 if at + HEAD.size + length > size:
                     missing = at + HEAD.size + length - size
                     self._lose(f"byte {at}", f"the file ends within a record, {missing} bytes before its end")
                     return
-                if code in READ and not self._skipped(code, at, topics):
+                if code in END_BYTES:
+                    self._lose(f"byte {at}", f"a damaged record of {length} bytes was left out (its kind is damaged)")
+                elif code in READ and not self._skipped(code, at, topics):
                     yield from self._record(file, at, code, length, topics)
+                if self._contradicted:
+                    self._lose(f"byte {at}", f"{self._contradicted}; {size - at} bytes from there on were not read")
+                    return
                 at += HEAD.size + length
             self._lose(f"byte {at}", "the file ends without its end mark")
+
+    def _check_end(self, file: IO[bytes], at: int, size: int) -> None:
+        """Tell of what follows the end of the file's data at a byte, other than its index."""
+        behind = behind_end(file, at, size)
+        if behind is None:
+            self._lose(f"byte {at}", f"the index is damaged; {size - at} bytes from there on were not read")
+        elif behind < size:
+            left = f"{size - behind} bytes behind the end mark were not read; split the file there if they are a bag"
+            self._lose(f"byte {behind}", left)
 
     def _scan_definitions(self) -> None:
         """Take schemas and channels outside chunks, as those that a damaged index repeats."""
@@ -162,7 +179,10 @@ class McapFile:
             at = len(MAGIC)
             while at + HEAD.size <= size:
                 file.seek(at)
-                code, length = HEAD.unpack(file.read(HEAD.size))
+                head = file.read(HEAD.size)
+                if head.startswith(MAGIC):  # another file, whose numbers mean something else
+                    return
+                code, length = HEAD.unpack(head)
                 at += HEAD.size + length
                 if code in (Opcode.SCHEMA, Opcode.CHANNEL) and at <= size and length <= MAX_DEFINITION:
                     with suppress(*_DAMAGE):
@@ -215,12 +235,16 @@ class McapFile:
         """Note a schema or a channel, or add a message."""
         if code == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(io.BytesIO(data)))
-            self._schemas.setdefault(schema.id, schema)
+            if self._schemas.setdefault(schema.id, schema) != schema:
+                self._contradicted = f"schema {schema.id} is defined a second time, and otherwise"
         elif code == Opcode.CHANNEL:
             channel = Channel.read(ReadDataStream(io.BytesIO(data)))
-            self._channels.setdefault(channel.id, channel)
+            if self._channels.setdefault(channel.id, channel) != channel:
+                self._contradicted = f"channel {channel.id} is defined a second time, and otherwise"
         else:
             channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(data)
+            if self._contradicted:
+                return
             if channel_id not in self._channels:
                 self._lose(f"channel {channel_id}", "its messages were left out: the channel's definition is lost")
             elif topics is None or self._channels[channel_id].topic in topics:
