@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, NamedTuple, TypeVar
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -33,6 +33,7 @@ from occlog.records.losses import Loss
 READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 MAX_DEFINITION = 16 * 2**20
 _DAMAGE = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
+D = TypeVar("D", Schema, Channel)
 
 
 class Topic(NamedTuple):
@@ -72,6 +73,7 @@ class McapFile:
         self.losses: dict[Loss, None] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
+        self._repeated: list[Schema | Channel] = []  # definitions that a damaged index alone tells
         self._contradicted = ""  # the definition that is of another file
         summary: Summary | None = None
         with path.open("rb") as file:
@@ -84,6 +86,7 @@ class McapFile:
             reason = str(error).removeprefix(f"{path}: ").split(";")[0]
             self._lose("end", f"{reason}; read without its index")
             self._scan_definitions()
+            self._repeated = [*self._schemas.values(), *self._channels.values()]
         self._span: tuple[int, int] | None = None
         if summary is not None and summary.statistics and summary.statistics.message_count:
             self._span = (summary.statistics.message_start_time, summary.statistics.message_end_time)
@@ -188,6 +191,21 @@ class McapFile:
                     with suppress(*_DAMAGE):
                         self._take(code, file.read(length), None, [])
 
+    def _define(self, found: D, known: dict[int, D]) -> None:
+        """Take a definition, or note that it contradicts one before."""
+        if known.get(found.id, found) != found:
+            if known[found.id] not in self._repeated:
+                what = type(found).__name__.lower()
+                self._contradicted = self._contradicted or f"{what} {found.id} is defined a second time, and otherwise"
+                return
+            # The index is of another file, and what only it tells does not hold here
+            for each in self._repeated:
+                (self._schemas if isinstance(each, Schema) else self._channels).pop(each.id, None)
+            self._repeated.clear()
+        known[found.id] = found
+        if found in self._repeated:
+            self._repeated.remove(found)
+
     def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
         """Whether a chunk holds none of the topics, by the index."""
         if code != Opcode.CHUNK or topics is None or at not in self._chunks:
@@ -235,12 +253,10 @@ class McapFile:
         """Note a schema or a channel, or add a message."""
         if code == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(io.BytesIO(data)))
-            if self._schemas.setdefault(schema.id, schema) != schema:
-                self._contradicted = f"schema {schema.id} is defined a second time, and otherwise"
+            self._define(schema, self._schemas)
         elif code == Opcode.CHANNEL:
             channel = Channel.read(ReadDataStream(io.BytesIO(data)))
-            if self._channels.setdefault(channel.id, channel) != channel:
-                self._contradicted = f"channel {channel.id} is defined a second time, and otherwise"
+            self._define(channel, self._channels)
         else:
             channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(data)
             if self._contradicted:

@@ -32,7 +32,7 @@ class Part:
     def contradicts(self, found: records.Schema | records.Channel) -> bool:
         """Whether a number is defined a second time, and otherwise: it is of another recording."""
         known = self.schemas if isinstance(found, records.Schema) else self.channels
-        return known.get(found.id, found) != found
+        return found.id in known and bool(known[found.id] != found)
 
     def define(self, found: records.Schema | records.Channel) -> None:
         """Take a definition."""

@@ -171,13 +171,13 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
     if code not in (Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.HEADER) and length <= MAX_CHUNK_BYTES:
         data = file.read(length)
         if _is_chunk(data):
-            return Opcode.CHUNK
+            return int(Opcode.CHUNK)
     else:
         data = file.read(_INDEX_HEAD.size) if length <= MAX_CHUNK_BYTES else b""
     if before in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and len(data) >= _INDEX_HEAD.size:
         _, told = _INDEX_HEAD.unpack_from(data)
         if told == length - _INDEX_HEAD.size and told % _INDEX_ENTRY == 0:
-            return Opcode.MESSAGE_INDEX
+            return int(Opcode.MESSAGE_INDEX)
     return code if 0 < code <= LAST_CODE else 0
 
 
