@@ -14,6 +14,8 @@ Conventions (all tables)
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from .columns import Table
 from .gallery import AppearanceMatches, Gallery
 from .measurements import Measurements
@@ -73,11 +75,31 @@ TABLES: dict[str, type[Table]] = {
     )
 }
 """Every table by the name that its files carry."""
+WIDER: tuple[type[Table], ...] = (FusedTracks, TagTracks, PeopleTracks, JoinedTracks, PeopleViews)
+"""Tables that have the name of another one, and more columns."""
+
+
+def table_with(name: str, columns: Collection[str]) -> type[Table]:
+    """The table of a name that has the most of a file's columns, and of several the one with the fewest others.
+
+    Args:
+        name: one of `TABLES`.
+        columns: names of the columns in the file.
+    """
+    told = set(columns)
+
+    def misfit(table: type[Table]) -> tuple[int, int]:
+        own = {c.name for c in table.columns()}
+        return len(told - own), len(own - told)
+
+    return min((TABLES[name], *(each for each in WIDER if issubclass(each, TABLES[name]))), key=misfit)
+
 
 __all__ = [
     "APPEARANCE_BINS",
     "TABLES",
     "UNLABELLED",
+    "WIDER",
     "AppearanceMatches",
     "Bearings",
     "Bound",
@@ -111,4 +133,5 @@ __all__ = [
     "ViewTracks",
     "Views",
     "VirtualSensors",
+    "table_with",
 ]

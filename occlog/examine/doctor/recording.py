@@ -100,10 +100,19 @@ def _whole(path: Path, findings: Findings) -> Iterator[_Message]:
                 channel = records.Channel.read(ReadDataStream(io.BytesIO(data)))
                 channels.setdefault(channel.id, channel)
 
+    def damaged(at: int, what: str, *, messages: bool = True) -> None:  # noqa: ARG001
+        findings.add("damaged-recording", f"byte {at}", what)
+
     try:
-        for record in repeated_records(path):
-            define(record.code, record.data)
-        for record in whole_records(path, lambda at, what: findings.add("damaged-recording", f"byte {at}", what)):
+        for record in whole_records(path, damaged):
+            if record.code == Opcode.HEADER:
+                if record.at:
+                    findings.add("damaged-recording", f"byte {record.at}", "another recording begins here")
+                schemas.clear()
+                channels.clear()
+                for repeated in repeated_records(path, record.at):
+                    define(repeated.code, repeated.data)
+                continue
             if record.code != Opcode.MESSAGE:
                 define(record.code, record.data)
                 continue

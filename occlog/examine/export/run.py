@@ -23,10 +23,9 @@ from occlog.plugins.chosen import Chosen
 from occlog.plugins.interface import World
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
-from occlog.records.people import JoinedTracks, PeopleTracks, PeopleViews
 from occlog.records.pieces import whole_times
 from occlog.records.scene import Scene
-from occlog.records.tables import TABLES, Boxes, FusedTracks, TagTracks, Tracks, Truth, Views
+from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views, table_with
 from occlog.records.views import ViewTracks
 
 from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
@@ -45,8 +44,6 @@ from .trajectories import (
 )
 
 STANDARD = Path("-")
-WIDER: tuple[type[Table], ...] = (JoinedTracks, PeopleTracks, TagTracks, FusedTracks, PeopleViews)
-"""Tables that have the name of another one and more columns, those with the most first."""
 
 
 @dataclass(frozen=True)
@@ -169,11 +166,9 @@ def _table(opened: Opened, form: Format, name: str, wanted: str | None) -> type[
 
 def _widest(opened: Opened, table: type[Table]) -> type[Table]:
     """The table with all columns that a file of ours has: tracks of people, for example, have more than others."""
-    wider = [each for each in WIDER if issubclass(each, table)]
-    if opened.recording is not None or opened.foreign is not None or not wider:
+    if opened.recording is not None or opened.foreign is not None:
         return table
-    names = {c["name"] for c in describe(opened.path)["columns"]}
-    return next((each for each in wider if {c.name for c in each.columns()} <= names), table)
+    return table_with(table.NAME, [c["name"] for c in describe(opened.path)["columns"]])
 
 
 def _write_text(

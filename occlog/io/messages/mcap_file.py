@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, NamedTuple, TypeVar
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -25,6 +25,7 @@ from mcap.summary import Summary
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC as MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES, chunk_head, unpacked
+from occlog.io.recording.ends import END_BYTES, behind_end, is_end_mark
 from occlog.io.recording.layout import HEAD, MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.records.losses import Loss
@@ -32,6 +33,7 @@ from occlog.records.losses import Loss
 READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 MAX_DEFINITION = 16 * 2**20
 _DAMAGE = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
+D = TypeVar("D", Schema, Channel)
 
 
 class Topic(NamedTuple):
@@ -71,6 +73,8 @@ class McapFile:
         self.losses: dict[Loss, None] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
+        self._repeated: list[Schema | Channel] = []  # definitions that a damaged index alone tells
+        self._contradicted = ""  # the definition that is of another file
         summary: Summary | None = None
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
@@ -82,6 +86,7 @@ class McapFile:
             reason = str(error).removeprefix(f"{path}: ").split(";")[0]
             self._lose("end", f"{reason}; read without its index")
             self._scan_definitions()
+            self._repeated = [*self._schemas.values(), *self._channels.values()]
         self._span: tuple[int, int] | None = None
         if summary is not None and summary.statistics and summary.statistics.message_count:
             self._span = (summary.statistics.message_start_time, summary.statistics.message_end_time)
@@ -134,7 +139,7 @@ class McapFile:
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
         """(channel, time, data) of the messages of some topics, or of all of them."""
-        size = self.path.stat().st_size
+        size, self._contradicted = self.path.stat().st_size, ""
         with self.path.open("rb") as file:
             at = len(MAGIC)
             while at < size:
@@ -144,16 +149,31 @@ class McapFile:
                     self._lose(f"byte {at}", "the file ends within a record")
                     return
                 code, length = HEAD.unpack(head)
-                if code in (Opcode.DATA_END, Opcode.FOOTER):
+                if is_end_mark(code, length):
+                    self._check_end(file, at, size)
                     return
                 if at + HEAD.size + length > size:
                     missing = at + HEAD.size + length - size
                     self._lose(f"byte {at}", f"the file ends within a record, {missing} bytes before its end")
                     return
-                if code in READ and not self._skipped(code, at, topics):
+                if code in END_BYTES:
+                    self._lose(f"byte {at}", f"a damaged record of {length} bytes was left out (its kind is damaged)")
+                elif code in READ and not self._skipped(code, at, topics):
                     yield from self._record(file, at, code, length, topics)
+                if self._contradicted:
+                    self._lose(f"byte {at}", f"{self._contradicted}; {size - at} bytes from there on were not read")
+                    return
                 at += HEAD.size + length
             self._lose(f"byte {at}", "the file ends without its end mark")
+
+    def _check_end(self, file: IO[bytes], at: int, size: int) -> None:
+        """Tell of what follows the end of the file's data at a byte, other than its index."""
+        behind = behind_end(file, at, size)
+        if behind is None:
+            self._lose(f"byte {at}", f"the index is damaged; {size - at} bytes from there on were not read")
+        elif behind < size:
+            left = f"{size - behind} bytes behind the end mark were not read; split the file there if they are a bag"
+            self._lose(f"byte {behind}", left)
 
     def _scan_definitions(self) -> None:
         """Take schemas and channels outside chunks, as those that a damaged index repeats."""
@@ -162,11 +182,29 @@ class McapFile:
             at = len(MAGIC)
             while at + HEAD.size <= size:
                 file.seek(at)
-                code, length = HEAD.unpack(file.read(HEAD.size))
+                head = file.read(HEAD.size)
+                if head.startswith(MAGIC):  # another file, whose numbers mean something else
+                    return
+                code, length = HEAD.unpack(head)
                 at += HEAD.size + length
                 if code in (Opcode.SCHEMA, Opcode.CHANNEL) and at <= size and length <= MAX_DEFINITION:
                     with suppress(*_DAMAGE):
                         self._take(code, file.read(length), None, [])
+
+    def _define(self, found: D, known: dict[int, D]) -> None:
+        """Take a definition, or note that it contradicts one before."""
+        if known.get(found.id, found) != found:
+            if known[found.id] not in self._repeated:
+                what = type(found).__name__.lower()
+                self._contradicted = self._contradicted or f"{what} {found.id} is defined a second time, and otherwise"
+                return
+            # The index is of another file, and what only it tells does not hold here
+            for each in self._repeated:
+                (self._schemas if isinstance(each, Schema) else self._channels).pop(each.id, None)
+            self._repeated.clear()
+        known[found.id] = found
+        if found in self._repeated:
+            self._repeated.remove(found)
 
     def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
         """Whether a chunk holds none of the topics, by the index."""
@@ -215,12 +253,14 @@ class McapFile:
         """Note a schema or a channel, or add a message."""
         if code == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(io.BytesIO(data)))
-            self._schemas.setdefault(schema.id, schema)
+            self._define(schema, self._schemas)
         elif code == Opcode.CHANNEL:
             channel = Channel.read(ReadDataStream(io.BytesIO(data)))
-            self._channels.setdefault(channel.id, channel)
+            self._define(channel, self._channels)
         else:
             channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(data)
+            if self._contradicted:
+                return
             if channel_id not in self._channels:
                 self._lose(f"channel {channel_id}", "its messages were left out: the channel's definition is lost")
             elif topics is None or self._channels[channel_id].topic in topics:

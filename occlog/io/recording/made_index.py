@@ -24,6 +24,7 @@ from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC
 
 from .chunks import CHUNK_HEAD, MAX_CHUNK_BYTES, check_chunk, chunk_head, unpacked
+from .ends import PRIVATE, behind_end, is_end_mark
 from .layout import HEAD, MESSAGE_HEAD, damaged_mcap
 
 _BLOCK = 1 << 20
@@ -40,8 +41,6 @@ DATA = frozenset(
     )
 )
 """Kinds of records before the end of the data."""
-PRIVATE = 0x80
-"""From this kind on records belong to programs, and others pass over them."""
 
 
 class Loose(NamedTuple):
@@ -163,10 +162,11 @@ class _Pass:
             end = at + HEAD.size + length
             if end > size:
                 raise self._damaged(f"the record at byte {at} is said to end at byte {end} of {size}")
-            if code == Opcode.DATA_END:
+            if code == Opcode.DATA_END and is_end_mark(code, length):
                 (told,) = struct.unpack_from("<I", self._read(at, length))
                 if told and told != self._crc:
                     raise self._damaged(f"the data before byte {at} have a wrong check sum")
+                self._check_end(at, size)
                 return
             # A damaged code would make a chunk one of those records that readers pass over
             if code not in DATA and code < PRIVATE:
@@ -176,6 +176,14 @@ class _Pass:
             yield at, code, length
             at = end
         raise self._damaged("the end of the data is missing")
+
+    def _check_end(self, at: int, size: int) -> None:
+        """InputError unless nothing but an index stands behind the end of the data at a byte."""
+        behind = behind_end(self._file, at, size)
+        if behind is None:
+            raise self._damaged(f"behind the end of the data at byte {at} stands something else than an index")
+        if behind < size:
+            raise self._damaged(f"{size - behind} bytes follow its end mark at byte {behind}")
 
     def _sum(self, head: bytes, length: int) -> None:
         """Go on with the check sum of the data."""

@@ -28,11 +28,10 @@ from occlog.io.files.content import RECORDING_MAGIC, mistaken_for
 from occlog.io.files.inputs import check_input
 
 from .chunks import MAX_CHUNK_BYTES, check_chunk
-from .layout import SALVAGE
+from .ends import FOOTER_BYTES, are_records
+from .layout import SALVAGE, damaged_mcap
 from .made_index import MadeIndex, check_told, is_complete, make_index
 from .made_index_reader import MadeIndexReader, McapMessages
-
-FOOTER_BYTES = 9 + 20
 
 _FAILURES = (
     McapError,
@@ -120,11 +119,16 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
     file.seek(size - 8 - FOOTER_BYTES)
     footer = file.read(FOOTER_BYTES)
     start, _, crc = struct.unpack("<QQI", footer[9:])
-    if start == 0 or crc == 0:
+    if start == 0:
         return
     if start > size:
         raise InputError(f"{path}: damaged MCAP file: the index is said to begin at byte {start} of {size}")
     file.seek(start)
+    if crc == 0:
+        # Behind another file places in an index are wrong, and the library would read the index of that one
+        if not are_records(file.read(max(size - 8 - FOOTER_BYTES - start, 0))):
+            raise damaged_mcap(path, f"the index is said to begin at byte {start}, and does not")
+        return
     found = zlib.crc32(file.read(size - 8 - 4 - start))
     if found != crc:
         raise InputError(f"{path}: damaged MCAP file: the index from byte {start} on has a wrong check sum")

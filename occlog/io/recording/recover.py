@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 import os
-import struct
-import zlib
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -18,16 +18,18 @@ from mcap.opcode import Opcode
 from occlog.errors import InputError
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inputs, provenance_from_json
-from occlog.io.files.utc import utc
 from occlog.records.losses import Loss
 
 from .copy import moved_metadata
+from .gaps import Tally
 from .layout import MESSAGE_HEAD
 from .metadata import add_metadata, damaged_metadata
+from .one_behind_another import Part
 from .reader import sensor_of
 from .salvage import (
     FAILURES,
     Record,
+    has_right_sum,
     repeated_records,
     whole_records,
 )
@@ -55,7 +57,8 @@ def recover_recording(
     """Write `path`, whole or not at all, with every whole message of a damaged recording.
 
     Messages keep their order, times and numbers.  What was lost is in the provenance, from where all later stages
-    carry it on.
+    carry it on.  Where several recordings stand in the file one behind another, those of one scene are brought
+    together, but for frames of linked videos, whose numbers mean something in the first one's videos alone.
 
     Args:
         source: a recording of occlog.
@@ -69,8 +72,6 @@ def recover_recording(
     videos = videos or {}
     with open_output(path, overwrite) as file:
         found = _Salvage(source, path, file)
-        for record in repeated_records(source):
-            found.define(record)
         for record in whole_records(source, found.damaged):
             found.take(record)
         return found.finish(videos)
@@ -82,61 +83,105 @@ class _Salvage:
     def __init__(self, source: Path, path: Path, file: IO[bytes]) -> None:
         self._source, self._path = source, path
         self._writer = begin_mcap(file)
-        self._schemas: dict[int, records.Schema] = {}
-        self._channels: dict[int, records.Channel] = {}
-        self._written: dict[int, int] = {}  # channel of the new recording by that of the old one
-        self._written_schemas: dict[int, int] = {0: 0}
-        self._counts: dict[int, int] | None = None  # messages by channel, as the index has it
-        self._metadata: dict[str, dict[str, str]] = {}
-        self._attached: set[str] = set()
+        self._first = self._part = Part(0)
+        self._written_schemas: dict[tuple[str, str, bytes], int] = {}
+        self._written_channels: dict[tuple[str, str, int, str], int] = {}
+        self._attached: dict[str, bytes] = {}  # digests
         self._losses: dict[Loss, None] = {}
-        self._messages: dict[int, int] = {}
-        self._last: dict[int, tuple[int, int]] = {}  # number and time of a channel's last message
-        self._told: dict[int, int] = {}  # lost messages of a channel that are in the losses
-        self._open: set[int] = set()  # channels without a message since the last damage
+        self._before: list[Loss] = []  # what had been lost when the recordings were made
+        self._names: set[str] = set()  # of schemas
+        self._messages: dict[str, int] = {}
         self._span: tuple[int, int] | None = None
 
-    def damaged(self, at: int, what: str) -> None:
-        """Note damage at a byte of the file."""
+    def damaged(self, at: int, what: str, *, messages: bool = True) -> None:
+        """Note damage at a byte of the file, and whether messages may be lost by it."""
         self._lose(f"byte {at}", what)
-        self._open = set(self._last)
-
-    def define(self, record: Record) -> None:
-        """Take what the index says of schemas, channels and numbers of messages."""
-        with suppress(*FAILURES):
-            if record.code == Opcode.STATISTICS:
-                statistics = records.Statistics.read(_stream(record))
-                self._counts = {int(k): int(n) for k, n in statistics.channel_message_counts.items()}
-            else:
-                self.take(record)
+        if messages:
+            self._part.damage.begin()
 
     def take(self, record: Record) -> None:
         """Write a message or an attachment, or keep what others need."""
+        part = self._part
         try:
-            if record.code == Opcode.SCHEMA:
-                schema = records.Schema.read(_stream(record))
-                self._schemas.setdefault(schema.id, schema)
+            if record.code == Opcode.HEADER:
+                self._begin(record.at)
+            elif record.code == Opcode.SCHEMA:
+                self._define(records.Schema.read(_stream(record)), record.at)
             elif record.code == Opcode.CHANNEL:
-                channel = records.Channel.read(_stream(record))
-                self._channels.setdefault(channel.id, channel)
+                self._define(records.Channel.read(_stream(record)), record.at)
             elif record.code == Opcode.ATTACHMENT:
                 self._attach(record)
             elif record.code == Opcode.METADATA:
                 metadata = records.Metadata.read(_stream(record))
-                self._metadata[metadata.name] = dict(metadata.metadata)
+                part.metadata[metadata.name] = dict(metadata.metadata)
+            elif record.code == Opcode.MESSAGE_INDEX:
+                index = records.MessageIndex.read(_stream(record))
+                part.damage.index(index.channel_id, len(index.records))
             elif record.code == Opcode.MESSAGE:
                 self._message(record)
         except FAILURES as error:
             self._lose(f"byte {record.at}", f"a damaged record is left out ({' '.join(str(error).split())[:80]})")
 
+    def _begin(self, at: int) -> None:
+        """Begin with the recording at a byte of the file, and take what its index says."""
+        if at:
+            self._close()
+            self._part = Part(at)
+        with suppress(*FAILURES):
+            for record in repeated_records(self._source, at):
+                if record.code != Opcode.STATISTICS:
+                    self.take(record)
+                    continue
+                told = records.Statistics.read(_stream(record)).channel_message_counts
+                self._part.counts = {int(k): int(n) for k, n in told.items()}
+
+    def _define(self, found: records.Schema | records.Channel, at: int) -> None:
+        if self._part.contradicts(found):  # another recording, whose beginning is lost
+            self._close()
+            self._part = Part(at)
+        self._part.define(found)
+
+    def _close(self) -> None:
+        """List what is lost of a recording that ends."""
+        part = self._part
+        for name in damaged_metadata(part.metadata):
+            part.metadata.pop(name, None)
+            self._lose(name, "metadata with a wrong digest are left out")
+        if part is not self._first:
+            self._tell_of_other(part)
+            if not self._belongs(part):
+                return
+        self._names |= {schema.name for schema in part.schemas.values()}
+        for topic, place, count in part.lost():
+            what = (
+                f"messages of {topic}, if there were more"
+                if count is None
+                else f"messages of {topic} in what is damaged"
+            )
+            self._losses[Loss(_source_of(topic), place, what, count or 0)] = None
+        self._before += self._provenance_before(part).losses
+
+    def _tell_of_other(self, part: Part) -> None:
+        """List a recording that follows another one, and what is left out of it."""
+        place = f"from byte {part.at} on"
+        if not self._belongs(part):
+            what = "messages of another recording, which has another scene or none, are left out; split the file there"
+            self._losses[Loss(self._source.name, place, what, part.left_out)] = None
+            return
+        self._lose(place, "another recording, of the same scene; its messages follow those of the first")
+        if part.left_out:
+            what = "frames of linked videos of another recording are left out; split the file there"
+            self._losses[Loss(self._source.name, place, what, part.left_out)] = None
+
+    def _belongs(self, part: Part) -> bool:
+        """Whether messages of a recording mean what those of the first one do."""
+        return part is self._first or (part.scene is not None and part.scene == self._first.scene)
+
     def finish(self, videos: Mapping[str, Path]) -> Recovered:
         """Complete the file; InputError where it is none of ours, or nothing is whole."""
-        for name in damaged_metadata(self._metadata):
-            self._metadata.pop(name, None)
-            self._lose(name, "metadata with a wrong digest are left out")
-        names = {schema.name for schema in self._schemas.values()}
-        ours = OURS in self._metadata or SCENE_ATTACHMENT in self._attached
-        if not ours and not any(name.startswith("occlog.") for name in names):
+        self._close()
+        ours = OURS in self._first.metadata or SCENE_ATTACHMENT in self._attached
+        if not ours and not any(name.startswith("occlog.") for name in self._names):
             raise InputError(
                 f"{self._source}: not a recording of occlog, as far as it is whole; of a bag of another program "
                 "`occlog ingest` takes what is whole, and lists the rest"
@@ -145,107 +190,97 @@ class _Salvage:
             raise InputError(f"{self._source}: nothing is whole before the damage; there is nothing to salvage")
         if SCENE_ATTACHMENT not in self._attached:
             self._lose(SCENE_ATTACHMENT, "the scene is lost; give later stages --scene")
-        self._count_missing()
-        before = self._provenance_before()
-        losses = (*before.losses, *self._losses)
+        losses = (*dict.fromkeys(self._before), *self._losses)
         given = {f"video of {camera}": str(video.name) for camera, video in sorted(videos.items())}
         provenance = Provenance("recover", given, inputs=hash_inputs([self._source, *videos.values()]), losses=losses)
         own = {"format": FORMAT, "provenance": provenance.json()}
         add_metadata(self._writer, {**self._links(videos), OURS: own})
         self._writer.finish()
-        messages = {self._channels[k].topic: n for k, n in sorted(self._messages.items())}
-        return Recovered(messages, self._span, losses)
+        return Recovered(dict(sorted(self._messages.items())), self._span, losses)
 
     def _message(self, record: Record) -> None:
+        part = self._part
         channel_id, number, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(record.data)
-        if channel_id not in self._channels:
+        part.damage.end()
+        if channel_id not in part.channels:
             self._lose(f"channel {channel_id}", "its messages are left out: what they are is lost")
             return
-        if channel_id not in self._written:
-            self._register(channel_id)
-        self._writer.add_message(
-            self._written[channel_id], log_ns, record.data[MESSAGE_HEAD.size :], publish_ns, number
-        )
-        if channel_id in self._open:
-            # Numbers of a topic rise by one from message to message
-            before, time_ns = self._last[channel_id]
-            if number > before + 1:
-                self._missing(channel_id, f"{utc(time_ns)} to {utc(log_ns)}", number - before - 1)
-            self._open.discard(channel_id)
-        self._last[channel_id] = number, log_ns
-        self._messages[channel_id] = self._messages.get(channel_id, 0) + 1
+        if part is not self._first and not (self._belongs(part) and part.schema_of(channel_id) != VIDEO_FRAME):
+            part.left_out += 1
+            return
+        if channel_id not in part.written:
+            part.written[channel_id] = self._register(part, part.channels[channel_id])
+        data = record.data[MESSAGE_HEAD.size :]
+        self._writer.add_message(part.written[channel_id], log_ns, data, publish_ns, number)
+        part.tallies.setdefault(channel_id, Tally(channel_id, part.damage)).add(number, log_ns)
+        topic = part.channels[channel_id].topic
+        self._messages[topic] = self._messages.get(topic, 0) + 1
         low, high = self._span or (log_ns, log_ns)
         self._span = min(low, log_ns), max(high, log_ns)
 
-    def _register(self, channel_id: int) -> None:
-        channel = self._channels[channel_id]
-        schema = self._schemas.get(channel.schema_id)
-        if channel.schema_id not in self._written_schemas:
+    def _register(self, part: Part, channel: records.Channel) -> int:
+        """The channel of the new recording that is the same, which is begun if there is none."""
+        number = 0
+        if channel.schema_id:
+            schema = part.schemas.get(channel.schema_id)
             if schema is None:
                 raise ValueError(f"the schema of {channel.topic} is lost")
-            self._written_schemas[schema.id] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        self._written[channel_id] = self._writer.register_channel(
-            channel.topic, channel.message_encoding, self._written_schemas[channel.schema_id], dict(channel.metadata)
-        )
+            told = schema.name, schema.encoding, schema.data
+            if told not in self._written_schemas:
+                self._written_schemas[told] = self._writer.register_schema(*told)
+            number = self._written_schemas[told]
+        own = dict(channel.metadata)
+        key = channel.topic, channel.message_encoding, number, json.dumps(own, sort_keys=True)
+        if key not in self._written_channels:
+            self._written_channels[key] = self._writer.register_channel(
+                channel.topic, channel.message_encoding, number, own
+            )
+        return self._written_channels[key]
 
     def _attach(self, record: Record) -> None:
-        (crc,) = struct.unpack("<I", record.data[-4:])
-        if crc and zlib.crc32(record.data[:-4]) != crc:
+        if not has_right_sum(record.data):
             self._lose(f"byte {record.at}", "an attached file with a wrong check sum is left out")
             return
         a = records.Attachment.read(_stream(record))
+        digest = hashlib.sha256(a.data).digest()
+        if a.name == SCENE_ATTACHMENT:
+            self._part.scene = digest
+        if self._part is not self._first:
+            same = self._attached.get(a.name) == digest
+            if not same and a.name != SCENE_ATTACHMENT:  # of another scene all is left out
+                self._lose(f"byte {record.at}", f"{a.name}, attached to another recording, is left out")
+            return
         self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
-        self._attached.add(a.name)
+        self._attached[a.name] = digest
 
-    def _count_missing(self) -> None:
-        """List messages that the index counts and that are neither found nor listed; without it, where each topic ends.
-
-        A topic without a message since the last damage may have had more.
-        """
-        for channel_id in sorted(self._open if self._counts is None else ()):
-            topic = self._channels[channel_id].topic
-            place = f"after {utc(self._last[channel_id][1])}"
-            self._losses[Loss(_source_of(topic), place, f"messages of {topic}, if there were more")] = None
-        for channel_id, count in sorted((self._counts or {}).items()):
-            missing = count - self._messages.get(channel_id, 0) - self._told.get(channel_id, 0)
-            if missing > 0 and channel_id in self._channels:
-                last = self._last.get(channel_id)
-                place = "all of it" if last is None else f"from {utc(last[1])} on"
-                self._missing(channel_id, place, missing)
-
-    def _provenance_before(self) -> Provenance:
+    def _provenance_before(self, part: Part) -> Provenance:
         """How the recording was made, with what was lost then; a loss where that itself is lost."""
         before = UNKNOWN
         with suppress(InputError):
-            before = provenance_from_json(self._metadata.get(OURS, {}).get("provenance", ""), self._source)
+            before = provenance_from_json(part.metadata.get(OURS, {}).get("provenance", ""), self._source)
         if before.command == "unknown":
-            self._lose("its end", "how it was made, and what was lost then, is not known any more")
+            place = "its end" if part is self._first else f"the end of what begins at byte {part.at}"
+            self._lose(place, "how it was made, and what was lost then, is not known any more")
         return before
 
     def _links(self, videos: Mapping[str, Path]) -> dict[str, dict[str, str]]:
         """Links to videos, as they hold from the new recording."""
         links = {
             name: moved_metadata(name, values, self._source, self._path, Provenance("recover"))
-            for name, values in self._metadata.items()
+            for name, values in self._first.metadata.items()
             if name.startswith(VIDEO_METADATA)
         }
         for camera, video in sorted(videos.items()):
             place = Path(os.path.relpath(video.resolve(), self._path.resolve().parent)).as_posix()
             links[VIDEO_METADATA + camera] = {"path": place, "sha256": hash_file(video)}
-        for channel_id in self._written:
-            channel = self._channels[channel_id]
-            camera = sensor_of(channel.topic)
-            if self._schemas[channel.schema_id].name == VIDEO_FRAME and VIDEO_METADATA + camera not in links:
+        for channel_id in self._first.written:
+            camera = sensor_of(self._first.channels[channel_id].topic)
+            if self._first.schema_of(channel_id) == VIDEO_FRAME and VIDEO_METADATA + camera not in links:
                 raise InputError(
                     f"{self._source}: camera {camera}: the link to its video is lost; say which file it is: "
                     f"--video {camera}=FILE"
                 )
         return links
-
-    def _missing(self, channel_id: int, place: str, count: int) -> None:
-        topic = self._channels[channel_id].topic
-        self._losses[Loss(_source_of(topic), place, f"messages of {topic} in what is damaged", count)] = None
-        self._told[channel_id] = self._told.get(channel_id, 0) + count
 
     def _lose(self, place: str, what: str) -> None:
         self._losses[Loss(self._source.name, place, what)] = None

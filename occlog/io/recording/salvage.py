@@ -2,7 +2,8 @@
 
 A chunk counts if its check sum is right.  The last one of a file that was cut has none that could be tried; of
 what it holds up to the cut nothing was changed, so its complete messages count.  Where the length of a record is
-damaged, the search goes on at the next chunk whose head makes sense.
+damaged, the search goes on at the next chunk whose head makes sense, or at the next recording: several may stand in a
+file one behind another, and any but the last may be cut.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, NamedTuple, Protocol
 
 import lz4.frame
 import zstandard
@@ -25,21 +26,27 @@ from occlog.io.files.content import PARQUET_MAGIC, RECORDING_MAGIC
 from occlog.io.files.inputs import check_input
 
 from .chunks import CHUNK_HEAD, KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
+from .ends import BEGIN, END_BYTES, behind_end, index_of, is_end_mark
 from .layout import HEAD
 from .lz4_blocks import rest_of_block
-from .mcap_errors import FOOTER_BYTES, check_summary
 
 LAST_CODE = Opcode.DATA_END
 """Codes of records that the format defines go up to this one."""
 _LENGTH = struct.Struct("<I")
 _MARKS = tuple(_LENGTH.pack(len(name)) + name.encode() for name in KNOWN_COMPRESSION if name)
 """The name of the compression as it stands in the head of a chunk."""
+_INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<HI"), 16
+"""Of an index of messages: channel and length of its entries, and the length of each."""
 _BLOCK = 1 << 20
 FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 """What damaged records raise in the libraries that take them apart."""
 
-Tell = Callable[[int, str], None]
-"""Is told of damage: where it is [byte of the file], and what it is."""
+
+class Tell(Protocol):
+    """Is told of damage."""
+
+    def __call__(self, at: int, what: str, *, messages: bool = True) -> None:
+        """Take note of damage at a byte of the file, what it is, and whether messages may be lost by it."""
 
 
 class Record(NamedTuple):
@@ -59,8 +66,11 @@ class Record(NamedTuple):
 def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
     """All whole records before the index, those of chunks one by one, in the order of the file.
 
+    Where a recording begins a `Record` of the kind HEADER comes first, at its first byte: all that was defined before
+    does not hold there.
+
     Args:
-        path: an MCAP file.
+        path: an MCAP file, or several one behind another.
         damaged: is called for every damage, before the records that follow it.
 
     Raises:
@@ -77,78 +87,156 @@ def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
             )
         if begin != RECORDING_MAGIC:
             raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
-        at = len(RECORDING_MAGIC)
+        at = before = 0
         while at < size:
             file.seek(at)
             head = file.read(HEAD.size)
+            if head.startswith(RECORDING_MAGIC):
+                yield Record(Opcode.HEADER, b"", at)
+                at += len(RECORDING_MAGIC)
+                continue
             if len(head) < HEAD.size:
                 break
             code, length = HEAD.unpack(head)
-            if code in (Opcode.DATA_END, Opcode.FOOTER):
-                return
-            end = at + HEAD.size + length
-            if 0 < code <= LAST_CODE and end <= size:
-                yield from _one(file, at, code, length, damaged)
-                at = end
-                continue
-            # A record that does not fit: its length is damaged, or the file was cut within it
-            found = _next_chunk(file, at + 1, size)
-            if found is None and code == Opcode.CHUNK:
-                yield from _cut_chunk(file, at, size, damaged)
-                return
-            damaged(at, "the file is cut within a record" if found is None else "damaged: read on at the next chunk")
-            if found is None:
-                return
-            at = found
+            if is_end_mark(code, length):
+                behind = _behind(file, at, size, damaged)
+                if behind == size:
+                    return
+                at = behind
+            elif at + HEAD.size + length <= size and (kind := _kind(file, code, length, before)):
+                if kind != code:
+                    what = f"the kind of a record is damaged ({code}, which must be {kind})"
+                    damaged(at, what, messages=False)
+                file.seek(at + HEAD.size)
+                at = yield from _one(file, at, kind, length, damaged)
+            else:
+                # A record that does not fit: its length is damaged, or the file was cut within it
+                begins = _next_begin(file, at + 1, size)
+                if code == Opcode.CHUNK and (begins is None or _is_recording(file, begins)):
+                    yield from _cut_chunk(file, at, size if begins is None else begins, damaged)
+                else:
+                    damaged(at, "the file is cut within a record" if begins is None else _read_on(file, begins))
+                if begins is None:
+                    return
+                at = begins
+            before = code
         damaged(size, "the file is cut: its end mark is missing")
 
 
-def repeated_records(path: Path) -> list[Record]:
-    """Schemas, channels and statistics in the index at the end of a file; none where it is gone or damaged."""
-    found: list[Record] = []
-    size = path.stat().st_size
-    with path.open("rb") as file, suppress(InputError, *FAILURES):
-        check_summary(path, file)
-        file.seek(size - len(RECORDING_MAGIC) - FOOTER_BYTES + HEAD.size)
-        (start,) = struct.unpack("<Q", file.read(8))
-        end = size - len(RECORDING_MAGIC) - FOOTER_BYTES
-        if not 0 < start < end or end - start > MAX_CHUNK_BYTES:
-            return []
-        file.seek(start)
-        found = [
-            record
-            for record in _split(file.read(end - start), start)
-            if record.code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
-        ]
-    return found
+def repeated_records(path: Path, begin: int = 0) -> list[Record]:
+    """Schemas, channels and statistics in the index of a recording that begins at a byte; none if it is damaged."""
+    with path.open("rb") as file, suppress(*FAILURES):
+        found = index_of(file, begin, path.stat().st_size)
+        if found is not None:
+            start, records = found
+            kinds = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
+            return [record for record in _split(records, start) if record.code in kinds]
+    return []
 
 
-def _one(file: IO[bytes], at: int, code: int, length: int, damaged: Tell) -> Iterator[Record]:
-    """A record outside chunks, or those of a chunk."""
+def _behind(file: IO[bytes], at: int, size: int, damaged: Tell) -> int:
+    """Where to read on behind the end mark at a byte: at the next recording or chunk; `size`: there is none."""
+    behind = behind_end(file, at, size)
+    if behind is None:  # the index is damaged, or the mark is none
+        begins = _next_begin(file, at + 1, size)
+        if begins is not None:
+            damaged(at, f"an end mark without its index, or none; {_read_on(file, begins)}")
+        return size if begins is None else begins
+    if behind == size or _is_recording(file, behind):
+        return behind
+    begins = _next_begin(file, behind, size)
+    stop = size if begins is None else begins
+    damaged(behind, f"{stop - behind} bytes behind the end mark are no records, and are left out")
+    return stop
+
+
+def _read_on(file: IO[bytes], begins: int) -> str:
+    return f"damaged: read on at the next {'recording' if _is_recording(file, begins) else 'chunk'}"
+
+
+def _is_recording(file: IO[bytes], at: int) -> bool:
+    file.seek(at)
+    return file.read(len(RECORDING_MAGIC)) == RECORDING_MAGIC
+
+
+def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
+    """The kind of a record that the file stands in, by what it holds where its code may be damaged; 0: none is known.
+
+    Args:
+        file: the file, standing behind the head of the record.
+        code: what the head says.
+        length: of the record, which is all in the file.
+        before: code of the record before it.
+    """
+    if code not in (Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.HEADER) and length <= MAX_CHUNK_BYTES:
+        data = file.read(length)
+        if _is_chunk(data):
+            return int(Opcode.CHUNK)
+    else:
+        data = file.read(_INDEX_HEAD.size) if length <= MAX_CHUNK_BYTES else b""
+    if before in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and len(data) >= _INDEX_HEAD.size:
+        _, told = _INDEX_HEAD.unpack_from(data)
+        if told == length - _INDEX_HEAD.size and told % _INDEX_ENTRY == 0:
+            return int(Opcode.MESSAGE_INDEX)
+    return code if 0 < code <= LAST_CODE else 0
+
+
+def _is_chunk(data: bytes) -> bool:
+    """Whether these are a chunk with a check sum that is right."""
+    try:
+        head = chunk_head(data)
+        records = _unpacked(data, head) if head.crc and head.compression in KNOWN_COMPRESSION else b""
+    except FAILURES:
+        return False
+    return bool(records) and len(records) == head.declared and zlib.crc32(records) == head.crc
+
+
+def _one(file: IO[bytes], at: int, code: int, length: int, damaged: Tell) -> Generator[Record, None, int]:
+    """A record outside chunks, or those of a chunk; returns where to read on."""
+    end = at + HEAD.size + length
+    if code == Opcode.HEADER:
+        return end
+    if code in END_BYTES:
+        damaged(at, f"a damaged record of {length} bytes is left out: an end mark has {END_BYTES[code]}")
+        return end
     if length > MAX_CHUNK_BYTES:
         damaged(at, f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) is left out")
-        return
+        return end
     data = file.read(length)
+    cut = data.find(BEGIN)  # before what was cut another recording may be, which the record cannot hold
     if code != Opcode.CHUNK:
+        if cut >= 0 and not (code == Opcode.ATTACHMENT and has_right_sum(data)):
+            damaged(at, "the file is cut within a record, and another recording follows")
+            return at + HEAD.size + cut
         yield Record(code, data, at)
-        return
+        return end
     try:
         head = chunk_head(data)
         records = _unpacked(data, head)
         if len(records) != head.declared or (head.crc and zlib.crc32(records) != head.crc):
             raise ValueError("wrong check sum")
     except FAILURES as error:
+        if cut >= 0:
+            yield from _cut_chunk(file, at, at + HEAD.size + cut, damaged)
+            return at + HEAD.size + cut
         reason = " ".join(str(error).split())[:80] or "data end early"
         damaged(at, f"a damaged chunk of {length} bytes is left out ({reason})")
-        return
+        return end
     yield from _split(records, at)
+    return end
+
+
+def has_right_sum(attachment: bytes) -> bool:
+    """Whether the check sum of an attachment is right, or there is none."""
+    (crc,) = struct.unpack("<I", attachment[-4:])
+    return not crc or zlib.crc32(attachment[:-4]) == crc
 
 
 def _cut_chunk(file: IO[bytes], at: int, size: int, damaged: Tell) -> Iterator[Record]:
-    """The complete records of a chunk in which the file was cut."""
+    """The complete records of a chunk in which the file was cut, at byte `size`."""
     file.seek(at + HEAD.size)
     try:
-        data = file.read(min(size - at, MAX_CHUNK_BYTES))
+        data = file.read(min(size - at - HEAD.size, MAX_CHUNK_BYTES))
         records = _unpacked(data, chunk_head(data))
     except FAILURES:
         records = b""
@@ -192,20 +280,22 @@ def _split(records: bytes, at: int) -> Iterator[Record]:
         begin += length
 
 
-def _next_chunk(file: IO[bytes], at: int, size: int) -> int | None:
-    """Where the next record begins that looks like a whole compressed chunk; None: there is none."""
+def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
+    """Where the next record begins that looks like a whole compressed chunk, or the next recording; None: nowhere."""
     before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
-    longest = max(map(len, _MARKS))
+    longest = max(map(len, (*_MARKS, BEGIN)))
     begin = at
     while begin < size:
         file.seek(begin)
         block = file.read(_BLOCK + longest - 1)
-        places = sorted(p for mark in _MARKS for p in _all_of(block, mark))
-        for start in (begin + p - before for p in places):
+        starts = [begin + p - before for mark in _MARKS for p in _all_of(block, mark)]
+        for start in sorted([*starts, *(begin + p for p in _all_of(block, BEGIN))]):
             if start < at:
                 continue
             file.seek(start)
             head = file.read(before)
+            if head.startswith(BEGIN):
+                return start
             code, length = HEAD.unpack_from(head)
             if code == Opcode.CHUNK and start + HEAD.size + length <= size:
                 return start

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from random_tables import random_table
@@ -21,8 +22,9 @@ from occlog.io.files.salvage.marks import GROUP, group_of, marks
 from occlog.io.files.salvage.table import recover_table
 from occlog.io.files.salvage.thrift import MalformedError, Reader, written
 from occlog.io.files.utc import utc
+from occlog.records.columns import Table
 from occlog.records.losses import Loss
-from occlog.records.tables import TABLES, Bearings
+from occlog.records.tables import TABLES, WIDER, Bearings, Tracks
 
 T0, STEP, GROUPS, ROWS = 1_700_000_000_000_000_000, 10_000_000, 5, 400
 BEFORE = Loss("cam", "frame 3", "cut", 2)
@@ -127,6 +129,16 @@ def test_rows_that_are_lost_are_counted_with_their_times(whole: Path, tmp_path: 
         assert (lost.count, lost.place) == (ROWS, "2023-11-14T22:13:27.990Z to 2023-11-14T22:13:32.000Z")
 
 
+def test_rows_of_neighbouring_groups_are_added_up(whole: Path, tmp_path: Path) -> None:
+    data = bytearray(whole.read_bytes())
+    for group in [group_of(mark) for mark in marks(data) if mark.kind == GROUP][1:3]:
+        data[group.at + 100] ^= 1
+    for damaged in (data, data[:-5]):  # with and without a footer
+        table, losses = salvaged(tmp_path, bytes(damaged))
+        assert len(table) == (GROUPS - 2) * ROWS
+        assert [loss.count for loss in losses if "check sum" in loss.what] == [2 * ROWS]
+
+
 def test_the_command_says_what_is_lost(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cut, out = tmp_path / "cut.parquet", tmp_path / "whole.parquet"
     cut.write_bytes(whole.read_bytes()[: ends(whole.read_bytes())[1] + 10])
@@ -174,3 +186,29 @@ def test_a_table_of_each_kind_comes_back_without_its_footer(name: str, length: i
     for c in table.columns():
         a, b = getattr(again, c.name), getattr(whole, c.name)
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("kind", WIDER, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("lost", [0, 30], ids=["whole", "without its footer"])
+def test_columns_that_few_files_have_come_back(kind: type[Table], lost: int, tmp_path: Path) -> None:
+    table = random_table(kind, 6)
+    path = tmp_path / "t.parquet"
+    write_table(path, table, Provenance("test"))
+    kept = path.read_bytes()
+    path.write_bytes(kept[: len(kept) - lost])
+    recover_table(path, tmp_path / "again.parquet")
+    again, whole = read_table(tmp_path / "again.parquet", kind), table.sorted()
+    for c in table.columns():
+        np.testing.assert_array_equal(getattr(again, c.name), getattr(whole, c.name))
+    assert pq.read_schema(tmp_path / "again.parquet").names == [c.name for c in kind.columns()]
+
+
+def test_a_column_that_no_table_has_is_told_as_a_loss(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    write_table(path, random_table(Tracks, 6), Provenance("test"))
+    rows = pq.read_table(path)
+    pq.write_table(rows.append_column("mood", pa.array(["merry"] * 6)), path)
+    found = recover_table(path, tmp_path / "again.parquet")
+    assert [(loss.place, loss.what) for loss in found.losses] == [
+        ("column mood", "is left out: tracks of this version has no such column")
+    ]

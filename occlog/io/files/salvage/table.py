@@ -6,7 +6,8 @@ import io
 import mmap
 import struct
 import zlib
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from occlog.io.files.parquet import (
     WRITTEN,
     Header,
     TableWriter,
+    arrow_schema_of,
     check_schema,
     from_arrow,
     groups_of,
@@ -33,7 +35,7 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.utc import utc
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
-from occlog.records.tables import TABLES
+from occlog.records.tables import TABLES, table_with
 
 from .groups import pattern_of, rows_of
 from .marks import GROUP, SCHEMA, Mark, group_of, marks
@@ -79,19 +81,24 @@ def recover_table(source: Path, path: Path, *, overwrite: bool = False) -> Recov
         header = read_header(source)
     except InputError:
         return _without_footer(source, path, overwrite)
-    table = _table_named(source, header.table)
-    return _write(source, path, header, table, _by_footer(source), header.provenance.losses, overwrite)
+    table, left_out = _table_for(source, header.table, arrow_schema_of(source).names)
+    losses = (*header.provenance.losses, *left_out)
+    return _write(source, path, header, table, _by_footer(source, table), losses, overwrite)
 
 
-def _table_named(source: Path, name: str) -> type[Table]:
+def _table_for(source: Path, name: str, columns: Collection[str]) -> tuple[type[Table], list[Loss]]:
+    """The table of a name that takes a file's columns, and those that it does not take."""
     if name not in TABLES:
         raise InputError(f"{source}: holds {name!r}, which is no table of this version; update occlog")
-    return TABLES[name]
+    table = table_with(name, columns)
+    known = {c.name for c in table.columns()}
+    what = f"is left out: {name} of this version has no such column"
+    return table, [Loss(source.name, f"column {column}", what) for column in columns if column not in known]
 
 
-def _by_footer(source: Path) -> Iterator[Table | Lost]:
+def _by_footer(source: Path, table: type[Table]) -> Iterator[Table | Lost]:
     """Groups of rows of a file whose footer is right, or their loss."""
-    for group in groups_of(source, TABLES):
+    for group in groups_of(source, {table.NAME: table}):
         try:
             rows = [from_arrow(batch, group.table) for batch in group.batches()]
         except InputError:
@@ -116,10 +123,10 @@ def _without_footer(source: Path, path: Path, overwrite: bool) -> RecoveredTable
         with translate_read_errors(source):
             schema = pa.ipc.read_schema(pa.py_buffer(first.says))
             header, rows = by_footer or (header_of(source, schema), None)
-            table = _table_named(source, header.table)
+            table, left_out = _table_for(source, header.table, schema.names)
             check_schema(source, schema, table)
             pattern = pattern_of(_row_of(schema))
-        before = header.provenance.losses
+        before = (*header.provenance.losses, *left_out)
         if rows is None:
             before = (*before, Loss(source.name, "its end", "what was lost while it was made is not known any more"))
         whole = _by_marks(data, pattern, table, first, found, rows)
@@ -187,7 +194,7 @@ def _write(
     overwrite: bool,
 ) -> RecoveredTable:
     """Write what is whole, and gather what is not with the times of the rows around it."""
-    losses, open_losses = list(before), list[Lost]()
+    losses, open_losses = list(before), Counter[str]()  # of the latter: rows by what is lost
     last: int | None = None
     span: tuple[int, int] | None = None
 
@@ -198,21 +205,24 @@ def _write(
             return f"before {utc(until or 0)}"
         return f"after {utc(last)}" if until is None else f"{utc(last)} to {utc(until)}"
 
+    def close(until: int | None) -> None:
+        losses.extend(Loss(source.name, place(until), what, count) for what, count in open_losses.items())
+        open_losses.clear()
+
     made = Provenance("recover", {}, None, hash_inputs([source]))
     with TableWriter(path, table, made, overwrite=overwrite, length_unit=header.length_unit) as writer:
         for part in found:
             if isinstance(part, Lost):
-                open_losses.append(part)
+                open_losses[part.what] += part.rows
             elif len(part):
                 times = part.t_ns  # type: ignore[attr-defined]
-                losses += [Loss(source.name, place(int(times[0])), each.what, each.rows) for each in open_losses]
-                open_losses.clear()
+                close(int(times[0]))
                 span = (int(times[0]) if span is None else span[0], int(times[-1]))
                 last = int(times[-1])
                 writer.write(part)
-        losses += [Loss(source.name, place(None), each.what, each.rows) for each in open_losses]
         if open_losses and not writer.rows:
             raise InputError(f"{source}: no group of rows is whole; copy it again, or make it again")
-        told = tuple(dict.fromkeys(losses))
+        close(None)
+        told = tuple(losses)
         writer.annotate(Provenance("recover", {}, None, made.inputs, told))
         return RecoveredTable(writer.rows, span, told)

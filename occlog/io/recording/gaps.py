@@ -1,0 +1,128 @@
+"""Messages of a topic that are lost in what is damaged: when, and how many as far as that can be known.
+
+Statistics in the index count the messages of a topic, and the index behind a damaged chunk those in the chunk.  Without
+both the numbers of messages tell, but only of a topic whose numbers rise by one: frames that a recorder left out on
+purpose leave the same jump.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from occlog.io.files.utc import utc
+
+
+class Gap(NamedTuple):
+    """A stretch between two messages of a topic with damage in it.
+
+    Attributes:
+        before: time of the last message before it [ns]; None: there is none.
+        after: time of the first message behind it [ns]; None: there is none.
+        jump: messages that are lost by their numbers, if these rise by one; None: one end is open.
+        indexed: messages that indexes of the chunks in it count.
+        whole: whether there is such an index of all that is damaged.
+    """
+
+    before: int | None
+    after: int | None
+    jump: int | None
+    indexed: int
+    whole: bool
+
+    @property
+    def place(self) -> str:
+        """When it is."""
+        if self.before is None:
+            return "all of it" if self.after is None else f"before {utc(self.after)}"
+        return f"after {utc(self.before)}" if self.after is None else f"{utc(self.before)} to {utc(self.after)}"
+
+
+class Damage:
+    """What is damaged of a recording so far, for all topics."""
+
+    def __init__(self) -> None:
+        self.places = 0
+        """How many places are damaged."""
+        self.unknown = 0
+        """How many of them no index of a chunk tells of."""
+        self.counted: dict[int, int] = {}
+        """Messages of each channel that indexes of damaged chunks count."""
+        self._behind = self._told = False
+
+    def begin(self) -> None:
+        """Damage begins."""
+        self.places += 1
+        self.unknown += 1
+        self._behind, self._told = True, False
+
+    def end(self) -> None:
+        """A whole message: indexes that follow are of whole chunks."""
+        self._behind = False
+
+    def index(self, channel: int, messages: int) -> None:
+        """An index of the messages of a channel in the chunk before it."""
+        if not self._behind:
+            return
+        if not self._told:
+            self.unknown -= 1
+            self._told = True
+        self.counted[channel] = self.counted.get(channel, 0) + messages
+
+
+class Tally:
+    """Messages of one channel, and the gaps between them."""
+
+    def __init__(self, channel: int, damage: Damage) -> None:
+        """`damage` is that of the whole recording, and grows while it is read."""
+        self.messages = 0
+        self._channel, self._damage = channel, damage
+        self._last: tuple[int, int] | None = None  # number and time of the last message
+        self._seen = (0, 0, 0)  # what was damaged when it came
+        self._rising: bool | None = None  # whether numbers rise by one where nothing is damaged; None: not known
+        self._gaps: list[Gap] = []
+
+    def add(self, number: int, t_ns: int) -> None:
+        """Count a message."""
+        if self._damage.places > self._seen[0]:
+            self._gaps.append(self._gap(t_ns, number))
+        elif self._last is not None and self._rising is not False:
+            self._rising = number == self._last[0] + 1
+        self._last, self._seen = (number, t_ns), self._now()
+        self.messages += 1
+
+    def lost(self, count: int | None) -> list[tuple[str, int | None]]:
+        """When messages are lost, and how many; None: nobody knows whether there were any.
+
+        Args:
+            count: messages of the channel, by the statistics of the index; None: they are lost.
+        """
+        gaps = list(self._gaps)
+        if self._damage.places > self._seen[0]:
+            gaps.append(self._gap(None, 0))
+        found = [self._missing(gap) for gap in gaps]
+        if count is None:
+            return [(gap.place, n) for gap, n in zip(gaps, found, strict=True) if n != 0]
+        missing = count - self.messages
+        open_gaps, rest = [n for n in found if n is None], missing - sum(n or 0 for n in found)
+        if missing <= 0 or not gaps:
+            return [] if missing <= 0 else [(self._gap(None, 0).place, missing)]
+        if rest < 0 or (rest and len(open_gaps) != 1):  # how many are in which gap is not known
+            first, last = gaps[0], gaps[-1]
+            return [(first._replace(after=last.after).place, missing)]
+        told = [rest if n is None else n for n in found]
+        return [(gap.place, n) for gap, n in zip(gaps, told, strict=True) if n]
+
+    def _missing(self, gap: Gap) -> int | None:
+        """Messages that are lost in a gap; None: not known."""
+        if gap.whole:
+            return gap.indexed
+        return gap.jump if self._rising else None
+
+    def _gap(self, after: int | None, number: int) -> Gap:
+        before = None if self._last is None else self._last[1]
+        jump = None if self._last is None or after is None else max(number - self._last[0] - 1, 0)
+        _, unknown, counted = (now - seen for now, seen in zip(self._now(), self._seen, strict=True))
+        return Gap(before, after, jump, counted, not unknown)
+
+    def _now(self) -> tuple[int, int, int]:
+        return self._damage.places, self._damage.unknown, self._damage.counted.get(self._channel, 0)
