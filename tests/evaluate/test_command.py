@@ -11,7 +11,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate.text import number, summary_lines
+from occlog.evaluate.text import LABEL, number, summary_lines
 from occlog.io.files.parquet import read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
@@ -355,7 +355,10 @@ def test_summary_for_a_person() -> None:
         "bearing_rms_sensor_cam a_px": 2.0,
     }
     text = "\n".join(summary_lines(metrics, "m"))
-    assert "RMSE                                        0.1235 m" in text
+    assert f"  {'RMSE':<{LABEL}}      0.1235 m" in text
+    longest = {"estimates": 5.0, "estimates_without_truth": 2.0, "estimates_interpolated_truth": 1.0}
+    ends = {len(line) for line in summary_lines(longest, "m") if line.startswith("  ")}
+    assert len(ends) == 1  # numbers stand below one another
     assert "4000" in text
     lines = text.splitlines()
     assert [line.split() for line in lines if line.startswith(("0 ", "12 ", "cam a"))] == [

@@ -317,7 +317,7 @@ LIBRARIES = {
     "import csv": {"io/files/by_reader.py", "io/files/csv_rows.py", "papers/run.py", "pipeline/csv_text.py"},
     "import gzip": {"io/files/csv_rows.py", "examine/export/run.py"},  # which writes
     "import lz4": {"io/recording/chunks.py", "io/recording/salvage.py"},
-    "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mp4", "reader")}
+    "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mkv_uids", "mp4", "reader")}
     | {"io/models/onnx_file.py", "io/files/salvage/marks.py", "io/files/salvage/table.py"}
     | {"io/frames/memory.py"},  # of images that were decoded
     "import pickle": {"track/people/named/by_gallery.py", "conformance/faults.py"},  # of the process itself
