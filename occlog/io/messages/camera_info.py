@@ -63,7 +63,9 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
     focal, principal = np.array([matrix[0, 0], matrix[1, 1]]), matrix[:2, 2].copy()
     if rectified:
         turn = info.r if info.r.any() else np.eye(3)
-        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turn) < 0:
+        with np.errstate(over="ignore", invalid="ignore"):
+            rotates = np.isfinite(turn).all() and np.abs(turn @ turn.T - np.eye(3)).max() <= 1e-3
+        if not rotates or np.linalg.det(turn) < 0:
             raise InputError(f"{where}: its matrix R is not a rotation; give a calibration file or a scene")
         shift = -float(info.p[0, 3]) / float(focal[0])
         return Intrinsics(focal, principal, info.size, "brown", np.zeros(5), turn, shift, fit_px=0.0)

@@ -86,7 +86,8 @@ def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray)
     """Directions of one message in the world; empty slots (id 0, or no direction) give no row."""
     heard = [s for s in message.sources if s.id != 0 and any(s.vector)]
     vectors: Floats = np.array([s.vector for s in heard], dtype=np.float64).reshape(-1, 3)
-    length = np.linalg.norm(vectors, axis=1)
+    with np.errstate(over="ignore"):  # what is infinite is refused
+        length = np.linalg.norm(vectors, axis=1)
     bad = ~((length >= LENGTHS[0]) & (length <= LENGTHS[1]))
     if bad.any():
         raise InputError(f"a direction {vectors[bad][0].tolist()} of length {length[bad][0]:.3g}; want a unit vector")

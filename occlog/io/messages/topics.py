@@ -192,7 +192,7 @@ def _named_by_path(topics: Sequence[str]) -> dict[str, str]:
     out: dict[str, str] = {}
     for topic in topics:
         parts = [p for p in topic.split("/") if p and p not in ("odas", "sst", "ssl", "odas_server_node")]
-        name = safe_name("_".join(parts) or "odas")
+        name = safe_name("_".join(parts).strip() or "odas")
         if name in out:
             raise InputError(
                 f"topics {out[name]} and {topic}: both hold directions of {name}; name the one that is to be taken"

@@ -136,7 +136,8 @@ def rotation_of(message: TransformMessage) -> Floats:
     """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another length, or a place that is none."""
     if not np.isfinite(message.translation).all():
         raise InputError(f"transform of frame {message.child!r}: its translation is not finite")
-    length = float(np.linalg.norm(message.quaternion))
+    with np.errstate(over="ignore", invalid="ignore"):  # what is infinite, or no number, is refused
+        length = float(np.linalg.norm(message.quaternion))
     if not abs(length - 1) <= UNIT_SLACK:
         raise InputError(
             f"transform of frame {message.child!r}: a quaternion of length {length:.4g}; it must be 1 to within "

@@ -58,6 +58,11 @@ def test_two_topics_of_one_array_must_be_chosen_from() -> None:
         map_topics(bag({"/mic/odas/sst": kind, "/mic/sst": kind}), (), ())
 
 
+def test_a_topic_of_blanks_is_an_array_without_a_name() -> None:
+    topics = bag({"/ /sst": "odas_ros_msgs/msg/OdasSstArrayStamped"})
+    assert map_topics(topics, (), ()).directions == {"odas": "/ /sst"}
+
+
 def test_two_topics_that_would_be_one_camera_are_named_by_the_user() -> None:
     with pytest.raises(
         UsageError, match=r"topics /a b/image and /a=b/image would both be camera 'a_b'; name them: --topic a_b_1=/a b/"
