@@ -12,7 +12,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
-from occlog.pipeline.run.inputs import files_of, place_of
+from occlog.pipeline.run.inputs import files_of, places_of
 from occlog.pipeline.run.run import STATE, do_stages, inside, other_versions, outcomes
 from occlog.pipeline.run.stages import Config, plan, read_config
 
@@ -122,8 +122,7 @@ def inputs_of(config: Config, folder: Path) -> list[Path]:
 def _check_relative(config: Config) -> None:
     """InputError for a file that is named by an absolute path, which is elsewhere on another machine."""
     for text in _texts(config.values):
-        place = place_of(text)
-        if place.is_absolute() and place.exists():
+        if any(place.is_absolute() for place in places_of(text)):
             raise InputError(
                 f"{config.path}: {text}: an absolute path, which another machine does not have; name it relative to "
                 "the configuration, run again, and pack"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,10 +14,11 @@ from occlog.io.recording.reader import linked_videos
 NETWORK = ".onnx"
 
 
-def place_of(argument: str) -> Path:
-    """The path that an argument may be: the whole of it if there is such a file, else what `NAME=` stands before."""
-    whole = Path(argument)
-    return whole if whole.exists() else Path(argument.split("=", 1)[-1])
+def places_of(argument: str) -> list[Path]:
+    """The paths that an argument may mean and that are there: the whole of it, and what `NAME=` stands before."""
+    texts = dict.fromkeys((argument, argument.split("=", 1)[-1]))
+    # A title may be longer than any name of a file, of which Path.exists would complain
+    return [Path(text) for text in texts if text and os.path.exists(text)]  # noqa: PTH110
 
 
 def files_of(argument: str) -> list[Path]:
@@ -25,9 +27,10 @@ def files_of(argument: str) -> list[Path]:
     Of a recording these are the videos that it links to, of a network its weights, of folders with labels the names of
     their classes; of a folder all its files.
     """
-    path = place_of(argument)
-    found = dict.fromkeys([path] if path.is_file() else sorted(path.rglob("*")) if path.is_dir() else [])
-    found |= dict.fromkeys(_beside(path))
+    found: dict[Path, None] = {}
+    for path in places_of(argument):
+        found |= dict.fromkeys([path] if path.is_file() else sorted(path.rglob("*")))
+        found |= dict.fromkeys(_beside(path))
     return [file for file in found if file.is_file()]
 
 
@@ -48,5 +51,5 @@ def _beside(path: Path) -> Iterator[Path]:
 
 def name_of(file: Path, argument: str) -> str:
     """What a file of `files_of` is known by, wherever its folder lies: its name, in a folder with the way to it."""
-    path = place_of(argument)
-    return file.relative_to(path).as_posix() if path.is_dir() and file.is_relative_to(path) else file.name
+    folders = (path for path in places_of(argument) if path.is_dir() and file.is_relative_to(path))
+    return next((file.relative_to(path).as_posix() for path in folders), file.name)

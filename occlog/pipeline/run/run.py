@@ -26,7 +26,7 @@ from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
 
-from .inputs import files_of, name_of, place_of
+from .inputs import files_of, name_of, places_of
 from .stages import Config, Stage, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
@@ -236,12 +236,13 @@ def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
     """
     digest = hashlib.sha256(f"{__version__}\0{installed_versions()}\0{stage.name}\0".encode())
     for text in stage.args:
-        path = place_of(text)
         shown = text.replace(str(folder), "RUN")
         if text in stage.output_paths:
             digest.update(f"{shown}\0".encode())
             continue
-        digest.update(f"{shown.replace(str(path), path.name) if path.is_file() else shown}\0".encode())
+        for path in places_of(text):
+            shown = shown.replace(str(path), path.name) if path.is_file() else shown
+        digest.update(f"{shown}\0".encode())
         for file in files_of(text):
             digest.update(f"{name_of(file, text)}\0{digests.of(file)}\0".encode())
     return digest.hexdigest()

@@ -17,7 +17,7 @@ from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
 from occlog.pipeline.pack.archive import take, unpack
 from occlog.pipeline.pack.manifest import INPUTS, OUTPUTS, Manifest
-from occlog.pipeline.run.inputs import files_of, place_of
+from occlog.pipeline.run.inputs import files_of, places_of
 from occlog.pipeline.run.run import Step, do_stages, inside
 from occlog.pipeline.run.stages import Config, check_settings, plan, read_config
 
@@ -99,8 +99,8 @@ def _make_again(config: Config, folder: Path, made: Path, begin: Callable[[str],
         check_settings(config, stage)
         with inside(config.path.parent):
             for text in stage.args:
-                place = place_of(text)
-                outside = [p for p in (place, *files_of(text)) if p.exists() and folder not in p.resolve().parents]
+                named = (*places_of(text), *files_of(text))
+                outside = [p for p in named if folder not in p.resolve().parents]
                 if outside:
                     raise InputError(f"stage {stage.name} names {outside[0]}, which is not in the archive")
     return list(do_stages(config, made, force=False, dry_run=False, begin=begin))

@@ -307,6 +307,21 @@ def test_paths_with_an_equals_sign_are_inputs_like_others(tmp_path: Path) -> Non
     assert key_of_detect(one) != before
 
 
+def test_an_argument_may_be_a_path_as_it_is_and_behind_an_equals_sign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a=b").mkdir()
+    for name in ("a=b/c.mp4", "c.mp4"):
+        (tmp_path / name).write_bytes(b"frames")
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "c.mp4").write_bytes(b"others")
+    assert files_of("a=b/c.mp4") == [Path("a=b/c.mp4"), Path("b/c.mp4")]
+    assert files_of("x=c.mp4") == [Path("c.mp4")]
+    for text in ("", "title=", "t" * 300, "a\0b"):
+        assert files_of(text) == []
+
+
 def test_what_is_read_beside_an_argument_is_an_input(tmp_path: Path) -> None:
     """Names of classes beside or above labels; a folder's files are known by the way to them."""
     labels = tmp_path / "labels" / "view1"
