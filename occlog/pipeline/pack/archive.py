@@ -43,6 +43,7 @@ class Packer:
     def __init__(self, file: IO[bytes]) -> None:
         """Begin."""
         self._zip = zipfile.ZipFile(file, "w")
+        self._compressed = 0
 
     def bytes(self, name: str, data: bytes) -> None:
         """Add a small file."""
@@ -53,6 +54,10 @@ class Packer:
         digest = hashlib.sha256()
         info = _info(name)
         info.file_size = told.bytes
+        if info.compress_type == zipfile.ZIP_DEFLATED:
+            self._compressed += told.bytes
+            if self._compressed > FREE_BYTES // 2:  # more of it might not be unpacked again
+                info.compress_type = zipfile.ZIP_STORED
         with path.open("rb") as source, self._zip.open(info, "w", force_zip64=told.bytes > zipfile.ZIP64_LIMIT) as out:
             while part := source.read(_PART):
                 digest.update(part)

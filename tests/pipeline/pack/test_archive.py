@@ -16,7 +16,7 @@ import pytest
 from occlog.errors import InputError
 from occlog.pipeline.pack import archive
 from occlog.pipeline.pack.archive import unpack
-from occlog.pipeline.pack.manifest import LOCK, MANIFEST
+from occlog.pipeline.pack.manifest import LOCK, MANIFEST, read_manifest
 
 CONFIG = b"occlog_run: 1\n"
 Members = dict[str, bytes]
@@ -143,6 +143,26 @@ def test_bombs_are_refused_before_anything_is_written(tmp_path: Path, monkeypatc
 
     write(tmp_path / "x.zip", found, change)
     refused(tmp_path, "unpacks to 100.... bytes; the limit of an archive of its size is 10")
+
+
+def test_what_is_packed_can_be_unpacked_however_well_it_compresses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "FREE_BYTES", 100_000)
+    text = b"0" * 40_000
+    names = [f"{number}.csv" for number in range(20)]
+    made = manifest(outputs=[told(name, text) for name in names])
+    (tmp_path / "text").write_bytes(text)
+    with (tmp_path / "x.zip").open("wb") as out:
+        packer = archive.Packer(out)
+        for name, data in ((MANIFEST, made), (LOCK, b""), ("inputs/run.yaml", CONFIG)):
+            packer.bytes(name, data)
+        for each in read_manifest(made, "m").outputs:
+            packer.file(f"run/{each.path}", tmp_path / "text", each)
+        packer.close()
+    (tmp_path / "out").mkdir()
+    unpack(tmp_path / "x.zip", tmp_path / "out")
+    assert [(tmp_path / "out" / "run" / name).read_bytes() for name in names] == [text] * 20
 
 
 def test_sizes_that_lie_are_refused(tmp_path: Path) -> None:
