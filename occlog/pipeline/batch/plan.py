@@ -8,6 +8,7 @@ import os
 import stat
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -18,6 +19,8 @@ from occlog.io.remote.urls import shown as without_secrets
 
 FEWEST_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""
+MOST_PATHS = 1_000_000
+"""Paths that a pattern may stand for, with folders: links that lead back into their own folder make them endless."""
 LONGEST_NAME = 255
 """Bytes of a name that file systems take."""
 
@@ -93,7 +96,13 @@ def _places(pattern: str) -> Iterable[str]:
         raise InputError(f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'")
     if not glob.has_magic(pattern):
         raise InputError(f"{pattern}: no such file; check the name and the folder")
-    names = sorted(name for name in glob.glob(pattern, recursive=True) if _may_be_file(name))  # noqa: PTH207
+    names = list(islice(glob.iglob(pattern, recursive=True), MOST_PATHS + 1))  # noqa: PTH207
+    if len(names) > MOST_PATHS:
+        raise InputError(
+            f"{pattern}: more than {MOST_PATHS:,} paths; where links lead back into their own folder name folders "
+            "without them"
+        )
+    names = sorted(name for name in names if _may_be_file(name))
     if not names:
         raise InputError(f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone")
     return [_absolute(name) for name in names]

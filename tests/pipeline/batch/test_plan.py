@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
+from occlog.pipeline.batch import plan as batch_plan
 from occlog.pipeline.batch.plan import in_text, sources_of
 
 
@@ -67,6 +68,17 @@ def test_a_recording_that_links_lead_to_counts_once(tmp_path: Path) -> None:
         ("lot", "away/lot.mcap"),
         ("yard", "b/yard.mcap"),
     ]
+
+
+def test_links_that_lead_back_are_followed_to_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two of them in one folder make 2 to the power of 40 paths."""
+    monkeypatch.setattr(batch_plan, "MOST_PATHS", 1_000)
+    (tmp_path / "h.mcap").write_bytes(b"")
+    (tmp_path / "one").symlink_to(".")
+    assert [source.name for source in sources_of([str(tmp_path / "**" / "*.mcap")])] == ["h"]
+    (tmp_path / "two").symlink_to(".")
+    with pytest.raises(InputError, match="more than 1,000 paths; where links lead back into their own folder"):
+        sources_of([str(tmp_path / "**" / "*.mcap")])
 
 
 def test_a_folder_above_a_linked_one_is_the_one_that_the_system_means(tmp_path: Path) -> None:
