@@ -22,7 +22,9 @@ from occlog.records.scene import Camera
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of, yaml_values
 from .opencv_toml import rotation_from_vector
 
-MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx", "m", "matrix")
+PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")
+"""Names that say what the matrix is, also in a text of which nothing else is known."""
+MATRIX = (*PLAIN_MATRIX, "m", "matrix")
 DISTORTION = ("distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion", "dist", "d")
 ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
 TRANSLATION = ("t", "tvec", "translation", "translation_vector")

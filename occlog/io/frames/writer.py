@@ -96,7 +96,8 @@ class VideoWriter:
             self._folder.__exit__(None, None, None)
 
     def _finish(self) -> None:
-        number_tracks(self._draft)
+        if self.suffix == ".webm":
+            number_tracks(self._draft)
         container = read_container(self._draft)
         written = 0 if container is None else (container.frames or 0) - int(container.broken.sum())
         if written != self.frames:

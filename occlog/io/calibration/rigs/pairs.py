@@ -18,6 +18,7 @@ from ..common import CalibrationOptions, Pose, build_camera, read_text, scale_of
 from ..opencv_storage import (
     DISTORTION,
     MATRIX,
+    PLAIN_MATRIX,
     ROTATION,
     TRANSLATION,
     matrix_of,
@@ -53,7 +54,7 @@ def detect(text: str) -> bool:
     def has(names: tuple[str, ...]) -> bool:
         return any(re.search(rf"^\s*[<\"]?{name}[>\":\s]", lower, re.MULTILINE) is not None for name in names)
 
-    return has(MATRIX[:5]) != (has(ROTATION) or has(TRANSLATION))
+    return has(PLAIN_MATRIX) != (has(ROTATION) or has(TRANSLATION))
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
