@@ -70,6 +70,7 @@ def attempt(name: str, options: argparse.Namespace, seed: int, out: Path, curren
     counts: Counter[str] = Counter()
     findings: dict[str, str] = {}
     random = Random(seed)
+    text = all(map(_is_text, seeds))
 
     def tell() -> None:
         elapsed = time.monotonic() - begin
@@ -99,13 +100,20 @@ def attempt(name: str, options: argparse.Namespace, seed: int, out: Path, curren
             one(grown(random.choice(seeds), random, options.grown, reader.layer))
         if guided:
             _guided(
-                one, lambda d, r: changed(d, draw(r), r.choice(seeds), reader.layer), seeds, inputs, seconds, seed, out
+                one,
+                lambda d, r: changed(d, draw(r, text), r.choice(seeds), reader.layer),
+                seeds,
+                inputs,
+                seconds,
+                seed,
+                out,
             )
         elif not options.grown:
+            # Half begin at a good file: the others are of many kinds, but most of these are refused at once.
             pool, known = list(seeds), set[str]()
             while sum(counts.values()) < inputs and time.monotonic() - begin < seconds:
-                data = changed(random.choice(pool), draw(random), random.choice(seeds), reader.layer)
-                new = one(data)
+                start = random.choice(seeds if random.random() < 0.5 else pool)
+                new = one(data := changed(start, draw(random, text), random.choice(seeds), reader.layer))
                 if new not in known and len(known) < KEPT:
                     known.add(new)
                     pool.append(data)
@@ -135,6 +143,13 @@ def _import_traced() -> None:
 def _form(line: str) -> str:
     """A line without the numbers and the words that come from the file: what code path refused it."""
     return " ".join(word for word in line.split() if word.isalpha())
+
+
+def _is_text(data: bytes) -> bool:
+    try:
+        return "\0" not in data.decode()
+    except UnicodeDecodeError:
+        return False
 
 
 def _guided(

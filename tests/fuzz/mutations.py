@@ -279,6 +279,9 @@ EDITS: tuple[Callable[[bytes, int, int, bytes], bytes], ...] = (
     *(_write, _flip, _delete, _repeat, _insert, _overwrite, _cut, _number_of_bytes, _near_number_of_bytes, _splice),
     *(_move_in, _number, _number, _word, _line, _cell, _nest, _noise),
 )
+_OF_TEXTS = (_delete, _repeat, _insert, _cut, _splice, _move_in, _number, _word, _line, _cell, _nest)
+TEXT = tuple(n for n, edit in enumerate(EDITS) if edit in _OF_TEXTS)
+"""Kinds of edits after which most texts are texts still."""
 
 
 def edited(data: bytes, edits: Sequence[Edit], other: bytes) -> bytes:
@@ -309,10 +312,11 @@ def changed(data: bytes, change: Change, other: bytes, layer: Layer | None = Non
     return edited(data, change.edits, other)
 
 
-def draw(random: Random) -> Change:
-    """A change, most often of one or two edits."""
+def draw(random: Random, text: bool = False) -> Change:
+    """A change, most often of one or two edits; of a `text` most often one that leaves a text."""
     count = random.choice((1, 1, 1, 2, 2, 3, 4, 8))
-    edits = (Edit(random.randrange(len(EDITS)), random.getrandbits(32), random.getrandbits(32)) for _ in range(count))
+    kinds = TEXT if text and random.random() < 0.75 else range(len(EDITS))
+    edits = (Edit(random.choice(kinds), random.getrandbits(32), random.getrandbits(32)) for _ in range(count))
     return Change(random.random() < 0.6, tuple(edits))
 
 
