@@ -14,6 +14,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import lru_cache
 from random import Random
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import zstandard
 from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from occlog.io.files.salvage.marks import SCHEMA, group_of, mark_of_group, mark_of_schema, marks
@@ -300,13 +302,21 @@ class Layer(NamedTuple):
     """Container, number of the part, and the part as it is to be."""
 
 
+@lru_cache(maxsize=1024)
+def _parts(layer: Layer, data: bytes) -> list[bytes]:
+    """Parts of a container; none of what cannot be taken apart."""
+    try:
+        return layer.parts(data)
+    except Exception:  # of the libraries that unpack
+        return []
+
+
 def changed(data: bytes, change: Change, other: bytes, layer: Layer | None = None) -> bytes:
     """The bytes after a change; those outside where a container cannot be taken apart."""
     if layer is not None and change.inside and change.edits:
         with suppress(Exception):  # of the libraries that pack: whatever they cannot write is no input
-            parts = layer.parts(data)
+            parts, source = _parts(layer, data), _parts(layer, other)
             number = change.edits[0].place % len(parts)
-            source = layer.parts(other)
             part = edited(parts[number], change.edits[1:] or change.edits, source[number % len(source)])
             return layer.pack(data, number, part)[:LONGEST]
     return edited(data, change.edits, other)
@@ -324,7 +334,7 @@ def grown(data: bytes, random: Random, size: int, layer: Layer | None = None) ->
     """The bytes with one piece of them, or one token, so often that there are `size` bytes."""
     if layer is not None and random.random() < 0.5:
         with suppress(Exception):
-            parts = layer.parts(data)
+            parts = _parts(layer, data)
             number = random.randrange(len(parts))
             return layer.pack(data, number, grown(parts[number], random, size))
     at = random.randrange(len(data) + 1)
@@ -342,40 +352,58 @@ def grown(data: bytes, random: Random, size: int, layer: Layer | None = None) ->
     return data[:at] + piece * (max(size - len(data), 0) // max(len(piece), 1)) + data[at:]
 
 
-def _mcap_parts(data: bytes) -> list[bytes]:
-    """Data of messages, attachments, schemas, metadata and names of topics, in this order."""
+class _Recording(NamedTuple):
+    """What a recording holds."""
+
+    messages: list[tuple[Channel, Message]]
+    attachments: list[Attachment]
+    schemas: list[Schema]
+    metadata: list[Metadata]
+    channels: list[Channel]
+
+
+@lru_cache(maxsize=512)
+def _recording(data: bytes) -> _Recording:
     reader = make_reader(io.BytesIO(data))
     summary = reader.get_summary()
     assert summary is not None
-    out = [message.data for _, _, message in reader.iter_messages(log_time_order=False)]
-    out += [attachment.data for attachment in reader.iter_attachments()]
-    out += [schema.data for schema in summary.schemas.values()]
-    for record in reader.iter_metadata():
-        out += [value.encode() for value in record.metadata.values()]
-    return out + [name.encode() for c in summary.channels.values() for name in (c.topic, c.message_encoding)]
+    return _Recording(
+        [(channel, message) for _, channel, message in reader.iter_messages(log_time_order=False)],
+        list(reader.iter_attachments()),
+        list(summary.schemas.values()),
+        list(reader.iter_metadata()),
+        list(summary.channels.values()),
+    )
+
+
+def _mcap_parts(data: bytes) -> list[bytes]:
+    """Data of messages, attachments, schemas, metadata and names of topics, in this order."""
+    held = _recording(data)
+    out = [message.data for _, message in held.messages]
+    out += [attachment.data for attachment in held.attachments]
+    out += [schema.data for schema in held.schemas]
+    out += [value.encode() for record in held.metadata for value in record.metadata.values()]
+    return out + [name.encode() for c in held.channels for name in (c.topic, c.message_encoding)]
 
 
 def _pack_mcap(data: bytes, number: int, part: bytes) -> bytes:
     """The recording with one of these parts another; its times are as they were."""
-    reader, at = make_reader(io.BytesIO(data)), 0
-    summary = reader.get_summary()
-    assert summary is not None
+    held, at = _recording(data), 0
 
     def new(old: bytes) -> bytes:
         nonlocal at
         at += 1
         return part if at == number + 1 else old
 
-    messages = [(c.id, m, new(m.data)) for _, c, m in reader.iter_messages(log_time_order=False)]
-    attached = [(a, new(a.data)) for a in reader.iter_attachments()]
-    schemas = [(s, new(s.data)) for s in summary.schemas.values()]
+    messages = [(c.id, m, new(m.data)) for c, m in held.messages]
+    attached = [(a, new(a.data)) for a in held.attachments]
+    schemas = [(s, new(s.data)) for s in held.schemas]
     metadata = [
-        (m.name, {k: new(v.encode()).decode("utf-8", "replace") for k, v in m.metadata.items()})
-        for m in reader.iter_metadata()
+        (m.name, {k: new(v.encode()).decode("utf-8", "replace") for k, v in m.metadata.items()}) for m in held.metadata
     ]
     channels = [
         (c, *(new(name.encode()).decode("utf-8", "replace") for name in (c.topic, c.message_encoding)))
-        for c in summary.channels.values()
+        for c in held.channels
     ]
     out = io.BytesIO()
     kinds = (CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD)
@@ -429,9 +457,14 @@ def _pack_zip(data: bytes, number: int, part: bytes) -> bytes:
     return out.getvalue()
 
 
+@lru_cache(maxsize=512)
+def _table(data: bytes) -> pa.Table:
+    return pq.read_table(pa.BufferReader(data))
+
+
 def _parquet_parts(data: bytes) -> list[bytes]:
     """The table without our check sums, entries of its footer, and the numbers of its columns."""
-    table = pq.read_table(pa.BufferReader(data))
+    table = _table(data)
     plain = io.BytesIO()
     pq.write_table(table, plain)
     columns = [c.combine_chunks() for c in table.columns if pa.types.is_primitive(c.type)]
@@ -442,7 +475,7 @@ def _parquet_parts(data: bytes) -> list[bytes]:
 def _pack_parquet(data: bytes, number: int, part: bytes) -> bytes:
     if number == 0:
         return part
-    table, out = pq.read_table(pa.BufferReader(data)), io.BytesIO()
+    table, out = _table(data), io.BytesIO()
     told = dict(table.schema.metadata or {})
     if number <= len(told):
         table = table.replace_schema_metadata({**told, list(told)[number - 1]: part})
