@@ -36,6 +36,12 @@ class Column:
         """NumPy dtype of the column; "U" stands for strings of any length."""
         return np.dtype(self.kind)
 
+    @property
+    def limits(self) -> tuple[int, int]:
+        """Smallest and largest whole number that a column of these (`i4`, `i8`, `u1`, ...) holds."""
+        bits = 8 * self.dtype.itemsize
+        return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.dtype.kind == "i" else (0, (1 << bits) - 1)
+
 
 def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
     """Declare one column of a table; an `optional` one is NaN, "" or, of whole numbers, -1 where it gets no values."""
@@ -143,6 +149,12 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
         return array.astype(np.str_)
     if array.dtype.kind == "f" and c.dtype.kind in "iu":
         raise InputError(f"{c.name}: fractional numbers where whole ones ({c.kind}) are declared")
+    if array.dtype.kind in "iu" and c.dtype.kind in "iu" and array.dtype != c.dtype:
+        low, high = c.limits
+        bad = (array < low) | (array > high)
+        if bad.any():  # a cast would make other numbers of them
+            row = int(np.argwhere(bad)[0, 0])
+            raise InputError(f"{c.name}: row {row}: {array[row]} must be {low} to {high}")
     return np.asarray(array.astype(c.dtype, casting="same_kind", copy=False))
 
 

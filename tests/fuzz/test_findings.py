@@ -10,7 +10,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyarrow as pa
 import pytest
+from mcap.writer import Writer
 from scipy.io import wavfile
 
 from occlog.cli.main import run
@@ -28,6 +30,25 @@ from .readers import READERS
 from .watch import Watch, watching
 
 LARGE = "1" + "0" * 300
+WRAPPED = [
+    ("truth", f"time,id,x,y\n0,{2**32 + 5},1,2\n"),
+    ("directions (CSV)", f"time,sensor,azimuth_deg,id\n0,wall,90,{2**32 + 5}\n"),
+    ("foreign table (text)", f"time,track_id,x_m,y_m\n0,{2**32 + 5},2,3\n"),
+    ("trajectories (GeoJSON)", seeds.GEOJSON.replace('d": 3', f'd": {2**32 + 5}')),
+]
+"""Identities of 33 bits: tables hold 32 of them, and the 33rd was cut off, which made 5 of them."""
+
+
+def with_zone(name: bytes) -> bytes:
+    """A table of Arrow whose times are of a zone of that name, of two bytes."""
+    at = pa.array([1_700_000_000_000_000_000], pa.timestamp("ns", tz="XY"))
+    table = pa.table({"time": at, "track_id": [1], "x_m": [1.0], "y_m": [2.0]})
+    out = io.BytesIO()
+    with pa.ipc.new_file(out, table.schema) as writer:
+        writer.write_table(table)
+    return out.getvalue().replace(b"XY\0", name + b"\0")
+
+
 FINDINGS = [
     ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "not UTF-8 text"),
     ("trajectories (TRC)", seeds.TRC.encode() + b"2\t0.2\t" + b"1" * 201 + b"\t2\t0\n", "a cell of more than 200 char"),
@@ -89,8 +110,10 @@ FINDINGS = [
     (
         "directions (CSV)",
         b"time,sensor,azimuth_deg,id\n0,wall,90,-7\n",
-        "d.csv: line 2: id is -7; it must be 0",
+        "d.csv: line 2: id is -7; it must be -1 to 2147483647",
     ),
+    *((name, row.encode(), f"is {2**32 + 5}; it must be") for name, row in WRAPPED),
+    ("foreign table (Arrow)", with_zone(b"\xd4C"), "column time: "),
     ("directions (FRIDA)", b"algorithm,estimate_deg\nMUSIC,110\n", "d.csv: has no column recording"),
     (
         "scene",
@@ -155,6 +178,25 @@ def test_a_box_may_end_behind_the_file(watch: Watch) -> None:
     assert watch.outcome(READERS["video (MP4)"], bytes(data)).kind == "read"
 
 
+def far_cameras() -> bytes:
+    """A calibration of cameras whose distance no number holds."""
+    assert "-0.1]" in seeds.KALIBR
+    return seeds.KALIBR.replace("-0.1]", "-1.0e+308]").encode()
+
+
+def nested_message() -> bytes:
+    """A bag of which a message is JSON in brackets as deep as nobody reads."""
+    out = io.BytesIO()
+    writer = Writer(out)
+    writer.start()
+    schema = writer.register_schema("foxglove.CompressedImage", "jsonschema", b"{}")
+    channel = writer.register_channel("/image", "json", schema)
+    for n in range(3):
+        writer.add_message(channel, n, b"[" * 100_000, n)
+    writer.finish()
+    return out.getvalue()
+
+
 def endless_bag() -> bytes:
     """The metadata of a bag with more messages than a number says."""
     return seeds.METADATA.replace("message_count: 1", "message_count: .inf").encode()
@@ -162,7 +204,13 @@ def endless_bag() -> bytes:
 
 @pytest.mark.parametrize(
     ("name", "make"),
-    [("video (MP4)", late_fragment), ("sound", signalling_sound), ("bag (metadata)", endless_bag)],
+    [
+        ("video (MP4)", late_fragment),
+        ("sound", signalling_sound),
+        ("bag (metadata)", endless_bag),
+        ("bag (Foxglove)", nested_message),
+        ("calibration (Kalibr)", far_cameras),
+    ],
 )
 def test_a_finding_is_read(name: str, make: Callable[[], bytes], watch: Watch) -> None:
     assert watch.outcome(READERS[name], make()).kind == "read"

@@ -44,11 +44,23 @@ def test_every_column_has_a_unit_and_a_meaning(table: type) -> None:
         ({"sigma": [0.0, np.nan]}, "above 0"),
         ({"sensor": ["a"]}, "1 rows, want 2"),
         ({"target_id": [0.5, 0]}, "target_id"),
+        ({"target_id": [0, 2**31]}, "target_id: row 1: 2147483648 must be -2147483648 to 2147483647"),
+        ({"target_id": [-(2**31) - 1, 0]}, "target_id: row 0: -2147483649 must be"),
+        ({"t_ns": np.array([2**63, 1], np.uint64)}, f"t_ns: row 0: {2**63} must be"),
     ],
 )
 def test_contradictions_are_errors(changes: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         bearings(**changes)
+
+
+def test_whole_numbers_up_to_the_limits_of_their_type_stay_what_they_are() -> None:
+    ids = [2**31 - 1, 2**31 - 2]
+    assert bearings(target_id=np.array(ids)).target_id.tolist() == ids
+    with pytest.raises(InputError, match=f"target_id {-(2**31)} must be at least -1"):
+        bearings(target_id=np.array([-(2**31), 0]))
+    times = np.array([2**63 - 2, 2**63 - 1], np.uint64)
+    assert bearings(t_ns=times).t_ns.tolist() == times.tolist()
 
 
 def test_nan_only_where_it_is_declared() -> None:

@@ -106,7 +106,8 @@ def read_calibration(
 def _doubts(cameras: Sequence[Camera]) -> list[str]:
     """What speaks against the unit of the lengths, in words."""
     centres = np.array([c.position for c in cameras])
-    span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
+    with np.errstate(over="ignore"):  # cameras that are too far apart for a number are infinitely so
+        span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
     if len(cameras) > 1 and (span > FAR_M or span < NEAR_M):
         return [f"warning: the cameras are {span:.3g} m apart; the unit of the lengths may be another: state it"]
     return []

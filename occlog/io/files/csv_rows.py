@@ -141,6 +141,15 @@ class Rows:
             )
         return values.astype(np.int64)
 
+    def identities(self, name: str, *, least: int = -(2**31), blank: int | None = None) -> Ints:
+        """(n,) whole numbers from `least` that tables hold, which is up to 2**31 - 1; InputError for others."""
+        values = self.ints(name, blank)
+        bad = (values < least) | (values >= 2**31)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise self.fail(row, f"{name} is {values[row]}; it must be {least} to {2**31 - 1}; renumber it")
+        return values
+
     def _plain(self, name: str) -> Strings:
         """The cells, without those that Python alone takes for numbers: `2_0` is a slip, and not 20."""
         cells = self.cells[name]

@@ -34,7 +34,7 @@ def means_none(given: str, names: Sequence[str]) -> bool:
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sort key in which cam2 comes before cam10."""
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 
 def natural_sorted(names: Iterable[str]) -> list[str]:

@@ -208,7 +208,7 @@ class ArrowCells:
         if pa.types.is_timestamp(column.type):
             try:
                 whole = pc.cast(column, pa.timestamp("ns", tz=column.type.tz))
-            except pa.ArrowInvalid as error:
+            except ValueError as error:  # Arrow's own is one, and that of a time zone whose name is no text
                 raise InputError(f"{self._path}: column {name}: {error}") from None
             return np.asarray(to_numpy(pc.cast(whole, pa.int64())), dtype=np.int64)
         if pa.types.is_integer(column.type):

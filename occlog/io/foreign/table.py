@@ -159,7 +159,13 @@ class ForeignTable:
             return cells.bools(s.name)
         if c.dtype.kind == "i":
             default = FILLED.get(layout.table.NAME, {}).get(c.name, -1 if c.optional else None)
-            return cells.ints(s.name, blank=default if isinstance(default, int) and default < 0 else None)
+            whole = cells.ints(s.name, blank=default if isinstance(default, int) and default < 0 else None)
+            low, high = c.limits
+            beyond = np.flatnonzero((whole < low) | (whole > high))
+            if len(beyond):
+                row = int(beyond[0])
+                raise cells.fail(row, f"{s.name} is {whole[row]}; it must be {low} to {high}; renumber it")
+            return whole
         values = cells.floats(s.name, blank=c.nan is not None or c.optional)
         if s.unit == "deg":
             values = np.radians(values)

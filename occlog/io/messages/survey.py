@@ -64,7 +64,7 @@ class Messages:
             return list(found) if kind_of(kind) is Kind.TRANSFORM else found
         except OcclogError:
             raise
-        except FAILURES as error:
+        except (*FAILURES, RecursionError) as error:
             reason = " ".join(str(error).split())[:80] or type(error).__name__
             raise InputError(f"topic {topic}: not a message of type {kind} ({reason})") from None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from functools import cache
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -85,6 +86,7 @@ def table_to_messages(table: Table) -> Iterator[tuple[str, int, bytes]]:
         yield topic_of(kind, name), time, msgspec.json.encode(message)
 
 
+@cache
 def _decoder(table: type[Table]) -> msgspec.json.Decoder[Any]:
     """Decoder of a table's messages, which takes no text for a number and no 1.5 for a time."""
     fields: list[Any] = [("t_ns", int), *([("sensor", str)] if _has_sensor(table) else [])]
@@ -105,7 +107,7 @@ class RowCollector(Generic[T]):
         self._table, self._source = table, source
         self._lists: dict[str, list[object]] = {c.name: [] for c in table.columns()}
         self._has_sensor = _has_sensor(table)
-        self._decoder = _decoder(table)
+        self._decoder = _decoder(table)  # type: ignore[arg-type]  # a type is hashable
         # What a column holds in messages of older recordings, which do not have it
         self._columns = {c.name: "" if c.kind == "U" else None for c in _listed(table)}
 

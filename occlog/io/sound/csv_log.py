@@ -110,8 +110,7 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
             raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it")
         confidence = rows.floats("confidence", blank=True) if rows.has("confidence") else np.full(n, np.nan)
         _check_limits(rows, "confidence", (confidence < 0) | (confidence > 1), "must be 0 to 1")
-        source_id = rows.ints("id") if rows.has("id") else np.full(n, -1, dtype=np.int64)
-        _check_limits(rows, "id", source_id < -1, "must be 0 or more, or -1 for nobody")
+        source_id = rows.identities("id", least=-1) if rows.has("id") else np.full(n, -1, dtype=np.int64)
         yield DoaRows(
             line=rows.lines,
             t_ns=parse_times(rows, unit, unit) + options.start_ns,

@@ -110,7 +110,7 @@ def _csv_positions(rows: Rows, options: TruthOptions) -> Positions:
         raise rows.fail(int(wrong[0]), f"role {str(role[wrong[0]])!r} must be target or occluder")
     return Positions(
         t_ns=_row_times(rows, options),
-        target_id=rows.ints("id") if rows.has("id") else np.zeros(n, dtype=np.int64),
+        target_id=rows.identities("id") if rows.has("id") else np.zeros(n, dtype=np.int64),
         role=role,
         x=rows.floats("x"),
         y=rows.floats("y"),
@@ -163,7 +163,7 @@ def _mot_positions(rows: Rows, options: TruthOptions) -> Positions | None:
     role = np.full(len(known), "target")
     return Positions(
         t_ns=t_ns,
-        target_id=rows.ints("1")[known],
+        target_id=rows.identities("1")[known],
         role=role,
         x=x[known],
         y=y[known],

@@ -74,6 +74,7 @@ def test_faults_of_folders(tmp_path: Path) -> None:
 def test_names_sort_as_people_expect() -> None:
     names = ["cam10", "cam2", "cam02", "Cam1", "a", "2", "cam2b"]
     assert natural_sorted(names) == natural_sorted(reversed(names))
+    assert natural_sorted(["f²", "f1", "f٣", "f2"]) == ["f1", "f2", "f٣", "f²"]
     assert natural_sorted(["f10.png", "f9.png", "f009.png"]) == ["f009.png", "f9.png", "f10.png"]
 
 
