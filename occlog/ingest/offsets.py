@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "": 1.0}
 MOST_S = 1e9
 """Largest offset [s]."""
-_OFFSET = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(s|ms|us|)")
+_OFFSET = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*(s|ms|us|)")
 
 
 def offsets_of(texts: Iterable[str]) -> dict[str, float]:

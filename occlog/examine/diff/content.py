@@ -38,8 +38,16 @@ def content(path: Path, settings: DiffSettings) -> bytes:
     if settings.provenance:
         return data
     if HTML.match(data):
-        return re.sub(rb"<footer>.*?</footer>", b"", data, flags=re.DOTALL)
+        return _without_footers(data)
     return _without_texts(data) if data.startswith(PNG) else data
+
+
+def _without_footers(page: bytes) -> bytes:
+    out, at = [], 0
+    while (begin := page.find(b"<footer>", at)) >= 0 and (end := page.find(b"</footer>", begin)) >= 0:
+        out.append(page[at:begin])
+        at = end + len(b"</footer>")
+    return b"".join((*out, page[at:]))
 
 
 def _without_texts(png: bytes) -> bytes:

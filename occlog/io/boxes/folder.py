@@ -32,7 +32,7 @@ POSE = 51
 """Numbers of the 17 key points of a person, each with x, y and how visible it is."""
 SLACK = 1e-3
 """By how much a share may pass 1: labels are written with few digits."""
-_LAST_NUMBER = re.compile(r"(\d+)\D*$")
+_LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
 Line = tuple[Path, int, int, list[str]]
 """File, line, number of the frame, and the numbers as text."""
 

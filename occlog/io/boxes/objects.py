@@ -30,7 +30,7 @@ MAX_BYTES = 2**31
 BBOX = ("left", "top", "width", "height")
 FRAME_KEYS = ("frame", "frame_id", "frame_index", "frame_number")
 MEANING = {alias: name for name, aliases in {**COLUMNS, **CLASS_KEYS}.items() for alias in aliases}
-_LAST_NUMBER = re.compile(r"(\d+)\D*$")
+_LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
 Record = Mapping[str, Any]
 
 

@@ -33,7 +33,7 @@ ORIGIN, STEP = (-3.0, -9.0), 0.025
 EDGES = {"xmin": "left", "ymin": "top", "xmax": "right", "ymax": "bottom"}
 MAX_BYTES = 16 * 2**20
 FRAMES_PER_CHUNK = 256
-_LAST_NUMBER = re.compile(r"(\d+)\D*$")
+_LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
 
 
 class Person(NamedTuple):

@@ -35,7 +35,7 @@ LONGEST_LINE = 1_000_000
 """Characters of a line at most."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Texts that a spreadsheet takes for a formula, and those that begin with the marks that say they are none."""
-_NUMBER = re.compile(r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$")
+_NUMBER = re.compile(r"^\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*$")
 
 
 def no_formula(text: str) -> str:

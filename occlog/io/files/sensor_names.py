@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from occlog.errors import InputError
 
-_DIGITS = re.compile(r"(\d+)\D*$")
+_DIGITS = re.compile(r"(?<!\d)(\d+)\D*$")
 
 
 def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:

@@ -110,6 +110,8 @@ IN_SECONDS = ("seconds", "unix_time")
 """Names of columns of times that say seconds without the ending of a unit."""
 POWERS = {"m": (1, 0), "m^2": (2, 0), "m/s": (1, 1), "m^2/s": (2, 1), "m^2/s^2": (2, 2)}
 """Powers of length and of 1/s in the units that go with the scene's unit of length."""
+COMPARED = 200
+"""Names that no table has, of a file, that are compared with those that tables have, at most: each takes its time."""
 
 
 class Spelling(NamedTuple):
@@ -236,7 +238,7 @@ def ending(column: Column, unit: str) -> str:
 def describe_missing(layout: Layout, names: Sequence[str]) -> str:
     """What a file lacks to be a table, with the nearest of its names."""
     used = {s.name for s in layout.columns}
-    left = [name for name in names if name not in used]
+    left = [name for name in names if name not in used][:COMPARED]
     one_of = [name for name in ONE_OF.get(layout.table.NAME, ()) if name in layout.missing]
     words = [f"one of {', '.join(one_of)}"] if one_of else []
     for column in layout.table.columns():
@@ -254,8 +256,9 @@ def misspelled(layout: Layout, names: Sequence[str]) -> str | None:
     there = {s.column.name for s in layout.columns}
     absent = [c for c in layout.table.columns() if c.name not in there]
     known = {name: c.name for c in absent for name in spellings(c, layout.table) if len(name) > 3}
-    for name in names:
-        if name not in {s.name for s in layout.columns} and name.strip().lower() not in known:
+    used = {s.name for s in layout.columns}
+    for name in [name for name in names if name not in used][:COMPARED]:
+        if name.strip().lower() not in known:
             near = get_close_matches(name.strip().lower(), list(known), n=1, cutoff=0.85)
             if near:
                 return f"unknown column {name!r}; did you mean {near[0]!r}? Rename it, or leave it out"

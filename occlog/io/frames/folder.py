@@ -28,7 +28,7 @@ from .decode import Picture
 from .video_stream import rate_times, sidecar_times
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
-_LAST_NUMBER = re.compile(r"(\d+)\D*$")
+_LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
 NS_DIGITS = 18
 """A name that is a number of so many digits is a time in ns since the Unix epoch."""
 

@@ -52,7 +52,7 @@ def detect(text: str) -> bool:
     lower = text.lower()
 
     def has(names: tuple[str, ...]) -> bool:
-        return any(re.search(rf"^\s*[<\"]?{name}[>\":\s]", lower, re.MULTILINE) is not None for name in names)
+        return any(re.search(rf"^[ \t]*[<\"]?{name}[>\":\s]", lower, re.MULTILINE) is not None for name in names)
 
     return has(PLAIN_MATRIX) != (has(ROTATION) or has(TRANSLATION))
 

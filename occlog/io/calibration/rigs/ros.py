@@ -25,8 +25,8 @@ from ..common import WHAT, CalibrationOptions, Lens, build_camera, lens_pose, nu
 
 LENSES = {"plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "equidistant", "": "brown"}
 """Models of lenses by their names in ROS."""
-_INFO = re.compile(r"^\s*(distortion_model|camera_matrix)\s*:", re.MULTILINE)
-_TRANSFORM = re.compile(r"^\s*(-\s*)?child_frame_id\s*:", re.MULTILINE)
+_INFO = re.compile(r"^[ \t]*(distortion_model|camera_matrix)[ \t]*:", re.MULTILINE)
+_TRANSFORM = re.compile(r"^[ \t]*(-[ \t]*)?child_frame_id[ \t]*:", re.MULTILINE)
 _OPTICAL = re.compile(r"_?optical(_frame)?$")
 
 

@@ -1,0 +1,39 @@
+"""Long stretches of one thing in every file: no reader takes time in proportion to the square of their length.
+
+Expressions that may match one text in many ways do, as in a number of 250,000 digits with a letter behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from .readers import READERS
+from .watch import Watch, watching
+
+LENGTH = 250_000
+STRETCHES = {
+    "digits": b"9" * LENGTH + b"x",
+    "digits before others": b"9" * LENGTH + b"a1",
+    "points": b"." * LENGTH,
+    "lines": b"\n" * LENGTH,
+    "blanks": b" " * LENGTH + b"x",
+    "cells": b"a," * (LENGTH // 2),
+    "brackets": b"[ " * (LENGTH // 2),
+}
+
+
+@pytest.fixture(scope="module")
+def watch() -> Iterator[Watch]:
+    with watching() as found:
+        yield found
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_long_stretch_is_read_or_refused_soon(name: str, watch: Watch) -> None:
+    good = READERS[name].seeds[0]
+    for what, stretch in STRETCHES.items():
+        for place in (0, len(good) // 2):
+            outcome = watch.outcome(READERS[name], good[:place] + stretch + good[place:])
+            assert not outcome.found, (outcome.kind, outcome.detail[:200], what, place)
