@@ -167,13 +167,13 @@ def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
     """
     there = {name.strip().lower(): name for name in reversed(names)}
     found, missing = [], []
-    for column in table.columns():
-        spelled = _find(column, there, table)
+    for column, known, wanted in _sought(table):  # type: ignore[arg-type]  # a type is hashable
+        spelled = _find(column, there, known)
         if spelled is not None:
             said = said_unit(table, column, spelled.name)
             unit = STATED.get().unit_of(spelled.name, kind_of(column), said) or spelled.unit
             found.append(spelled._replace(unit=unit))
-        elif _is_wanted(column, table):
+        elif wanted:
             missing.append(column.name)
     one_of = ONE_OF.get(table.NAME, ())
     if one_of and not any(s.column.name in one_of for s in found):
@@ -265,9 +265,16 @@ def misspelled(layout: Layout, names: Sequence[str]) -> str | None:
     return None
 
 
-def _find(column: Column, there: Mapping[str, str], table: type[Table]) -> Spelling | None:
-    known = spellings(column, table)
-    found = [Spelling(column, there[name], unit) for name, unit in known.items() if name in there]
+@cache
+def _sought(table: type[Table]) -> tuple[tuple[Column, Mapping[str, str], bool], ...]:
+    """Columns of a table, what they may be called, and whether it cannot do without them."""
+    return tuple((c, _spellings(c, table.NAME), _is_wanted(c, table.NAME)) for c in table.columns())
+
+
+def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) -> Spelling | None:
+    found = []
+    if not known.keys().isdisjoint(there):
+        found = [Spelling(column, there[name], unit) for name, unit in known.items() if name in there]
     if len(found) > 1:
         # The table's own name says it, whatever else could
         own = [s for s in found if s.name.strip().lower() == column.name]
@@ -280,11 +287,11 @@ def _find(column: Column, there: Mapping[str, str], table: type[Table]) -> Spell
     return found[0] if found else None
 
 
-def _is_wanted(column: Column, table: type[Table]) -> bool:
+def _is_wanted(column: Column, table: str) -> bool:
     """Whether a table cannot do without a column."""
-    if column.name in WANTED.get(table.NAME, ()):
+    if column.name in WANTED.get(table, ()):
         return True
-    may_lack = column.optional or column.nan is not None or column.name in FILLED.get(table.NAME, {})
+    may_lack = column.optional or column.nan is not None or column.name in FILLED.get(table, {})
     return not may_lack
 
 
