@@ -121,6 +121,11 @@ FINDINGS = [
         "not a simple polygon with an area",
     ),
     (
+        "scene",
+        b"occlog_scene: 1\ncameras: [{name: a, focal_px: 1.0e-320, image_size_px: [9, 9]}]\n",
+        "focal_px: expected `float` >= 0.001",
+    ),
+    (
         "calibration (COLMAP, images)",
         seeds.COLMAP_IMAGES.replace("1 1 0", f"1 {LARGE} 0").encode(),
         "no unit quaternion",

@@ -27,6 +27,8 @@ MOST_PX = 100_000
 MOST_OFFSET_NS = 4 * 10**18
 """Of a clock at most, either way: 126 years, so that times and offsets together are whole numbers of 64 bits."""
 Positive = Annotated[float, Meta(gt=0)]
+FocalLength = Annotated[float, Meta(ge=1e-3, le=1e9)]
+"""[px]: no lens is beyond, and squares and quotients of sizes of images and of these are numbers."""
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^(?!\.{1,2}$)[^\s,/=:\x00-\x1f\x7f]+$")]
 Point2 = tuple[float, float]
 Place = Annotated[list[float], Meta(min_length=2, max_length=3)]
@@ -79,7 +81,8 @@ class CameraSpec(Spec, kw_only=True):
         | None
     ) = None
     focal_px: Annotated[
-        Positive | Annotated[list[Positive], Meta(min_length=2, max_length=2)], Meta(description="one, or x and y")
+        FocalLength | Annotated[list[FocalLength], Meta(min_length=2, max_length=2)],
+        Meta(description="one, or x and y"),
     ]
     principal_point_px: Annotated[Point2, Meta(description="default: the middle of the image")] | None = None
     image_size_px: (

@@ -104,7 +104,7 @@ def test_written_scenes_mean_the_same() -> None:
         ("occlog_scene: 1", "occlog_scene: 1\nocluders: []", "line 3: unknown key 'ocluders'"),
         ("occlog_scene: 1", "occlog_scene: 9", "occlog_scene"),
         ("occlog_scene: 1", "length_unit: m", "missing required field `occlog_scene`"),
-        ("focal_px: 70", "focal_px: -70", "line 7: cameras[0].focal_px: expected `float` > 0.0, got -70"),
+        ("focal_px: 70", "focal_px: -70", "line 7: cameras[0].focal_px: expected `float` >= 0.001, got -70"),
         ("focal_px: 70", "focal_px: .nan", "line 7: cameras[0].focal_px: nan is not a finite number"),
         ("focal_px: 70", "focal_px: no", "cameras[0].focal_px"),
         (", fov_deg: 90", "", "camera a: give fov_deg, or image_size_px"),
