@@ -94,6 +94,19 @@ FINDINGS = [
     ("boxes (KITTI)", seeds.KITTI.replace("20", f"{2**63}751e308").encode(), "a finite number was expected"),
     (
         "boxes (JSON)",
+        seeds.COCO[:-1].encode() + b", 5]",
+        "entry 4: '5'; an object with a box was expected",
+    ),
+    ("boxes (JSON)", seeds.GIVEN.replace('"image_id": 7', '"image_id": [7]').encode(), "annotation 1: its image_id is"),
+    ("boxes (JSON)", seeds.GIVEN.replace('"image_id": 7', '"image_id": 7, "image_id": 8').encode(), "appears twice"),
+    ("boxes (JSON)", seeds.GIVEN.replace('"categories": [', '"categories": [7, ').encode(), "category 1: has no id"),
+    (
+        "boxes (JSON)",
+        seeds.GIVEN.replace('"categories": [', '"categories": [{"id": 1, "name": "car"}, ').encode(),
+        "category 2: has the id of 'car'",
+    ),
+    (
+        "boxes (JSON)",
         seeds.GIVEN.replace("000003", "1" + "0" * 40).encode(),
         "image 1: frame 100000000000000000000000; it must be",
     ),

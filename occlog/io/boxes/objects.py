@@ -135,8 +135,10 @@ def _text(path: Path, n: int, key: str, value: object) -> str:
     return str(value) if isinstance(value, str) else repr(value)
 
 
-def _image_number(path: Path, n: int, record: Record) -> str:
+def _image_number(path: Path, n: int, record: object) -> str:
     """The frame that the image of a COCO result is: its number, or the last one in its name."""
+    if not isinstance(record, dict):
+        raise InputError(f"{path}: entry {n}: {str(record)[:40]!r}; an object with a box was expected")
     image = record.get("image_id")
     found = _LAST_NUMBER.search(Path(str(image)).stem) if isinstance(image, str) else None
     if isinstance(image, int) and not isinstance(image, bool):
@@ -169,17 +171,32 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
     annotations = value.get("annotations")
     if not isinstance(annotations, list):
         raise InputError(f"{path}: COCO without annotations; want images, annotations and categories")
-    names = {c.get("id"): str(c.get("name")) for c in value.get("categories", []) if isinstance(c, dict)}
+    names = _categories(path, value.get("categories") or [])
     records = []
     for n, annotation in enumerate(annotations, start=1):
-        if not isinstance(annotation, dict) or annotation.get("image_id") not in images:
+        whose = annotation.get("image_id") if isinstance(annotation, dict) else None
+        if not isinstance(whose, int | str) or whose not in images:
             raise InputError(f"{path}: annotation {n}: its image_id is that of no image; correct it")
         if annotation.get("iscrowd"):
             continue
-        records.append((n, _annotation(path, n, annotation, names) | images[annotation["image_id"]]))
+        records.append((n, _annotation(path, n, annotation, names) | images[whose]))
     listed: Ints = np.unique(np.array([int(cells["frame"]) for cells in images.values()], dtype=np.int64))
     cameras = tuple(dict.fromkeys(cells["camera"] for cells in images.values() if "camera" in cells))
     return BoxSource(_chunks(path, records), "COCO", listed if len(listed) else None, cameras)
+
+
+def _categories(path: Path, categories: object) -> dict[object, str]:
+    """Names of the classes of COCO by their numbers."""
+    if not isinstance(categories, list):
+        raise InputError(f"{path}: categories of COCO are {str(categories)[:40]}; a list was expected")
+    names: dict[object, str] = {}
+    for n, category in enumerate(categories, start=1):
+        if not isinstance(category, dict) or not isinstance(category.get("id"), int | str):
+            raise InputError(f"{path}: category {n}: has no id")
+        name = str(category.get("name"))
+        if names.setdefault(category["id"], name) != name:
+            raise InputError(f"{path}: category {n}: has the id of {names[category['id']]!r}; give each its own")
+    return names
 
 
 def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Iterator[Rows]:

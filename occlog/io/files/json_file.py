@@ -42,11 +42,21 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
         what: what was expected.
 
     Raises:
-        InputError: it is not JSON, nested too deeply, or holds half of a pair of surrogates.
+        InputError: it is not JSON, nested too deeply, has a key of an object twice, or holds half of a pair of
+            surrogates.
     """
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        out = dict(pairs)
+        if len(out) < len(pairs):
+            names = [name for name, _ in pairs]
+            double = next(name for name in out if names.count(name) > 1)
+            raise InputError(f"{where}: key {double!r} appears twice; keep one")
+        return out
+
     with guarded(where, what):
         try:
-            value = json.loads(text)
+            value = json.loads(text, object_pairs_hook=once)
         except json.JSONDecodeError as error:
             raise InputError(
                 f"{where}: line {error.lineno}: not valid JSON: {error.msg}; {what} was expected"
