@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.images._views_score import LabelledBoxes
 from occlog.array_types import Floats, Strings
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.recording.reader import open_recording
 from occlog.records.tables import TruthBoxes, Views
 

@@ -28,7 +28,7 @@ from benchmarks.images import _views_cases as cases
 from benchmarks.images._views_cases import Case
 from benchmarks.images._views_score import FIGURES, LabelledBoxes, around, figures, inside
 from benchmarks.peers._environments import environment, output_of
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Views
 from occlog.records.views import ViewTracks
 

@@ -18,7 +18,7 @@ from mcap.reader import SeekingReader
 from mcap.summary import Summary
 
 from benchmarks.pipeline.flips import MADE, SCENE, bearings
-from occlog.io.files import parquet
+from occlog.io.files.tables import parquet
 from occlog.io.frames.codec import decode_image
 from occlog.io.recording import reader
 from occlog.io.recording.writer import RecordingWriter
@@ -110,7 +110,7 @@ def run(repeats: int) -> dict[str, Any]:
 def without_checks() -> Iterator[None]:
     """Read with the libraries alone."""
     with (
-        patch("occlog.io.files.parquet.open_parquet", plain_parquet),
+        patch("occlog.io.files.tables.parquet.open_parquet", plain_parquet),
         patch("occlog.io.recording.reader.open_mcap", plain_mcap),
         patch("occlog.io.recording.reader.decode_apart", plain_decode),
     ):

@@ -26,7 +26,7 @@ from benchmarks.track import _crowd_baseline as baseline
 from benchmarks.track._crowd_cases import Case, room, write
 from occlog.array_types import NS, Floats
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Tracks
 
 VARIABLE = "OCCLOG_CROWD_PEERS"

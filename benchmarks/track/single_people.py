@@ -20,8 +20,8 @@ import numpy as np
 from benchmarks.track._single_people import Noise, Person, annotations, people, scene_of
 from occlog.array_types import Bools, Floats
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Residuals, Tracks, Truth

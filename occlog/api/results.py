@@ -103,7 +103,7 @@ class TrackResult(Result):
         """The floor plan with the tracks."""
         if self.tracks.name != "tracks" or not len(self.tracks):
             return ""
-        from occlog.io.files.parquet import read_table
+        from occlog.io.files.tables.parquet import read_table
         from occlog.records.tables import Tracks
         from occlog.report.content.model import ReportInput
         from occlog.report.drawing.style import house_style

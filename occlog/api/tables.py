@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_writable, write_bytes
-from occlog.io.files.parquet import describe
+from occlog.io.files.tables.parquet import describe
 from occlog.records.losses import Loss
 from occlog.words import counted, noun
 
@@ -175,7 +175,7 @@ class Table:
         """The rows of some columns, texts as plain texts."""
         import pyarrow as pa
 
-        from occlog.io.files.parquet import open_parquet
+        from occlog.io.files.tables.parquet import open_parquet
 
         with open_parquet(self.path) as file:
             found = file.read(columns)
@@ -197,7 +197,7 @@ class Table:
 
     def _repr_html_(self) -> str:
         """The first rows, with units, for a notebook."""
-        from occlog.io.files.parquet import open_parquet
+        from occlog.io.files.tables.parquet import open_parquet
 
         with open_parquet(self.path) as file:
             first = next(file.iter_batches(batch_size=SHOWN), None)

@@ -181,7 +181,7 @@ def _keep(values: dict[str, object], ctx: click.Context, param: click.Parameter,
 def _name_reader(chosen: Any, ctx: click.Context, param: click.Parameter, name: str | None) -> None:  # noqa: ARG001
     """Let the reader hold until the command ends."""
     if name is not None and not ctx.resilient_parsing:
-        from occlog.io.files.by_reader import named_reader
+        from occlog.io.files.texts.by_reader import named_reader
 
         ctx.find_root().meta[READER_KEY] = ctx.find_root().with_resource(named_reader(chosen))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.io.files.parquet import TableWriter
+from occlog.io.files.tables.parquet import TableWriter
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors, Tracks

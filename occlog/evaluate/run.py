@@ -29,9 +29,9 @@ from occlog.evaluate.bearings.known_places import (
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import ground_figures, many_config
 from occlog.io.files.atomic import write_bytes
-from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.texts.json_file import write_json
 from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import median_of
-from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.pieces import LAST, Limits, Side
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks

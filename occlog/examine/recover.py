@@ -41,11 +41,11 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
     if content_of(file) is Content.TABLE:
         if given:
             raise UsageError("--video: belongs to recordings; a table links to no video")
-        from occlog.io.files.salvage.table import recover_table
+        from occlog.io.files.tables.salvage.table import recover_table
 
         table = recover_table(file, output, overwrite=overwrite)
         return options.finish({"table": str(output), "rows": table.rows, **_times(table.span)}, table.losses, as_json)
-    from occlog.io.recording.recover import recover_recording
+    from occlog.io.recording.salvage.recover import recover_recording
 
     found = recover_recording(file, output, given, overwrite=overwrite)
     summary = {"recording": str(output), "messages": sum(found.messages.values()), **_times(found.span)}
@@ -55,7 +55,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:
     """What the summary says of the first and the last time."""
-    from occlog.io.files.utc import utc
+    from occlog.io.files.times.utc import utc
 
     return {} if span is None else {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}
 

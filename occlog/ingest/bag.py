@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.calibration.common import Pose, build_camera
-from occlog.io.files.frame_times import FrameTimes, to_world_time
+from occlog.io.files.times.frame_times import FrameTimes, to_world_time
 from occlog.io.messages.bag import Bag
 from occlog.io.messages.camera_info import intrinsics
 from occlog.io.messages.images import stored

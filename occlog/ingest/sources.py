@@ -9,8 +9,8 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.frame_times import FrameTimes, as_rate
-from occlog.io.files.timestamps import parse_time, read_sidecar
+from occlog.io.files.times.frame_times import FrameTimes, as_rate
+from occlog.io.files.times.timestamps import parse_time, read_sidecar
 from occlog.io.frames.camera_source import CameraSource, image_source, video_source
 from occlog.io.frames.folder import ImageFolder, read_folders
 from occlog.io.frames.video_stream import rate_times, sidecar_times, video_times
@@ -125,7 +125,7 @@ def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraS
 
 def sync_times(plan: IngestPlan) -> dict[int, int] | None:
     """Time of every synchronisation index, if a sidecar file has them."""
-    from occlog.io.files.csv_rows import first_line
+    from occlog.io.files.texts.csv_rows import first_line
 
     for name, path in plan.timestamps:
         if name is None and "sync_index" in [cell.lower() for cell in first_line(path, "time stamps")]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.io.boxes.reader import BoxSurvey
-from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.times.frame_times import FrameTimes
 from occlog.records.tables import Truth, TruthBoxes
 
 from .plan import IngestPlan

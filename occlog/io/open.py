@@ -18,9 +18,9 @@ from occlog.details import tell
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.content import EXPECTED, SQLITE_MAGIC, Content, content_of, mistaken_for
 from occlog.io.files.inputs import FOREIGN_BAG
-from occlog.io.files.parquet import is_ours, iter_table, read_header
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
+from occlog.io.files.tables.parquet import is_ours, iter_table, read_header
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 

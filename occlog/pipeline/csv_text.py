@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 
-from occlog.io.files.csv_rows import no_formula
+from occlog.io.files.texts.csv_rows import no_formula
 
 
 def to_csv(rows: Sequence[Mapping[str, object]]) -> bytes:

@@ -233,7 +233,7 @@ def _images(paths: Paths, data: ReportInput) -> Thumbnails | None:
 
 def read_input(paths: Paths, title: str) -> ReportInput:
     """Everything that was named; the scene of the recording with the truth or the bearings if no other is named."""
-    from occlog.io.files.json_file import read_json
+    from occlog.io.files.texts.json_file import read_json
     from occlog.records.tables import Bound, Errors, Events, PeopleTracks, Truth
     from occlog.report.content.model import ReportInput
 

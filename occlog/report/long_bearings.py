@@ -14,8 +14,8 @@ from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.outline import NEAR_NS
 from occlog.evaluate.sight_streamed import SightStreams, in_rows_of
 from occlog.evaluate.verdict import Made
-from occlog.io.files.blocks import Blocks
-from occlog.io.files.spool import Spool
+from occlog.io.files.put_aside.blocks import Blocks
+from occlog.io.files.put_aside.spool import Spool
 from occlog.records.pieces import LAST, Limits, Side, in_step, whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks

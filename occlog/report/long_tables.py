@@ -19,9 +19,9 @@ from occlog.array_types import Ints
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.sources import streamed_bearings
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
-from occlog.io.files.aside import Aside
-from occlog.io.files.parquet import describe
-from occlog.io.files.spool import Spool
+from occlog.io.files.put_aside.spool import Spool
+from occlog.io.files.put_aside.table import Aside
+from occlog.io.files.tables.parquet import describe
 from occlog.io.open import Opened, open_input
 from occlog.records.columns import Table
 from occlog.records.pieces import Side, in_step, times, whole_times

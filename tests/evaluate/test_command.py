@@ -12,8 +12,8 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate.text import LABEL, number, summary_lines
-from occlog.io.files.parquet import read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import read_provenance, read_table, write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml, scene_to_yaml
 from occlog.records.losses import Loss

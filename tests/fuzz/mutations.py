@@ -26,7 +26,7 @@ from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from occlog.io.files.salvage.marks import SCHEMA, group_of, mark_of_group, mark_of_schema, marks
+from occlog.io.files.tables.salvage.marks import SCHEMA, group_of, mark_of_group, mark_of_schema, marks
 
 LONGEST = 1 << 18
 """Bytes of an input: what is larger takes time, and shows nothing else."""

@@ -20,10 +20,10 @@ from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.reader import describe as describe_calibration
 from occlog.io.calibration.reader import read_calibration
-from occlog.io.files.json_file import read_json
-from occlog.io.files.parquet import describe, first_rows, read_header, read_provenance, read_table
-from occlog.io.files.salvage.table import recover_table
-from occlog.io.files.timestamps import read_sidecar
+from occlog.io.files.tables.parquet import describe, first_rows, read_header, read_provenance, read_table
+from occlog.io.files.tables.salvage.table import recover_table
+from occlog.io.files.texts.json_file import read_json
+from occlog.io.files.times.timestamps import read_sidecar
 from occlog.io.frames.codec import decode_image
 from occlog.io.frames.sizes import packet_size
 from occlog.io.frames.video_stream import rate_times
@@ -44,8 +44,8 @@ from occlog.io.models.onnx_file import read_onnx
 from occlog.io.models.path_losses import read_path_loss
 from occlog.io.open import open_input, scene_in
 from occlog.io.recording.reader import open_recording
-from occlog.io.recording.recover import recover_recording
 from occlog.io.recording.rows import RECORDED
+from occlog.io.recording.salvage.recover import recover_recording
 from occlog.io.scenes.paths import read_paths
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.sound.csv_log import DoaOptions

@@ -12,7 +12,7 @@ from people_boxes import PEOPLE, SIZE, STEP_NS, boxes, hall, place
 from occlog.array_types import Floats
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.recording.reader import open_recording
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, PeopleTracks

@@ -11,8 +11,8 @@ from places import EXAMPLES
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import describe, read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import describe, read_provenance, read_table, write_table
 from occlog.records.plans import PlanMap
 from occlog.records.tables import Tracks
 

@@ -11,9 +11,9 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.texts.json_file import write_json
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss

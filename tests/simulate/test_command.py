@@ -12,7 +12,7 @@ from places import EXAMPLES
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, OutputError, UsageError
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import read_scene

@@ -12,8 +12,8 @@ from places import EXAMPLES
 from occlog.cli.main import run
 from occlog.cli.values import NumberOrFile
 from occlog.errors import ExitCode, InputError, UsageError
-from occlog.io.files.parquet import read_table, write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import read_table, write_table
 from occlog.records.tables import Delays
 from occlog.settings import SettingError
 from occlog.track.run import TrackRequest, make_config, slowest_router

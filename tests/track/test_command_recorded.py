@@ -8,7 +8,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Diagnostics
 
 SCENE = "occlog_scene: 1\nroom: [[0, 0], [7.67, 0], [7.67, 3.41], [0, 3.41]]\n"

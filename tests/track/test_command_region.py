@@ -12,7 +12,7 @@ from places import ROOT
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.open import open_input
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.records.scene import Scene

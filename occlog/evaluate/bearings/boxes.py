@@ -19,7 +19,7 @@ from occlog.core.metrics.sums import Sum
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.tables import TruthBoxes, Views
 
 Metrics = dict[str, float]

@@ -24,8 +24,8 @@ from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
-from occlog.io.files.blocks import BLOCK, IN_MEMORY, Blocks
-from occlog.io.files.spool import Spool
+from occlog.io.files.put_aside.blocks import BLOCK, IN_MEMORY, Blocks
+from occlog.io.files.put_aside.spool import Spool
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks
 

@@ -20,7 +20,7 @@ from occlog.core.metrics.errors import ratio
 from occlog.core.metrics.sums import Sum
 from occlog.errors import InputError
 from occlog.evaluate.matching.looks import SensorLooks
-from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.scene import Scene
 
 from .noise import noise_scale, noise_scale_of_many

@@ -15,7 +15,7 @@ from occlog.core.sight import triangulate
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
-from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.pieces import LAST
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks

@@ -20,7 +20,7 @@ from occlog.core.metrics.sums import Sum
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
 from occlog.evaluate.matching.paths import Path, Sensor
-from occlog.io.files.blocks import BLOCK, Blocks, Records
+from occlog.io.files.put_aside.blocks import BLOCK, Blocks, Records
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors
 

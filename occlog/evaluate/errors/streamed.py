@@ -17,7 +17,7 @@ from occlog.array_types import Bools, Ints
 from occlog.core.metrics.errors import pair_by_sums, ratio
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import Path, paths_of
-from occlog.io.files.spool import IN_MEMORY
+from occlog.io.files.put_aside.spool import IN_MEMORY
 from occlog.records.pieces import Limits, Side, in_step
 from occlog.records.tables import Errors, Tracks, Truth
 

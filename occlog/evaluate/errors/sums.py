@@ -17,7 +17,7 @@ from occlog.core.metrics.errors import (
     ratio,
 )
 from occlog.core.metrics.sums import Sum, group_medians, quantiles
-from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.tables import Errors
 
 from .on_ground import in_space

@@ -12,7 +12,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.sums import group_medians
 from occlog.evaluate.matching.paths import usual_gap_ns
-from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.tables import Tracks, Truth
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.reader import BoxOptions, table_times
-from occlog.io.files.csv_rows import first_line
-from occlog.io.files.frame_times import FrameTimes, as_rate
+from occlog.io.files.texts.csv_rows import first_line
+from occlog.io.files.times.frame_times import FrameTimes, as_rate
 from occlog.io.frames.video_stream import rate_times
 from occlog.io.open import open_if_ours
 from occlog.io.truth.reader import FORMATS, TruthOptions, read_truth

@@ -23,7 +23,7 @@ from occlog.errors import InputError
 from occlog.evaluate.errors.sums import Consistency, Spread
 from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.evaluate.stage import Evaluation
-from occlog.io.files.spool import IN_MEMORY
+from occlog.io.files.put_aside.spool import IN_MEMORY
 from occlog.records.tables import Tracks, Truth
 from occlog.records.views import Counts, Failures
 

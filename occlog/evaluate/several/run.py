@@ -17,8 +17,8 @@ from occlog.errors import UsageError
 from occlog.evaluate.inputs import Paths
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import in_images
-from occlog.io.files.json_file import write_json
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.texts.json_file import write_json
 
 from .in_images import figures_in_images
 from .on_ground import figures_on_ground

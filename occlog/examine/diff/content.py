@@ -63,7 +63,7 @@ def _without_texts(png: bytes) -> bytes:
 
 def values_in(name: str, data: bytes) -> object:
     """Return the values of YAML, the lines of text, or the hash of any other file."""
-    from occlog.io.files.yaml_file import parse_yaml
+    from occlog.io.files.texts.yaml_file import parse_yaml
 
     try:
         text = data.decode()

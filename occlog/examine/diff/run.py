@@ -121,7 +121,7 @@ def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[C
 
         return compare_recordings(a, b, name, settings)
     if kind == ".json":
-        from occlog.io.files.json_file import read_json
+        from occlog.io.files.texts.json_file import read_json
 
         return [diff_json(name, read_json(a), read_json(b), settings.tolerances, settings.provenance)]
     return [compare_contents(a, b, name, settings)]

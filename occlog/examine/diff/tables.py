@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import describe, iter_table
+from occlog.io.files.tables.parquet import describe, iter_table
 from occlog.io.open import Opened, check_unit, open_if_ours
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES

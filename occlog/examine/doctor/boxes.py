@@ -11,7 +11,7 @@ from occlog.errors import InputError
 from occlog.io.boxes.columns import BoxSource
 from occlog.io.boxes.reader import box_rows
 from occlog.io.boxes.rows import BoxRows, fingerprints
-from occlog.io.files.csv_rows import Rows, bad_lines_told_to
+from occlog.io.files.texts.csv_rows import Rows, bad_lines_told_to
 
 from .findings import Findings
 from .rows import halves

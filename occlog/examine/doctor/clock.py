@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import NS, Ints
-from occlog.io.files.utc import utc
+from occlog.io.files.times.utc import utc
 from occlog.words import counted
 
 from .findings import LONGEST, Findings

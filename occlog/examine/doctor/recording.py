@@ -20,7 +20,7 @@ from occlog.io.recording.layout import MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.reader import IMAGE_SCHEMA, ROWS_PER_CHUNK, Recording, open_linked, parse_image, sensor_of
 from occlog.io.recording.rows import RECORDED, RowCollector, schema_of
-from occlog.io.recording.salvage import FAILURES, repeated_records, whole_records
+from occlog.io.recording.salvage.records import FAILURES, repeated_records, whole_records
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.records.columns import Table
 

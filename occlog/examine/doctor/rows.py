@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.utc import utc
+from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table, repeated_rows
 from occlog.records.tables import Bearings, Boxes, Truth, TruthBoxes
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, Content, content_of
-from occlog.io.files.parquet import is_ours
+from occlog.io.files.tables.parquet import is_ours
 from occlog.io.foreign.source import ARROW_MAGIC, STREAM_MAGIC, find_source
 from occlog.io.frames.codec import image_kind
 from occlog.io.messages.bag import METADATA

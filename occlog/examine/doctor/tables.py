@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import bad_lines_told_to
-from occlog.io.files.parquet import from_arrow, groups_of, read_header
+from occlog.io.files.tables.parquet import from_arrow, groups_of, read_header
+from occlog.io.files.texts.csv_rows import bad_lines_told_to
 from occlog.io.foreign.cells import Cells
 from occlog.io.foreign.source import Source
 from occlog.io.foreign.table import ForeignTable, best_fit

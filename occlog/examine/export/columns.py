@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from occlog.io.files.csv_rows import no_formula
+from occlog.io.files.texts.csv_rows import no_formula
 from occlog.io.foreign.names import POWERS, ending
 from occlog.records.columns import Column, Table
 

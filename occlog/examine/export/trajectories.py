@@ -12,7 +12,7 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.sums import quantiles
 from occlog.errors import InputError, UsageError
-from occlog.io.files.spool import Spool
+from occlog.io.files.put_aside.spool import Spool
 from occlog.io.trajectories.earth import Origin, degrees_of
 from occlog.io.trajectories.geojson import COLLECTION, KEYS, ORIGIN
 from occlog.records.people import PeopleTracks

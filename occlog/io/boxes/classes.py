@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import Bools
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows
+from occlog.io.files.texts.csv_rows import Rows
 
 from .columns import CLASS_KEYS
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import MAX_CELL, Rows
-from occlog.io.files.timestamps import TIME_COLUMNS
+from occlog.io.files.texts.csv_rows import MAX_CELL, Rows
+from occlog.io.files.times.timestamps import TIME_COLUMNS
 
 WHAT = "a table of boxes"
 COLUMNS: dict[str, Sequence[str]] = {

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows, text_lines
+from occlog.io.files.texts.csv_rows import Rows, text_lines
 
 from .columns import BoxSource, rows_of
 

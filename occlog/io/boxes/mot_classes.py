@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Ints
-from occlog.io.files.csv_rows import Rows, read_plain
+from occlog.io.files.texts.csv_rows import Rows, read_plain
 
 PEDESTRIAN = 1
 CLASSES = 13

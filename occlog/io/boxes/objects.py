@@ -18,9 +18,9 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows
 from occlog.io.files.inputs import check_input
-from occlog.io.files.json_file import parse_json
+from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.texts.json_file import parse_json
 from occlog.records.sensors import MAX_FRAMES
 
 from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns, rows_of

@@ -28,11 +28,11 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.by_reader import reader_of
-from occlog.io.files.csv_rows import Rows, first_line, is_header
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.sensor_names import match_sensor, means_none
-from occlog.io.files.timestamps import MAX_NS, parse_times, time_column
+from occlog.io.files.texts.by_reader import reader_of
+from occlog.io.files.texts.csv_rows import Rows, first_line, is_header
+from occlog.io.files.times.frame_times import FrameTimes
+from occlog.io.files.times.timestamps import MAX_NS, parse_times, time_column
 from occlog.records.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Uints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.csv_rows import Rows
-from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.times.frame_times import FrameTimes
 from occlog.records.sensors import MAX_EDGE_PX
 from occlog.records.tables import Boxes
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import Rows, read_plain, read_rows
 
 from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns
 from .mot_classes import WITH_CLASSES

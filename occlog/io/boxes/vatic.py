@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows
+from occlog.io.files.texts.csv_rows import Rows
 
 from .columns import BoxSource, rows_of
 

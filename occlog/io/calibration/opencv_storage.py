@@ -15,8 +15,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.json_file import parse_json
-from occlog.io.files.xml_file import parse_xml
+from occlog.io.files.texts.json_file import parse_json
+from occlog.io.files.texts.xml_file import parse_xml
 from occlog.records.scene import Camera
 
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of, yaml_values

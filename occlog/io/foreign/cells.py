@@ -11,10 +11,10 @@ import pyarrow.compute as pc
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.arrow_arrays import to_numpy
-from occlog.io.files.csv_rows import Rows, plain_text
 from occlog.io.files.guard import check_texts
-from occlog.io.files.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
+from occlog.io.files.tables.arrow_arrays import to_numpy
+from occlog.io.files.texts.csv_rows import Rows, plain_text
+from occlog.io.files.times.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
 from occlog.records.columns import ANY
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from occlog.errors import InputError
 from occlog.io.boxes.columns import COLUMNS as BOXES
 from occlog.io.files.stated_units import STATED
-from occlog.io.files.timestamps import TIME_COLUMNS, UNITS
+from occlog.io.files.times.timestamps import TIME_COLUMNS, UNITS
 from occlog.io.sound.csv_log import ANGLES
 from occlog.io.sound.csv_log import COLUMNS as DIRECTIONS
 from occlog.io.tags.reads import COLUMNS as READS

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from occlog.errors import InputError
-from occlog.io.files.by_reader import table_of
 from occlog.io.files.content import PARQUET_MAGIC
-from occlog.io.files.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.inputs import STANDARD_INPUT, check_input
-from occlog.io.files.parquet import SCHEMA_KEY, batches, open_parquet
-from occlog.io.files.timestamps import TIME_COLUMNS
+from occlog.io.files.tables.parquet import SCHEMA_KEY, batches, open_parquet
+from occlog.io.files.texts.by_reader import table_of
+from occlog.io.files.texts.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
+from occlog.io.files.times.timestamps import TIME_COLUMNS
 from occlog.io.trajectories.reader import Trajectories, find_trajectories
 
 from .cells import ArrowCells, Cells, TextCells

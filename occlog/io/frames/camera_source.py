@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.frame_times import FrameTimes, as_rate
+from occlog.io.files.times.frame_times import FrameTimes, as_rate
 from occlog.records.losses import Loss
 
 from .folder import ImageFolder

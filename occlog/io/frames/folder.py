@@ -19,8 +19,8 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.sensor_names import natural_sorted
+from occlog.io.files.times.frame_times import FrameTimes
 from occlog.records.losses import Loss
 
 from .codec import decode_image

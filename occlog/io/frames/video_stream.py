@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.io.files.frame_times import FrameTimes, as_rate
+from occlog.io.files.times.frame_times import FrameTimes, as_rate
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 
@@ -20,7 +20,7 @@ STAMPS = "container time stamps"
 
 
 def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
-    """Times of frames from a sidecar file (see `occlog.io.files.timestamps`)."""
+    """Times of frames from a sidecar file (see `occlog.io.files.times.timestamps`)."""
     return FrameTimes(f"sidecar {name}", start_ns, table_ns)
 
 

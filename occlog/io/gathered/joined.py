@@ -8,8 +8,8 @@ from pathlib import Path
 import pyarrow as pa
 
 from occlog.errors import InputError
-from occlog.io.files.parquet import ROWS_PER_GROUP, arrow_batches, arrow_schema_of, read_header
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import ROWS_PER_GROUP, arrow_batches, arrow_schema_of, read_header
 
 from .schema import NAMES, gathered_schema, gathered_writer
 

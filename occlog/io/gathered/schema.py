@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.io.files.atomic import open_output
-from occlog.io.files.check_sums import Summed
-from occlog.io.files.parquet import ROWS_PER_GROUP, SCHEMA_KEY
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
+from occlog.io.files.tables.check_sums import Summed
+from occlog.io.files.tables.parquet import ROWS_PER_GROUP, SCHEMA_KEY
 
 VERSION = 1
 NAMES = pa.dictionary(pa.int32(), pa.string())

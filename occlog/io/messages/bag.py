@@ -21,7 +21,7 @@ from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, m
 from occlog.io.files.guard import read_configuration
 from occlog.io.files.inputs import check_input
 from occlog.io.files.sensor_names import natural_key
-from occlog.io.files.yaml_nodes import yaml_documents
+from occlog.io.files.texts.yaml_nodes import yaml_documents
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
 

@@ -25,9 +25,9 @@ from mcap.summary import Summary
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC as MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES, chunk_head, unpacked
-from occlog.io.recording.ends import END_BYTES, behind_end, is_end_mark
 from occlog.io.recording.layout import HEAD, MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import open_mcap
+from occlog.io.recording.salvage.ends import END_BYTES, behind_end, is_end_mark
 from occlog.records.losses import Loss
 
 READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)

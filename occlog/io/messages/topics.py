@@ -9,7 +9,7 @@ from pathlib import Path
 from occlog.errors import InputError, UsageError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.sensor_names import safe_name
-from occlog.io.files.yaml_file import read_yaml
+from occlog.io.files.texts.yaml_file import read_yaml
 
 from .kinds import Kind, kind_of
 from .mcap_file import Topic

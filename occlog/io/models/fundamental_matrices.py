@@ -12,8 +12,8 @@ from msgspec import Meta
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.json_file import parse_json, read_json, struct_of, write_json
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.texts.json_file import parse_json, read_json, struct_of, write_json
 from occlog.io.open import open_if_ours
 from occlog.io.recording.reader import Recording
 from occlog.records.view_pairs import ViewPair, ViewPairs

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import read_rows
+from occlog.io.files.texts.csv_rows import read_rows
 from occlog.records.view_pairs import Matches
 
 COLUMNS = {

@@ -12,8 +12,8 @@ from msgspec import Meta
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.json_file import read_json, struct_of, write_json
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.texts.json_file import read_json, struct_of, write_json
 
 Row = Annotated[list[float], Meta(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Meta(min_length=4, max_length=4)]

@@ -10,8 +10,8 @@ import msgspec
 from msgspec import Meta
 
 from occlog.errors import InputError
-from occlog.io.files.json_file import read_json, struct_of, write_json
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.texts.json_file import read_json, struct_of, write_json
 from occlog.records.names import first_double
 
 Positive = Annotated[float, Meta(gt=0)]

@@ -22,9 +22,9 @@ from mcap.summary import Summary
 
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.recording.salvage.ends import PRIVATE, behind_end, is_end_mark
 
 from .chunks import CHUNK_HEAD, MAX_CHUNK_BYTES, check_chunk, chunk_head, unpacked
-from .ends import PRIVATE, behind_end, is_end_mark
 from .layout import HEAD, MESSAGE_HEAD, damaged_mcap
 
 _BLOCK = 1 << 20

@@ -26,9 +26,9 @@ from mcap.summary import Summary
 from occlog.errors import InputError, OcclogError
 from occlog.io.files.content import RECORDING_MAGIC, mistaken_for
 from occlog.io.files.inputs import check_input
+from occlog.io.recording.salvage.ends import FOOTER_BYTES, are_records
 
 from .chunks import MAX_CHUNK_BYTES, check_chunk
-from .ends import FOOTER_BYTES, are_records
 from .layout import SALVAGE, damaged_mcap
 from .made_index import MadeIndex, check_told, is_complete, make_index
 from .made_index_reader import MadeIndexReader, McapMessages

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from mcap import records
 
-from .gaps import Damage, Tally
+from occlog.io.recording.salvage.gaps import Damage, Tally
 
 
 class Part:

@@ -18,7 +18,7 @@ from shapely.validation import explain_validity
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.yaml_file import parse_yaml, read_yaml
+from occlog.io.files.texts.yaml_file import parse_yaml, read_yaml
 from occlog.records.names import first_double
 from occlog.records.scene import Camera, Clock, MicrophoneArray, Occluder, Reader, Scene, camera_fov, camera_rotation
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.array_types import NS, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.csv_rows import first_line, is_header, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import first_line, is_header, read_plain, read_rows
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.csv_rows import Rows, read_rows
-from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.texts.csv_rows import Rows, read_rows
+from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
 from occlog.records.losses import Loss
 
 

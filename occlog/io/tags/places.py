@@ -10,8 +10,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows, read_rows
 from occlog.io.files.sensor_names import safe_name
+from occlog.io.files.texts.csv_rows import Rows, read_rows
 from occlog.records.scene import Reader
 
 WHAT = "a table of readers"

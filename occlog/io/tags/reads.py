@@ -17,10 +17,10 @@ import numpy as np
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows, read_rows
-from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.sensor_names import natural_sorted
-from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.texts.csv_rows import Rows, read_rows
+from occlog.io.files.times.frame_times import to_world_time
+from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
 from occlog.records.tables import Reads
 
 if TYPE_CHECKING:

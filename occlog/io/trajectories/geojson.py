@@ -15,8 +15,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows
-from occlog.io.files.json_file import parse_json
+from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.texts.json_file import parse_json
 
 from .earth import FARTHEST, Origin, places_of_degrees
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows, first_line
+from occlog.io.files.texts.csv_rows import Rows, first_line
 
 from . import geojson, trc, tum
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import MAX_CELL, Rows, text_lines
+from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, text_lines
 from occlog.records.names import first_double
 
 MAGIC = "PathFileType"

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows, read_plain
+from occlog.io.files.texts.csv_rows import Rows, read_plain
 
 SUFFIX = ".tum"
 NAMES = ("time", "x", "y", "z")

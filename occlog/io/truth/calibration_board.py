@@ -9,8 +9,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.csv_rows import read_rows
-from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.texts.csv_rows import read_rows
+from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
 from occlog.records.tables import Truth
 
 COLUMNS = {

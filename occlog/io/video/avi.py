@@ -13,7 +13,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from occlog.io.files.frame_times import frames_to_ns
+from occlog.io.files.times.frame_times import frames_to_ns
 
 from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, let_go, unknown_frames, unpack
 

@@ -15,9 +15,9 @@ from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.inputs import FOREIGN_BAG, check_input
-from occlog.io.files.json_file import parse_json
-from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.texts.json_file import parse_json
 from occlog.io.open import open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections

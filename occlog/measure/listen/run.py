@@ -14,11 +14,11 @@ from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.ingest.plan import for_sensor, pairs
-from occlog.io.files.frame_times import to_world_time
-from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.sensor_names import match_sensor
-from occlog.io.files.timestamps import parse_time
+from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.times.frame_times import to_world_time
+from occlog.io.files.times.timestamps import parse_time
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.sound.wav import Sound, open_sound
 from occlog.records.losses import Loss

@@ -24,9 +24,9 @@ from occlog.errors import InputError, UsageError
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.reader import read_calibration
-from occlog.io.files.frame_times import FrameTimes, as_rate
-from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import hash_file
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.times.frame_times import FrameTimes, as_rate
 from occlog.io.open import scene_in
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.priors.from_positions import virtual_priors

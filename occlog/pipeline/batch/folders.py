@@ -15,8 +15,8 @@ from pathlib import Path
 from occlog import __version__
 from occlog.errors import InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL, translate_write_errors
-from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
+from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.remote.cache import Cache
 from occlog.io.remote.store import check_output, fetch, names_in, put, remove
 from occlog.io.remote.urls import is_url, shown

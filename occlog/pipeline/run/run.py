@@ -22,8 +22,8 @@ from occlog.cli import options
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL
-from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
+from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions
 
 from .inputs import files_of, name_of, places_of

@@ -21,8 +21,8 @@ from occlog.cli import options
 from occlog.details import begin_work, note_files
 from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError
 from occlog.io.files.atomic import write_bytes
-from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_inputs
+from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions
 from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.progress import shown_progress

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.io.files.spool import Spool
+from occlog.io.files.put_aside.spool import Spool
 from occlog.records.tables import Diagnostics, Tracks
 
 MARKS = 300

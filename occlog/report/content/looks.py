@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Ints, Strings
 from occlog.core.metrics.sums import group_medians
-from occlog.io.files.blocks import Blocks, Records
+from occlog.io.files.put_aside.blocks import Blocks, Records
 from occlog.records.tables import UNLABELLED, Bearings
 
 CELLS = 500

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.metrics.sums import Sum
 from occlog.evaluate.errors.sums import quantiles_of
-from occlog.io.files.spool import IN_MEMORY, Spool
+from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
 from occlog.report.drawing.thin import running_rms

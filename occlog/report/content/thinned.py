@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.sums import Sum
 from occlog.evaluate.errors.sums import median_of
-from occlog.io.files.spool import Spool
+from occlog.io.files.put_aside.spool import Spool
 from occlog.records.columns import Table
 from occlog.records.pieces import times, whole_times
 from occlog.records.tables import Errors

@@ -22,8 +22,8 @@ from occlog.evaluate.mot.stage import evaluate_views
 from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames
 from occlog.evaluate.several.run import NOT_COMBINED
 from occlog.io import open as opening
-from occlog.io.files.parquet import iter_table, write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import iter_table, write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import Table
 from occlog.records.scene import Scene

@@ -9,8 +9,8 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import write_table
 from occlog.records.tables import Truth
 
 ROWS = "1000,0,1.25,2\n2000,0,1.5,2\n"

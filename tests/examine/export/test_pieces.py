@@ -13,8 +13,8 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.examine.export.trajectories import Places, geojson_texts, places_of
 from occlog.io import open as opening
-from occlog.io.files.parquet import iter_table, write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import iter_table, write_table
 from occlog.io.trajectories.earth import Origin
 from occlog.records.columns import Table
 from occlog.records.tables import Boxes, Tracks, Truth

@@ -224,7 +224,7 @@ def test_every_frame_of_every_camera_has_its_boxes_or_one_empty_row(
 def test_long_files_come_in_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import occlog.io.boxes.rows as box_rows
     import occlog.io.boxes.text as module
-    from occlog.io.files.csv_rows import read_rows
+    from occlog.io.files.texts.csv_rows import read_rows
 
     monkeypatch.setattr(box_rows, "FRAMES_PER_CHUNK", 7)
     monkeypatch.setattr(module, "read_rows", lambda *a, **k: read_rows(*a, **{**k, "rows": 10}))

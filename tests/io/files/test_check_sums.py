@@ -11,9 +11,9 @@ import pytest
 from random_tables import random_table
 
 from occlog.errors import InputError
-from occlog.io.files import parquet
-from occlog.io.files.check_sums import BLOCK, MARK, Checked
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables import parquet
+from occlog.io.files.tables.check_sums import BLOCK, MARK, Checked
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings
 

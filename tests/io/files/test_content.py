@@ -8,9 +8,9 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.io.files.csv_rows import LONGEST_LINE, first_line
-from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.texts.csv_rows import LONGEST_LINE, first_line
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording
 from occlog.records.tables import Tracks, Truth

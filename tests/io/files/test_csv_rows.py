@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.files.csv_rows import MAX_CELL, Rows, no_formula, plain_text, read_rows
+from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, no_formula, plain_text, read_rows
 
 COLUMNS = {"a": ("a", "first"), "b": ("b",)}
 

@@ -15,9 +15,9 @@ import pytest
 from random_tables import random_table
 
 from occlog.errors import InputError, OutputError, OutputExistsError, UsageError
-from occlog.io.files import parquet
-from occlog.io.files.check_sums import Summed
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables import parquet
+from occlog.io.files.tables.check_sums import Summed
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Truth, Views
 from occlog.track.people.boxes_by_moment import FrameTimes

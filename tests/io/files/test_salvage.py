@@ -15,13 +15,13 @@ from random_tables import random_table
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.io.files import parquet
-from occlog.io.files.parquet import TableWriter, read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.salvage.marks import GROUP, group_of, marks
-from occlog.io.files.salvage.table import recover_table
-from occlog.io.files.salvage.thrift import MalformedError, Reader, written
-from occlog.io.files.utc import utc
+from occlog.io.files.tables import parquet
+from occlog.io.files.tables.parquet import TableWriter, read_provenance, read_table, write_table
+from occlog.io.files.tables.salvage.marks import GROUP, group_of, marks
+from occlog.io.files.tables.salvage.table import recover_table
+from occlog.io.files.tables.salvage.thrift import MalformedError, Reader, written
+from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES, WIDER, Bearings, Tracks

@@ -15,8 +15,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from occlog.io.recording.chunks import chunk_head
-from occlog.io.recording.lz4_blocks import rest_of_block
-from occlog.io.recording.recover import recover_recording
+from occlog.io.recording.salvage.lz4_blocks import rest_of_block
+from occlog.io.recording.salvage.recover import recover_recording
 
 CUTS = 200 if os.environ.get("HYPOTHESIS_PROFILE") == "explore" else 20
 CHUNK = 100_000

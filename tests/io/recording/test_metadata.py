@@ -10,7 +10,7 @@ from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.metadata import DIGESTS
 from occlog.io.recording.reader import open_recording
-from occlog.io.recording.recover import recover_recording
+from occlog.io.recording.salvage.recover import recover_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
 

@@ -10,7 +10,7 @@ from tracker_scenes import room100
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.detect.near import MOST_AGE_S, allowed, directions, limited, near_of
 from occlog.measure.detect.target import TargetMemory, choose

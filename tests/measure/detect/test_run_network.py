@@ -17,8 +17,8 @@ from small_networks import constant_network, mean_network, people_network
 from occlog.cli.main import run
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_provenance, read_table
 from occlog.io.files.provenance import Provenance, hash_file
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Views

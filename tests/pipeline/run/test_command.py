@@ -11,9 +11,9 @@ from people_boxes import boxes, hall, truth
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.texts.json_file import write_json
 from occlog.io.models.onnx_file import OnnxFile
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up import run
 
-from occlog.io.files.blocks import Blocks
+from occlog.io.files.put_aside.blocks import Blocks
 from occlog.records.pieces import whole_times
 from occlog.records.tables import Bearings
 from occlog.report.content.looks import CELLS, LOOK, Looked, LookStreams, sightings

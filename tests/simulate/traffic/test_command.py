@@ -10,7 +10,7 @@ from places import ROOT
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Delays
 
 NETWORK = """occlog_network: 1

@@ -10,7 +10,7 @@ from tracker_scenes import observe, room100, walk
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Particles, Tracks
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.particles import MOST, particle_rows, thinned

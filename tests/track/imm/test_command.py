@@ -8,7 +8,7 @@ from heard_scenes import ROOM
 
 from occlog.cli.main import run as occlog
 from occlog.errors import ExitCode, UsageError
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Cooperation, Tracks
 from occlog.track.run import parse_starts
 

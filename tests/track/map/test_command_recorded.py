@@ -11,7 +11,7 @@ from field_log import logs, published_fixes, rounds
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.parquet import read_table
+from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Diagnostics, Tracks
 
 NS = 1_000_000_000

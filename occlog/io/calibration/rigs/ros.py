@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.yaml_nodes import yaml_documents
+from occlog.io.files.texts.yaml_nodes import yaml_documents
 from occlog.records.scene import Camera
 
 from ..common import WHAT, CalibrationOptions, Lens, build_camera, lens_pose, numbers, read_text, scale_of

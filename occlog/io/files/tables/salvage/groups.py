@@ -13,10 +13,9 @@ from collections.abc import Iterator
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from occlog.io.files.parquet import MAGIC, too_much
-
-from .marks import Group
-from .thrift import I32, I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
+from occlog.io.files.tables.parquet import MAGIC, too_much
+from occlog.io.files.tables.salvage.marks import Group
+from occlog.io.files.tables.salvage.thrift import I32, I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
 
 # Fields of Parquet's structures, by the numbers of its definition
 NUM_ROWS, ROW_GROUPS = 3, 4  # of the footer

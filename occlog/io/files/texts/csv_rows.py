@@ -23,9 +23,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError
-
-from .by_reader import text_of
-from .inputs import check_input
+from occlog.io.files.inputs import check_input
+from occlog.io.files.texts.by_reader import text_of
 
 ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200

@@ -10,8 +10,7 @@ from typing import IO
 import numpy as np
 
 from occlog.array_types import Floats
-
-from .atomic import translate_write_errors
+from occlog.io.files.atomic import translate_write_errors
 
 IN_MEMORY = 1 << 20
 """Numbers that are kept in memory; more go to a file in the folder for temporary files, 8 bytes each."""

@@ -14,11 +14,10 @@ import msgspec
 import yaml
 
 from occlog.errors import InputError
-
-from .content import Content, content_of, mistaken_for
-from .guard import FAILURES, guarded, read_configuration
-from .inputs import check_input
-from .yaml_nodes import BoundedLoader, compose_yaml
+from occlog.io.files.content import Content, content_of, mistaken_for
+from occlog.io.files.guard import FAILURES, guarded, read_configuration
+from occlog.io.files.inputs import check_input
+from occlog.io.files.texts.yaml_nodes import BoundedLoader, compose_yaml
 
 T = TypeVar("T")
 

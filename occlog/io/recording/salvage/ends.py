@@ -14,9 +14,8 @@ from typing import IO
 from mcap.opcode import Opcode
 
 from occlog.io.files.content import RECORDING_MAGIC
-
-from .chunks import MAX_CHUNK_BYTES
-from .layout import HEAD
+from occlog.io.recording.chunks import MAX_CHUNK_BYTES
+from occlog.io.recording.layout import HEAD
 
 END_BYTES: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 """Length of each end mark, without code and length."""

@@ -9,11 +9,10 @@ from typing import IO, Generic, TypeVar
 
 import pyarrow as pa
 
+from occlog.io.files.atomic import translate_write_errors
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import arrow_schema, from_arrow, to_arrow
 from occlog.records.columns import Table
-
-from .atomic import translate_write_errors
-from .parquet import arrow_schema, from_arrow, to_arrow
-from .provenance import Provenance
 
 T = TypeVar("T", bound=Table)
 

@@ -17,7 +17,8 @@ import pyarrow.parquet as pq
 
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
-from occlog.io.files.parquet import (
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.tables.parquet import (
     MAGIC,
     WRITTEN,
     Header,
@@ -31,15 +32,13 @@ from occlog.io.files.parquet import (
     read_header,
     translate_read_errors,
 )
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.utc import utc
+from occlog.io.files.tables.salvage.groups import pattern_of, rows_of
+from occlog.io.files.tables.salvage.marks import GROUP, SCHEMA, Mark, group_of, marks
+from occlog.io.files.tables.salvage.thrift import MalformedError, Struct
+from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES, table_with
-
-from .groups import pattern_of, rows_of
-from .marks import GROUP, SCHEMA, Mark, group_of, marks
-from .thrift import MalformedError, Struct
 
 
 class RecoveredTable(NamedTuple):

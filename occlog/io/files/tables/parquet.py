@@ -20,16 +20,15 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.guard import check_texts
+from occlog.io.files.inputs import check_input
+from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
+from occlog.io.files.tables.arrow_arrays import to_numpy
+from occlog.io.files.tables.check_sums import Checked, Summed
+from occlog.io.files.tables.salvage.marks import mark_of_group, mark_of_schema
 from occlog.records.columns import ANY, Column, Table, check_copies
 from occlog.records.tables import TABLES
-
-from .arrow_arrays import to_numpy
-from .atomic import Together, open_output
-from .check_sums import Checked, Summed
-from .guard import check_texts
-from .inputs import check_input
-from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
-from .salvage.marks import mark_of_group, mark_of_schema
 
 SCHEMA_KEY = "occlog.schema"
 MAGIC = b"PAR1"

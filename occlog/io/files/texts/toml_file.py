@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from occlog.errors import InputError
-
-from .guard import guarded
+from occlog.io.files.guard import guarded
 
 MAX_KEY_PARTS = 100
 """Parts of a dotted key in TOML; its parser takes the square of their number."""

@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from occlog.errors import InputError
-
-from .atomic import write_bytes
-from .guard import check_text, guarded, read_configuration
+from occlog.io.files.atomic import write_bytes
+from occlog.io.files.guard import check_text, guarded, read_configuration
 
 S = TypeVar("S", bound=msgspec.Struct)
 MAX_JSON_BYTES = 64_000_000

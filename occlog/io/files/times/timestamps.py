@@ -13,9 +13,8 @@ import numpy as np
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-
-from .csv_rows import Rows, first_line, is_header, read_plain, read_rows
-from .sensor_names import match_sensor
+from occlog.io.files.sensor_names import match_sensor
+from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain, read_rows
 
 WHAT = "a table of time stamps"
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}

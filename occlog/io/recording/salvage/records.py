@@ -24,11 +24,10 @@ from mcap.opcode import Opcode
 from occlog.errors import InputError
 from occlog.io.files.content import PARQUET_MAGIC, RECORDING_MAGIC
 from occlog.io.files.inputs import check_input
-
-from .chunks import CHUNK_HEAD, KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
-from .ends import BEGIN, END_BYTES, behind_end, index_of, is_end_mark
-from .layout import HEAD
-from .lz4_blocks import rest_of_block
+from occlog.io.recording.chunks import CHUNK_HEAD, KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
+from occlog.io.recording.layout import HEAD
+from occlog.io.recording.salvage.ends import BEGIN, END_BYTES, behind_end, index_of, is_end_mark
+from occlog.io.recording.salvage.lz4_blocks import rest_of_block
 
 LAST_CODE = Opcode.DATA_END
 """Codes of records that the format defines go up to this one."""

@@ -8,7 +8,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from .atomic import translate_write_errors
+from occlog.io.files.atomic import translate_write_errors
 
 BLOCK = 1 << 14
 """Records of a block."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from occlog.io.files.utc import utc
+from occlog.io.files.times.utc import utc
 
 
 class Gap(NamedTuple):

@@ -18,23 +18,22 @@ from mcap.opcode import Opcode
 from occlog.errors import InputError
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inputs, provenance_from_json
-from occlog.records.losses import Loss
-
-from .copy import moved_metadata
-from .gaps import Tally
-from .layout import MESSAGE_HEAD
-from .metadata import add_metadata, damaged_metadata
-from .one_behind_another import Part
-from .reader import sensor_of
-from .salvage import (
+from occlog.io.recording.copy import moved_metadata
+from occlog.io.recording.layout import MESSAGE_HEAD
+from occlog.io.recording.metadata import add_metadata, damaged_metadata
+from occlog.io.recording.one_behind_another import Part
+from occlog.io.recording.reader import sensor_of
+from occlog.io.recording.salvage.gaps import Tally
+from occlog.io.recording.salvage.records import (
     FAILURES,
     Record,
     has_right_sum,
     repeated_records,
     whole_records,
 )
-from .writer import FORMAT, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA, begin_mcap
-from .writer import METADATA as OURS
+from occlog.io.recording.writer import FORMAT, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA, begin_mcap
+from occlog.io.recording.writer import METADATA as OURS
+from occlog.records.losses import Loss
 
 
 class Recovered(NamedTuple):

@@ -1,0 +1,1 @@
+"""Tables in Parquet: read, written, checked and salvaged."""

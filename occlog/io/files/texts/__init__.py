@@ -1,0 +1,1 @@
+"""Texts and text tables, as values."""

@@ -1,0 +1,1 @@
+"""Times: of frames, in texts, for people."""
