@@ -10,8 +10,8 @@ from occlog.measure.scans.scan import sensor_names
 from occlog.papers.rahimi.example import example, identified, sparse_scene
 from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.problem import Problem
-from occlog.track.map.pending import begin, problem_of, start_of
 from occlog.track.map.record import record_of
+from occlog.track.map.search.pending import begin, problem_of, start_of
 
 
 def sparse_config() -> MapConfig:

@@ -12,6 +12,7 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
+from occlog.evaluate.stretches.sources import MeasuredSource, no_frames, no_true_box, streamed_bearings
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import Opened, check_unit, losses_of, open_if_ours, open_input
 from occlog.measure.scans.config import MeasuredConfig
@@ -34,7 +35,6 @@ from occlog.records.tables import (
     Views,
 )
 
-from .sources import MeasuredSource, no_frames, no_true_box, streamed_bearings
 from .verdict import Made
 
 T = TypeVar("T", bound=Table)

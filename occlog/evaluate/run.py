@@ -28,6 +28,9 @@ from occlog.evaluate.bearings.known_places import (
 )
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import ground_figures, many_config
+from occlog.evaluate.stretches.sources import Sources, any_long, span_of_frames, streamed_bearings
+from occlog.evaluate.stretches.tracks import BOUND_WITHOUT_DISTANCES, InStretches, parameters_of
+from occlog.evaluate.stretches.views import BesideTracks
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.parquet import write_table
@@ -42,11 +45,8 @@ from occlog.records.tables import Diagnostics, Doa, Truth, TruthBoxes
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
-from .beside_tracks import BesideTracks
 from .by_plugin import with_plugins
-from .in_stretches import BOUND_WITHOUT_DISTANCES, InStretches, parameters_of
 from .inputs import Paths, in_frames, open_measured, open_tables, provenance_of, read_tables
-from .sources import Sources, any_long, span_of_frames, streamed_bearings
 from .stage import Evaluation, evaluate
 from .verdict import judge
 

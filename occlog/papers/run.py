@@ -21,8 +21,8 @@ from tqdm import tqdm
 from occlog.cli import options
 from occlog.errors import InputError, OutputError, UsageError
 from occlog.io.files.atomic import check_writable, translate_write_errors, write_bytes
-from occlog.papers.ercan.recorded import cmc_files, files_of, target_of
-from occlog.papers.ercan.recorded_figures import recorded_experiments
+from occlog.papers.ercan.recorded.detections import cmc_files, files_of, target_of
+from occlog.papers.ercan.recorded.figures import recorded_experiments
 from occlog.papers.page.reproduction import (
     Chart,
     Curve,

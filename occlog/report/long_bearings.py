@@ -12,7 +12,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.core.metrics.sums import group_medians
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.outline import NEAR_NS
-from occlog.evaluate.sight_streamed import SightStreams, in_rows_of
+from occlog.evaluate.stretches.evidence import SightStreams, in_rows_of
 from occlog.evaluate.verdict import Made
 from occlog.io.files.put_aside.blocks import Blocks
 from occlog.io.files.put_aside.spool import Spool

@@ -17,7 +17,7 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.evaluate.errors.sums import median_of
-from occlog.evaluate.sources import streamed_bearings
+from occlog.evaluate.stretches.sources import streamed_bearings
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
 from occlog.io.files.put_aside.spool import Spool
 from occlog.io.files.put_aside.table import Aside

@@ -9,7 +9,7 @@ import pytest
 from bearing_scenes import CASES, Case
 
 from occlog.errors import InputError
-from occlog.evaluate.sight_streamed import SightStreams, in_rows_of
+from occlog.evaluate.stretches.evidence import SightStreams, in_rows_of
 from occlog.evaluate.verdict import Made, used
 from occlog.records.columns import Table
 from occlog.records.pieces import Side, in_step

@@ -13,9 +13,9 @@ from bearing_scenes import CASES, Case, hand_made, simulated
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate import sources
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import Evaluation, evaluate
+from occlog.evaluate.stretches import sources
 from occlog.evaluate.verdict import Made, judge
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance

@@ -18,7 +18,7 @@ from occlog.core.metrics.errors import CHI2_95_2D, normalised_squared_errors, ra
 from occlog.core.metrics.frame_pairs import Frames, Objects, numbered, of_points
 from occlog.core.metrics.ospa2 import Ospa2Sums, Ospa2Windows
 from occlog.core.metrics.sums import Sum
-from occlog.core.metrics.trajectory_gospa import TrajectoryCosts
+from occlog.core.metrics.trajectory_gospa.distance import TrajectoryCosts
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import Consistency, Spread
 from occlog.evaluate.matching.paths import Path, paths_of

@@ -15,8 +15,8 @@ from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.inputs import Paths, Tables, provenance_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.sources import any_long
 from occlog.evaluate.stage import Evaluation
+from occlog.evaluate.stretches.sources import any_long
 from occlog.io.boxes.kitti import is_kitti
 from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layout
 from occlog.io.boxes.mot_classes import DISTRACTORS, has_classes, read_marks

@@ -18,7 +18,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import Metrics
 from occlog.evaluate.mot.on_ground import GroundFigures, GroundPart, no_targets, places_of
-from occlog.evaluate.sources import Span, any_long, no_frames, rows_during, span_of_frames
+from occlog.evaluate.stretches.sources import Span, any_long, no_frames, rows_during, span_of_frames
 from occlog.io.open import Opened, of_others
 from occlog.records.columns import Table
 from occlog.records.tables import Tracks, Truth, TruthBoxes

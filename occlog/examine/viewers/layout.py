@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from occlog.examine.viewers.drawings.sensors import world_of
 from occlog.records.scene import Scene
 from occlog.settings import METRES
 
 from .moments import PARTICLES
-from .sensors import world_of
 
 MOST_CAMERAS, MOST_LINES = 6, 8
 """Images in the layout; lines of a plot. The rest is added by hand."""

@@ -15,6 +15,18 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS
+from occlog.examine.viewers.drawings.people import (
+    STALE_NS,
+    Crowd,
+    Palette,
+    Told,
+    boxes_in_image,
+    people_of,
+    tracked_in_image,
+    true_in_space,
+)
+from occlog.examine.viewers.drawings.shapes import GREY, Dots, Line, Thing, at_height, faded
+from occlog.examine.viewers.drawings.sight import Sight, moving_occluders
 from occlog.records.columns import Table
 from occlog.records.frames import Frame
 from occlog.records.scene import Camera
@@ -37,10 +49,7 @@ from occlog.records.tables import (
 )
 
 from .inputs import Inputs
-from .people import STALE_NS, Crowd, Palette, Told, boxes_in_image, people_of, tracked_in_image, true_in_space
 from .series import Series
-from .shapes import GREY, Dots, Line, Thing, at_height, faded
-from .sight import Sight, moving_occluders
 
 LAYERS: dict[type[Table], str] = {ViewTracks: "annotations", Views: "boxes", Boxes: "boxes", TruthBoxes: "true_boxes"}
 """What lies over an image can be shown or not, each for itself: targets, boxes of a detector, true boxes."""

@@ -22,6 +22,11 @@ from occlog.array_types import NS
 from occlog.cli import options
 from occlog.errors import InputError
 from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
+from occlog.examine.viewers.drawings.foxglove import image_annotations, scene_update
+from occlog.examine.viewers.drawings.plan import plan, static_shadows
+from occlog.examine.viewers.drawings.points import image_cloud, point_cloud
+from occlog.examine.viewers.drawings.sensors import camera_calibration, frame_transforms, smaller_camera, world_of
+from occlog.examine.viewers.drawings.shapes import Thing, smaller
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.frames.codec import check_image, encode_image, image_kind, image_size
@@ -32,15 +37,10 @@ from occlog.records.frames import Frame
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera
 
-from .foxglove import image_annotations, scene_update
 from .inputs import Inputs, find_inputs, note_strangers
 from .layout import foxglove_layout
 from .moments import LAYERS, PARTICLES, Drawn, Moment, Numbers, Over, Said, Story
-from .plan import plan, static_shadows
 from .plotted import DEFINITION, MAIN, SCHEMA, main_columns, main_numbers
-from .points import image_cloud, point_cloud
-from .sensors import camera_calibration, frame_transforms, smaller_camera, world_of
-from .shapes import Thing, smaller
 from .thinner import Thinner
 
 _LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from occlog.array_types import Bytes, Floats
-from occlog.examine.viewers.people import Crowd, Person, name_of
-from occlog.examine.viewers.sensors import placed
-from occlog.examine.viewers.shapes import rim
+from occlog.examine.viewers.drawings.people import Crowd, Person, name_of
+from occlog.examine.viewers.drawings.sensors import placed
+from occlog.examine.viewers.drawings.shapes import rim
 from occlog.records.scene import Camera, Scene
 
 from .draw import WHITE, Box, Way, bar, colour_of, draw_way, label

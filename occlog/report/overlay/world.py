@@ -10,8 +10,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.examine.viewers.inputs import alike
-from occlog.examine.viewers.people import (
+from occlog.examine.viewers.drawings.people import (
     Crowd,
     Palette,
     Told,
@@ -21,6 +20,7 @@ from occlog.examine.viewers.people import (
     name_of,
     people_of,
 )
+from occlog.examine.viewers.inputs import alike
 from occlog.io.open import open_input
 from occlog.records.columns import Table
 from occlog.records.people import PeopleTracks

@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.core.metrics.errors import CHI2_95_2D
-from occlog.examine.viewers.people import HEIGHT, WIDTH
+from occlog.examine.viewers.drawings.people import HEIGHT, WIDTH
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.report.content.model import ReportInput
 from occlog.report.plots.floorplan import near_scene, plan_limits

@@ -14,12 +14,12 @@ from occlog.track.map.kernels.evidence import evidence
 from occlog.track.map.kernels.newton_search import covariance
 from occlog.track.map.kernels.problem import SightLines
 from occlog.track.map.kernels.terms import beliefs, depths, leverages, residuals
+from occlog.track.map.search.consensus import rays_of
+from occlog.track.map.search.pending import Pending
+from occlog.track.map.search.robust import Sought, trust_of
 
-from .consensus import rays_of
 from .measurements import sight_lines
-from .pending import Pending
 from .record import Record
-from .robust import Sought, trust_of
 
 
 def judge(pending: Pending, record: Record, sought: Sought, found: Detours) -> tuple[Fit, Noise]:

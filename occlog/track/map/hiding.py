@@ -27,8 +27,8 @@ from occlog.array_types import Bools, Floats
 from occlog.core.occlusion.hidden import IMPROVED, unhidden
 from occlog.core.sight.visibility import seen_from
 from occlog.track.map.kernels.problem import Hints
+from occlog.track.map.search.pending import Pending
 
-from .pending import Pending
 from .record import Record
 
 FLOOR = 1e-4

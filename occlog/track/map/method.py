@@ -29,16 +29,16 @@ from occlog.track.map.kernels.obstacles import Obstacle
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.kernels.terms import losses
 from occlog.track.map.kernels.windows import summary
+from occlog.track.map.search.descent import Watch
+from occlog.track.map.search.pending import Pending, begin
+from occlog.track.map.search.robust import Sought, plain_search, robust_search
 
 from .barriers import obstacles
 from .believed_bearings import judge
 from .config import MapConfig
 from .fixed_lag import lag_ns, settled
 from .mixed import mixed_search, with_distances
-from .pending import Pending, begin
 from .record import EMPTY, Record, after, fill, join, record_of
-from .robust import Sought, plain_search, robust_search
-from .search import Watch
 
 UNOBSERVABLE, CONTRADICTION, WALL = "unobservable", "contradiction", "wall"
 UNFINISHED, DOUBTED = "unfinished", "doubted"

@@ -26,14 +26,14 @@ from occlog.track.map.kernels.obstacles import Obstacle
 from occlog.track.map.kernels.problem import Hints
 from occlog.track.map.kernels.terms import beliefs as line_beliefs
 from occlog.track.map.kernels.terms import hints_cost
+from occlog.track.map.search.consensus import Agreed
+from occlog.track.map.search.descent import Watch
+from occlog.track.map.search.filtered_start import filtered_start
+from occlog.track.map.search.pending import Pending, problem_of
+from occlog.track.map.search.robust import Sought, search_from, still, trust_of
 
-from .consensus import Agreed
-from .filtered_start import filtered_start
 from .hiding import Told
-from .pending import Pending, problem_of
 from .record import Record
-from .robust import Sought, search_from, still, trust_of
-from .search import Watch
 
 ROUNDS = 15
 """How often the search is repeated at most."""

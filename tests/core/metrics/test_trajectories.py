@@ -11,8 +11,8 @@ from scipy.optimize import linprog
 
 from occlog.core.metrics.frame_pairs import Frames, Objects, of_points
 from occlog.core.metrics.ospa2 import Ospa2Sums, Ospa2Windows, ospa2, ospa2_over_time
-from occlog.core.metrics.trajectory_cuts import pieces_of, sure_stretches
-from occlog.core.metrics.trajectory_gospa import TrajectoryCosts, meetings, trajectory_gospa
+from occlog.core.metrics.trajectory_gospa.cuts import pieces_of, sure_stretches
+from occlog.core.metrics.trajectory_gospa.distance import TrajectoryCosts, meetings, trajectory_gospa
 
 
 def rows(*values: tuple[float, ...]) -> Objects:

@@ -15,11 +15,11 @@ from evaluate_scenes import scene
 from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.evaluate import sources
 from occlog.evaluate.errors.streamed import CompareStreams, stretches
 from occlog.evaluate.errors.survey import survey
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
+from occlog.evaluate.stretches import sources
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table, write_table

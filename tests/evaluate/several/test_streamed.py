@@ -15,12 +15,12 @@ from tracked_crowds import crowd, views
 from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate import sources
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.on_ground import evaluate_ground
 from occlog.evaluate.mot.stage import evaluate_views
 from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames
 from occlog.evaluate.several.run import NOT_COMBINED
+from occlog.evaluate.stretches import sources
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table, write_table

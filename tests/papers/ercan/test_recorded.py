@@ -16,7 +16,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.scans.occluder_priors import OccluderFeed
-from occlog.papers.ercan.recorded import (
+from occlog.papers.ercan.recorded.detections import (
     CLEAR,
     DIAMETER,
     MOST,
@@ -32,8 +32,8 @@ from occlog.papers.ercan.recorded import (
     settings_of,
     trial,
 )
-from occlog.papers.ercan.recorded_figures import ITEMS
-from occlog.papers.ercan.recorded_target import Recorded, recorded_target
+from occlog.papers.ercan.recorded.figures import ITEMS
+from occlog.papers.ercan.recorded.target import Recorded, recorded_target
 from occlog.papers.verdicts.model import Size
 from occlog.pipeline.sweep.engine import TrialError, key_of, run_all
 from occlog.records.tables import Bearings

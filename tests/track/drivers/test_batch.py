@@ -21,7 +21,7 @@ from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Batch, OccluderTerms, Smoothed
 from occlog.track.map.config import MapConfig
 from occlog.track.map.fixed_lag import lag_ns
-from occlog.track.map.pending import begin
+from occlog.track.map.search.pending import begin
 
 pytestmark = pytest.mark.jit
 

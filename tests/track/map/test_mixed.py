@@ -10,12 +10,12 @@ from occlog.measure.scans.scan import Measured, Scan
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.track.map import mixed
 from occlog.track.map.config import MapConfig
-from occlog.track.map.filtered_start import filtered_start
 from occlog.track.map.kernels.newton_search import covariance
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.mixed import local, mixed_search, terms
-from occlog.track.map.pending import begin, problem_of
 from occlog.track.map.record import after, fill, join, record_of
+from occlog.track.map.search.filtered_start import filtered_start
+from occlog.track.map.search.pending import begin, problem_of
 
 NS = 1_000_000_000
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0]])

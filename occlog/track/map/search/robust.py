@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats
+from occlog.track.map.config import MapConfig
+from occlog.track.map.hiding import Told, told_by_occluders
 from occlog.track.map.kernels.detours import Detours
 from occlog.track.map.kernels.evidence import evidence, rescaled
 from occlog.track.map.kernels.feasible import move_inside
@@ -22,14 +24,11 @@ from occlog.track.map.kernels.newton_search import covariance
 from occlog.track.map.kernels.obstacles import Obstacle
 from occlog.track.map.kernels.problem import CAUCHY, HUBER, SQUARE, Problem, SightLines, some_lines, some_planes
 from occlog.track.map.kernels.terms import beliefs, depths, leverages, residuals
+from occlog.track.map.record import Record
+from occlog.track.map.search.consensus import Agreed, agreed
+from occlog.track.map.search.descent import APART, MU, Watch, linear_start, roughly, search_around
+from occlog.track.map.search.pending import BEND, START, Pending, bend_of, problem_of, start_of
 from occlog.track.plausibility.alone import OVERLAP, near_another
-
-from .config import MapConfig
-from .consensus import Agreed, agreed
-from .hiding import Told, told_by_occluders
-from .pending import BEND, START, Pending, bend_of, problem_of, start_of
-from .record import Record
-from .search import APART, MU, Watch, linear_start, roughly, search_around
 
 BELIEVED = BEND["mixture"]
 """Standard deviations at which a bearing is as likely false as true, with losses other than the mixture's."""

@@ -11,15 +11,14 @@ from occlog.core.sight.visibility import Sensors
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.track.apf.sensing import pack_sensors
+from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.feasible import move_inside
 from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity
 from occlog.track.map.kernels.problem import CAUCHY, HUBER, MIXTURE, SQUARE, Problem, chain
 from occlog.track.map.kernels.start import start_on_axes
 from occlog.track.map.kernels.windows import Knowledge
-
-from .config import MapConfig
-from .measurements import Stations, constraints, sight_lines, stations
-from .record import EMPTY, Record
+from occlog.track.map.measurements import Stations, constraints, sight_lines, stations
+from occlog.track.map.record import EMPTY, Record
 
 LOSS = {"square": SQUARE, "huber": HUBER, "cauchy": CAUCHY, "mixture": MIXTURE}
 BEND = {"square": 1.0, "huber": 1.345, "cauchy": 2.385, "mixture": 3.7}

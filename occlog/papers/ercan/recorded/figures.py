@@ -7,14 +7,13 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
 
+from occlog.papers.ercan.recorded.detections import CLEAR, Source, crowd_size, recorded_spec, recorded_trial
+from occlog.papers.ercan.recorded.target import Recorded
+from occlog.papers.ercan.selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, HEURISTICS, RANDOM
+from occlog.papers.ercan.trial import KNOWN, NONE, PRIOR
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec
-
-from .recorded import CLEAR, Source, crowd_size, recorded_spec, recorded_trial
-from .recorded_target import Recorded
-from .selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, HEURISTICS, RANDOM
-from .trial import KNOWN, NONE, PRIOR
 
 NOBODY = "nobody hides anything"
 KINDS = {NONE: "none", PRIOR: "kalman", KNOWN: "known", NOBODY: CLEAR}

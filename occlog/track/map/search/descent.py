@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.detours import Detours, find_detours, settle
 from occlog.track.map.kernels.feasible import move_inside
 from occlog.track.map.kernels.newton_search import MU_FIRST, Iterate, Options, Solution, minimise
@@ -15,9 +16,7 @@ from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.kernels.quadratic_program import sequential_programs
 from occlog.track.map.kernels.start import linear_problem
 from occlog.track.map.kernels.windows import minimise_windows
-
-from .config import MapConfig
-from .qp_solvers import program_solver
+from occlog.track.map.qp_solvers import program_solver
 
 ROUGH = 1e-3
 """Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""

@@ -8,12 +8,23 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.examine.viewers.drawings.people import Crowd, Palette, Person
+from occlog.examine.viewers.drawings.plan import LIFTED, shadows, walls
+from occlog.examine.viewers.drawings.sensors import placed
+from occlog.examine.viewers.drawings.shapes import (
+    CHOSEN,
+    GREY,
+    SHADOW,
+    Column,
+    Fill,
+    Line,
+    Thing,
+    at_height,
+    faded,
+    fan,
+    rim,
+)
 from occlog.records.scene import Camera, MicrophoneArray, Scene
-
-from .people import Crowd, Palette, Person
-from .plan import LIFTED, shadows, walls
-from .sensors import placed
-from .shapes import CHOSEN, GREY, SHADOW, Column, Fill, Line, Thing, at_height, faded, fan, rim
 
 MIDDLE = 0.5
 """Sight lines end at this share of a person's height."""

@@ -15,10 +15,9 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.core.sight.distance_errors import Errors, direct, log_density, without_detours
 from occlog.core.sight.distances import Distances, linearise
 from occlog.track.map.kernels.problem import Problem
-
-from .consensus import rays_of
-from .pending import BEND, Pending
-from .record import Record
+from occlog.track.map.record import Record
+from occlog.track.map.search.consensus import rays_of
+from occlog.track.map.search.pending import BEND, Pending
 
 GRID, MOST, FIRST_S, FIRST = 30, 24, 2.0, 100
 """Places a side, most filters, and the time [s] and the number of measurements that decide where they begin."""

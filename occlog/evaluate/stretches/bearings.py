@@ -8,30 +8,29 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import Bools
+from occlog.evaluate.bearings.detections import DetectionFigures
+from occlog.evaluate.bearings.held_out import HeldOutStreams
+from occlog.evaluate.bearings.known_places import KnownPlaces, MeasuredNoise
+from occlog.evaluate.bearings.meeting import MeetingFigures
+from occlog.evaluate.bearings.noise import NoiseFigures
+from occlog.evaluate.bearings.scans import ScanCuts, labelled
+from occlog.evaluate.errors.bound_streamed import BoundStreams, Ways
+from occlog.evaluate.errors.distances import DistancesOfTargets
+from occlog.evaluate.errors.streamed import Beside, Stretch
+from occlog.evaluate.errors.survey import Survey
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.matching.looks import SensorLooks, look_at
+from occlog.evaluate.matching.outline import NEAR_NS, OCCLUDER, TARGET, Outlines
+from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
+from occlog.evaluate.stage import no_meeting
+from occlog.evaluate.stretches.evidence import SightStreams, in_rows_of
+from occlog.evaluate.stretches.sources import Sources
+from occlog.evaluate.verdict import Made
 from occlog.records.measurements import Measurements
 from occlog.records.pieces import LAST, Side
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors
 from occlog.track.plausibility.verdict import Evidence
-
-from .bearings.detections import DetectionFigures
-from .bearings.held_out import HeldOutStreams
-from .bearings.known_places import KnownPlaces, MeasuredNoise
-from .bearings.meeting import MeetingFigures
-from .bearings.noise import NoiseFigures
-from .bearings.scans import ScanCuts, labelled
-from .errors.bound_streamed import BoundStreams, Ways
-from .errors.distances import DistancesOfTargets
-from .errors.streamed import Beside, Stretch
-from .errors.survey import Survey
-from .matching.config import EvaluateConfig
-from .matching.looks import SensorLooks, look_at
-from .matching.outline import NEAR_NS, OCCLUDER, TARGET, Outlines
-from .matching.paths import Path, Sensor, paths_of, sensors_of
-from .sight_streamed import SightStreams, in_rows_of
-from .sources import Sources
-from .stage import no_meeting
-from .verdict import Made
 
 Metrics = dict[str, float]
 

@@ -12,11 +12,20 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools
-
-from .frame_pairs import Frames
-from .sums import Sum
-from .trajectory_cuts import CHANGE, FREE, Pairs, Pieces, Pins, delimiters, enough_gain, pieces_of, sure_stretches
-from .trajectory_program import solve
+from occlog.core.metrics.frame_pairs import Frames
+from occlog.core.metrics.sums import Sum
+from occlog.core.metrics.trajectory_gospa.cuts import (
+    CHANGE,
+    FREE,
+    Pairs,
+    Pieces,
+    Pins,
+    delimiters,
+    enough_gain,
+    pieces_of,
+    sure_stretches,
+)
+from occlog.core.metrics.trajectory_gospa.program import solve
 
 
 class TrajectoryGospa(NamedTuple):

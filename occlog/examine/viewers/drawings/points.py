@@ -9,11 +9,10 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from occlog.array_types import Floats, Ints
+from occlog.examine.viewers.drawings.foxglove import DASH, DASH_PX
+from occlog.examine.viewers.drawings.shapes import Column, Fill, Line, Rgba, Thing, around, at_height
+from occlog.examine.viewers.drawings.ways import dashes, dense
 from occlog.records.scene import Camera
-
-from .foxglove import DASH, DASH_PX
-from .shapes import Column, Fill, Line, Rgba, Thing, around, at_height
-from .ways import dashes, dense
 
 STEP, STEP_PX = 0.04, 2.0
 """From one point of a line to the next, in space [m] and in an image [px]."""

@@ -9,6 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
+from occlog.evaluate.bearings.known_places import MeasuredNoise, figures_of, notes_of
+from occlog.evaluate.errors.streamed import Beside, CompareStreams, PairSums, Stretch, stretches
+from occlog.evaluate.errors.survey import Survey, survey
+from occlog.evaluate.inputs import Paths, provenance_of
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.matching.outline import Outlines
+from occlog.evaluate.mot.apart import line_of_errors_apart
+from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.on_ground import GroundFigures, GroundPart, places_of
+from occlog.evaluate.stage import Evaluation
+from occlog.evaluate.stretches.bearings import WithBearings
+from occlog.evaluate.stretches.sources import Sources
+from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
 from occlog.io.files.tables.parquet import TableWriter
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
@@ -16,20 +29,6 @@ from occlog.records.tables import Bound, Errors, Tracks
 from occlog.records.views import Counts, Failures
 from occlog.track.images.run.provenance import own_notes
 from occlog.track.plausibility.verdict import Evidence
-
-from .bearings.known_places import MeasuredNoise, figures_of, notes_of
-from .errors.streamed import Beside, CompareStreams, PairSums, Stretch, stretches
-from .errors.survey import Survey, survey
-from .inputs import Paths, provenance_of
-from .matching.config import EvaluateConfig
-from .matching.outline import Outlines
-from .mot.apart import line_of_errors_apart
-from .mot.config import ManyConfig
-from .mot.on_ground import GroundFigures, GroundPart, places_of
-from .sources import Sources
-from .stage import Evaluation
-from .verdict import AgainstTruth, Made, with_truth
-from .with_bearings import WithBearings
 
 BOUND_WITHOUT_DISTANCES = (
     "the bound knows nothing of the ranges, signal strengths or time differences of the tracks, so that no ratio to it "

@@ -12,11 +12,22 @@ import numpy as np
 from occlog.array_types import NS, Floats
 from occlog.colours import target_rgb
 from occlog.core.sight.camera import wrap_angle
+from occlog.examine.viewers.drawings.shapes import (
+    GREY,
+    WHITE,
+    Column,
+    Line,
+    Rgba,
+    Text,
+    Thing,
+    around,
+    at_height,
+    faded,
+    rim,
+)
 from occlog.records.people import FLOOR, PeopleTracks
 from occlog.records.scene import Camera
 from occlog.records.tables import Boxes, Diagnostics, Tracks, Truth, TruthBoxes, Views, ViewTracks
-
-from .shapes import GREY, WHITE, Column, Line, Rgba, Text, Thing, around, at_height, faded, rim
 
 HEIGHT, WIDTH = 1.7, 0.5
 """Of a person whose size the tracks do not tell [m]."""

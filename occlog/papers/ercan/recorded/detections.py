@@ -1,7 +1,7 @@
 """[Ercan] Sec. 7 on recorded detections: virtual occluders hide the target of a recording, and a filter tracks it.
 
 Virtual people walk through the room.  A camera whose sight line to the target is crossed by one of
-them reports "not seen" instead of its detection.  `recorded_target` finds the target's own
+them reports "not seen" instead of its detection.  `target` finds the target's own
 detections and its true path.  A trial is described by plain values, so that any process can run it.
 
 The data set cmc_detections is read as it is shipped: boxes of a person detector in four views, and
@@ -31,6 +31,8 @@ from occlog.io.open import scene_in
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.measure.scans.occluder_priors import known_positions
+from occlog.papers.ercan.recorded.target import SKIP, Recorded, recorded_target, unseen
+from occlog.papers.ercan.scenes import LAB_SIZE
 from occlog.papers.verdicts.model import Size
 from occlog.pipeline.sweep.trial import Spec, rmse_of_priors
 from occlog.records.scene import Scene
@@ -41,9 +43,6 @@ from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.selection_config import SelectConfig, read_selection
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-
-from .recorded_target import SKIP, Recorded, recorded_target, unseen
-from .scenes import LAB_SIZE
 
 TABLE = "CMC1_detections.csv"
 """CMC1 has one walking target; in CMC2 people cannot be told apart, and CMC4 has a short path only."""

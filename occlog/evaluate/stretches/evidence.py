@@ -10,6 +10,7 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import median_of
+from occlog.evaluate.verdict import Made, used
 from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.pieces import LAST, Limits, Side
 from occlog.records.scene import Scene
@@ -18,8 +19,6 @@ from occlog.track.plausibility.agreement import pose_share
 from occlog.track.plausibility.alone import TOGETHER_S, near_another
 from occlog.track.plausibility.sight import Sight
 from occlog.track.plausibility.verdict import Evidence
-
-from .verdict import Made, used
 
 
 class SightStreams:

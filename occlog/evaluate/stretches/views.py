@@ -6,14 +6,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
+from occlog.evaluate.bearings.boxes import ViewFigures
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import CooperationCounts
+from occlog.evaluate.stretches.sources import Sources, no_true_box, rows_during
 from occlog.io.open import Opened
 from occlog.records.pieces import whole_times, windows
 from occlog.records.tables import Cooperation, TruthBoxes, Views
-
-from .bearings.boxes import ViewFigures
-from .matching.config import EvaluateConfig
-from .sources import Sources, no_true_box, rows_during
-from .stage import CooperationCounts
 
 N = TypeVar("N", Views, TruthBoxes)
 

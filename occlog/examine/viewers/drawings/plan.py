@@ -8,10 +8,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.examine.viewers.drawings.sensors import placed
+from occlog.examine.viewers.drawings.shapes import (
+    FLOOR,
+    GREY,
+    PILLAR,
+    SHADOW,
+    WALL,
+    Fill,
+    Line,
+    Text,
+    Thing,
+    at_height,
+    fan,
+    triangles,
+)
 from occlog.records.scene import Occluder, Scene
-
-from .sensors import placed
-from .shapes import FLOOR, GREY, PILLAR, SHADOW, WALL, Fill, Line, Text, Thing, at_height, fan, triangles
 
 if TYPE_CHECKING:
     from shapely import Polygon

@@ -16,9 +16,8 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from occlog.array_types import Floats
-
-from .shapes import Column, Fill, Line, Rgba, Text, Thing
-from .ways import dashes
+from occlog.examine.viewers.drawings.shapes import Column, Fill, Line, Rgba, Text, Thing
+from occlog.examine.viewers.drawings.ways import dashes
 
 DASH, DASH_PX = 0.08, 5.0
 """Length of a dash in space [m] and in an image [px]."""

@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats
+from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.consensus import Rays, agreed_path
 from occlog.track.map.kernels.problem import Problem, SightLines
-
-from .config import MapConfig
-from .measurements import Stations
-from .record import Record
+from occlog.track.map.measurements import Stations
+from occlog.track.map.record import Record
 
 
 class Agreed(NamedTuple):

@@ -1,0 +1,1 @@
+"""Trajectory GOSPA: a distance between sets of trajectories, and the linear programs that it is found by."""

@@ -1,0 +1,1 @@
+"""[Ercan] Sec. 7 on recorded detections that virtual occluders hide."""
