@@ -18,6 +18,9 @@ from occlog.array_types import Bools, Ints
 
 from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, unknown_frames, unpack
 
+LATEST = 2**62
+"""Time [ticks] or place [bytes] of a sample, at most."""
+
 
 class Samples(NamedTuple):
     """Sample table of the video track, in the order of decoding; times in ticks of `scale` per second."""
@@ -91,19 +94,23 @@ def read_table(data: mmap.mmap, box: Span | None, width: int, dtype: str, head: 
 def read_fragments(data: mmap.mmap, moov: Span, moofs: list[Span], track_id: int, scale: int) -> Samples:
     """Samples of the movie fragments."""
     defaults = _track_defaults(data, moov, track_id)
-    parts: list[tuple[int, int, int, int]] = []
+    found = _Found()
     clock = 0
     for moof in (m for m in moofs if m.stop <= len(data)):
         for traf in (b for b in boxes(data, moof.start, moof.stop) if b.kind == b"traf"):
             tfhd = need_box(data, traf, b"tfhd")
             if unpack(data, ">I", tfhd.start + 4)[0] != track_id:
                 continue
-            clock = _fragment(data, moof, traf, tfhd, defaults, clock, parts)
-    try:
-        table = np.array(parts, dtype=np.int64).reshape(-1, 4)
-    except OverflowError:
-        raise BrokenContainerError(moofs[0].start, "samples of fragments at a time or place beyond 2^63") from None
-    return Samples(scale, *table.T)
+            clock = _fragment(data, moof, traf, tfhd, defaults, clock, found)
+    return Samples(scale, *np.concatenate([np.zeros((0, 4), dtype=np.int64), *found.samples]).T)
+
+
+class _Found:
+    """Samples of fragments so far: (n, 4) time, duration, offset and size of each run."""
+
+    def __init__(self) -> None:
+        self.samples: list[Ints] = []
+        self.count = 0
 
 
 def _track_defaults(data: mmap.mmap, moov: Span, track_id: int) -> tuple[int, int]:
@@ -122,9 +129,9 @@ def _fragment(
     tfhd: Span,
     defaults: tuple[int, int],
     clock: int,
-    parts: list[tuple[int, int, int, int]],
+    found: _Found,
 ) -> int:
-    """Append (time, duration, offset, size) of the samples of one track fragment; time after it."""
+    """Add the samples of one track fragment; time after it."""
     flags = unpack(data, ">I", tfhd.start)[0] & 0xFFFFFF
     at = tfhd.start + 8
     base = moof.start - 8
@@ -142,7 +149,7 @@ def _fragment(
     if tfdt is not None:
         (clock,) = unpack(data, ">Q" if data[tfdt.start] else ">I", tfdt.start + 4)
     for trun in (b for b in boxes(data, traf.start, traf.stop) if b.kind == b"trun"):
-        clock, base = _run(data, trun, (duration, size), clock, base, parts)
+        clock, base = _run(data, trun, (duration, size), clock, base, found)
     return clock
 
 
@@ -152,7 +159,7 @@ def _run(
     defaults: tuple[int, int],
     clock: int,
     base: int,
-    parts: list[tuple[int, int, int, int]],
+    found: _Found,
 ) -> tuple[int, int]:
     flags, count = unpack(data, ">II", trun.start)
     flags &= 0xFFFFFF
@@ -163,16 +170,20 @@ def _run(
         at += 4
     at += 4 if flags & 0x4 else 0
     fields = [bit for bit in (0x100, 0x200, 0x400, 0x800) if flags & bit]
-    if at + 4 * len(fields) * count > trun.stop or len(parts) + count > MAX_FRAMES:
+    if at + 4 * len(fields) * count > trun.stop or found.count + count > MAX_FRAMES or count > len(data):
         raise BrokenContainerError(trun.start, f"a fragment of {count} samples is longer than its box")
-    for _ in range(count):
-        values = dict(zip(fields, unpack(data, f">{len(fields)}i", at), strict=True))
-        at += 4 * len(fields)
-        duration, size = values.get(0x100, defaults[0]), values.get(0x200, defaults[1])
-        parts.append((clock + values.get(0x800, 0), duration, offset, size))
-        clock += duration
-        offset += size
-    return clock, offset
+    if not (abs(clock) < LATEST and abs(offset) < LATEST):
+        raise BrokenContainerError(trun.start, "samples of a fragment at a time or place beyond 2^62")
+    told = np.frombuffer(data, ">i4", len(fields) * count, at).reshape(count, len(fields)).astype(np.int64)
+
+    def column(field: int, default: int) -> Ints:
+        return told[:, fields.index(field)] if field in fields else np.full(count, default, dtype=np.int64)
+
+    duration, size = column(0x100, defaults[0]), column(0x200, defaults[1])
+    after, behind = clock + np.cumsum(duration), offset + np.cumsum(size)
+    found.samples.append(np.column_stack([after - duration + column(0x800, 0), duration, behind - size, size]))
+    found.count += count
+    return (int(after[-1]), int(behind[-1])) if count else (clock, offset)
 
 
 _TOP = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"styp", b"sidx", b"moof", b"pnot")
@@ -248,7 +259,7 @@ def _sample_table(data: mmap.mmap, trak: Span) -> Samples:
 def _sizes(data: mmap.mmap, stsz: Span) -> Ints:
     uniform, count = unpack(data, ">II", stsz.start + 4)
     if uniform:
-        if count > MAX_FRAMES:
+        if count > min(MAX_FRAMES, len(data)):
             raise BrokenContainerError(stsz.start, f"{count} samples announced")
         return np.full(count, uniform, dtype=np.int64)
     return read_table(data, stsz, 1, ">u4", head=8)[:, 0]

@@ -6,6 +6,7 @@ import struct
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 from video_samples import box
 
@@ -104,6 +105,51 @@ def test_more_equal_samples_than_the_limit_are_not_believed(tmp_path: Path) -> N
     assert f"{MAX_FRAMES + 1} samples announced" in parsed(tmp_path, movie(uniform + stbl)).problems[-1][1]
     uniform = box(b"stsz", struct.pack(">III", 0, 1, 3))
     assert parsed(tmp_path, movie(uniform + stbl)).frames == 3
+    long = len(movie(uniform + stbl))
+    for count, known in ((long, True), (long + 1, False)):  # each takes a byte at least
+        uniform = box(b"stsz", struct.pack(">III", 0, 1, count))
+        assert (parsed(tmp_path, movie(uniform + stbl)).frames is not None) == known
+
+
+def fragments(runs: list[tuple[int, int, bytes]], clock: int = 0) -> bytes:
+    """A movie whose samples are in one fragment: flags, count and fields of each of its runs."""
+    none = b"".join(table(name, []) for name in (b"stts", b"stsc", b"stco"))
+    index = movie(box(b"stsz", bytes(12)) + none)
+    mvex = box(b"mvex", box(b"trex", struct.pack(">6I", 0, 1, 1, 7, 11, 0)))
+    index = box(b"moov", index[8:] + mvex)
+    tfhd, tfdt = box(b"tfhd", struct.pack(">II", 0, 1)), box(b"tfdt", struct.pack(">IQ", 1 << 24, clock))
+    truns = b"".join(box(b"trun", struct.pack(">II", flags, count) + fields) for flags, count, fields in runs)
+    return index + box(b"moof", box(b"traf", tfhd + tfdt + truns))
+
+
+@pytest.mark.parametrize(
+    "flags", [sum(bit for k, bit in enumerate((0x100, 0x200, 0x400, 0x800)) if n >> k & 1) for n in range(16)]
+)
+def test_runs_of_fragments_are_as_each_sample_says(tmp_path: Path, flags: int) -> None:
+    """Against a loop over samples: default durations and sizes are 7 and 11, and times go on from run to run."""
+    rng = np.random.default_rng(flags)
+    runs, told, clock = [], [], 30
+    for count in (3, 1, 4):
+        names = [bit for bit in (0x100, 0x200, 0x400, 0x800) if flags & bit]
+        rows = [{name: int(rng.integers(1, 50)) for name in names} for _ in range(count)]
+        runs.append((flags, count, b"".join(struct.pack(">i", row[name]) for row in rows for name in names)))
+        for row in rows:
+            told.append(clock + row.get(0x800, 0))
+            clock += row.get(0x100, 7)
+    found = parsed(tmp_path, fragments(runs, 30))
+    assert found.pts_ns is not None
+    assert found.pts_ns.tolist() == [(t - min(told)) * 1_000_000 for t in sorted(told)]
+
+
+def test_runs_of_more_samples_than_the_file_has_bytes_are_not_believed(tmp_path: Path) -> None:
+    """Seven million of them, which take no byte of the file to say, took ten seconds."""
+    long = len(fragments([(0, 3, b"")]))
+    for count, known in ((long, True), (long + 1, False), (7_000_000, False)):
+        found = parsed(tmp_path, fragments([(0, count, b"")]))
+        assert (found.frames == count) == known
+        assert known or f"a fragment of {count} samples is longer" in found.problems[-1][1]
+    for clock, known in ((2**62 - 1, True), (2**62, False)):
+        assert (parsed(tmp_path, fragments([(0, 1, b"")], clock)).frames == 1) == known
 
 
 def test_the_index_and_a_video_track_are_needed(tmp_path: Path) -> None:
