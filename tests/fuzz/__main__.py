@@ -92,6 +92,8 @@ def attempt(name: str, options: argparse.Namespace, seed: int, out: Path, curren
             if elapsed - told > TELL_S or sum(counts.values()) == inputs:
                 told = elapsed
                 tell()
+            if outcome.found:  # nothing begins there again: what takes long would
+                return ""
             return outcome.kind if outcome.kind != "refused" else _form(outcome.detail)
 
         for data in seeds:
@@ -114,7 +116,7 @@ def attempt(name: str, options: argparse.Namespace, seed: int, out: Path, curren
             while sum(counts.values()) < inputs and time.monotonic() - begin < seconds:
                 start = random.choice(seeds if random.random() < 0.5 else pool)
                 new = one(data := changed(start, draw(random, text), random.choice(seeds), reader.layer))
-                if new not in known and len(known) < KEPT:
+                if new and new not in known and len(known) < KEPT:
                     known.add(new)
                     pool.append(data)
         tell()
