@@ -37,7 +37,17 @@ from occlog.records.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
 
 from .classes import check_classes, class_labels, wanted_rows
-from .columns import COLUMNS, SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, WHAT, BoxSource
+from .columns import (
+    COLUMNS,
+    SHARE_HEIGHT,
+    SHARE_WIDTH,
+    SHARE_X,
+    SHARE_Y,
+    WHAT,
+    BoxSource,
+    both_sizes,
+    disagree,
+)
 from .folder import open_folder
 from .kitti import is_kitti, open_kitti
 from .objects import is_json, open_json
@@ -473,8 +483,8 @@ def _edges(
     if not rows.has(SHARE_X):
         left, top = rows.floats("left"), rows.floats("top")
         with np.errstate(over="ignore"):  # whoever takes the boxes looks how large they are
-            width = rows.floats("width") if rows.has("width") else rows.floats("right") - left
-            height = rows.floats("height") if rows.has("height") else rows.floats("bottom") - top
+            width = _size(rows, "width", "right", left)
+            height = _size(rows, "height", "bottom", top)
         return left, top, width, height
     size = np.ones((len(cameras), 2))
     for n in np.unique(camera).tolist() if sizes is not None else ():
@@ -487,6 +497,19 @@ def _edges(
     across, down = size[camera].T
     width, height = rows.floats(SHARE_WIDTH) * across, rows.floats(SHARE_HEIGHT) * down
     return rows.floats(SHARE_X) * across - width / 2, rows.floats(SHARE_Y) * down - height / 2, width, height
+
+
+def _size(rows: Rows, size: str, far: str, near: Floats) -> Floats:
+    """(n,) widths or heights [px]; InputError where a far edge that is there as well contradicts one."""
+    if not rows.has(size):
+        return rows.floats(far) - near
+    sizes = rows.floats(size)
+    if rows.has(far):
+        apart = disagree(sizes, near, rows.floats(far, blank=True))
+        if apart.any():
+            row = int(np.flatnonzero(apart)[0])
+            raise rows.fail(row, both_sizes(size, float(sizes[row]), far, str(rows.cells[far][row]), float(near[row])))
+    return sizes
 
 
 def _confidence(rows: Rows, options: BoxOptions) -> Floats:

@@ -121,6 +121,7 @@ class Spelling(NamedTuple):
     name: str  # of the file's column
     unit: str  # that the name ends in: `ns`, `deg`, `cm`, ...; empty: the table's own
     edge: bool = False  # the column has the far edge of a box instead of its size
+    far: str = ""  # name of a column with the far edge, beside that of the size
 
     @property
     def compass(self) -> bool:
@@ -140,6 +141,11 @@ class Layout(NamedTuple):
     table: type[Table]
     columns: tuple[Spelling, ...]
     missing: tuple[str, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the file's columns that are read."""
+        return list(dict.fromkeys(name for s in self.columns for name in (s.name, s.far) if name))
 
     @property
     def likeness(self) -> tuple[int, int]:
@@ -273,10 +279,13 @@ def _find(column: Column, there: Mapping[str, str], table: type[Table]) -> Spell
         own = [s for s in found if s.name.strip().lower() == column.name]
         if not own:
             raise InputError(f"columns {' and '.join(s.name for s in found)} both say {column.name}; keep one")
-        return own[0]
-    if not found and column.name in EDGES:
+        found = own
+    if column.name in EDGES:
         name, others = EDGES[column.name]
-        found = [Spelling(column, there[n], "", edge=True) for n in dict.fromkeys((name, *others)) if n in there]
+        edges = [Spelling(column, there[n], "", edge=True) for n in dict.fromkeys((name, *others)) if n in there]
+        if found and edges:
+            return found[0]._replace(far=edges[0].name)
+        found = found or edges
     return found[0] if found else None
 
 

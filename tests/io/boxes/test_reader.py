@@ -253,3 +253,12 @@ def test_real_motchallenge_results(shared_data: Path, name: str, rows: int, fram
     boxes, _ = read(BoxFile(shared_data / f"tud_mot/{name}/test.txt", "cam"))
     assert ((boxes.box >= 0).sum(), len(np.unique(boxes.frame))) == (rows, frames)
     assert boxes.frame[0] == 0
+
+
+def test_widths_that_contradict_the_edges_are_of_the_image(tmp_path: Path) -> None:
+    """Tables for TensorFlow have the size of the image beside all four edges."""
+    head = "frame,width,height,class,xmin,ymin,xmax,ymax"
+    with pytest.raises(InputError, match=r"line 2: width is 1280, but right is 80\.5 and the near edge 10"):
+        read(BoxFile(write(tmp_path, f"{head}\n0,1280,720,person,10,20,80.5,90\n"), "cam"))
+    boxes, _ = read(BoxFile(write(tmp_path, f"{head}\n0,70,71,person,10,20,80.5,90\n"), "cam"))
+    assert (boxes.width_px[0], boxes.height_px[0]) == (70, 71)  # the last pixel counts, or not

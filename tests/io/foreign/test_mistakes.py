@@ -12,7 +12,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.open import open_input
 from occlog.measure.scans.grouping import nearest
-from occlog.records.tables import Bearings, Doa, Truth
+from occlog.records.tables import Bearings, Boxes, Doa, Truth
 
 
 def text(path: Path, *lines: str) -> Path:
@@ -66,3 +66,11 @@ def test_times_in_milliseconds_that_are_taken_for_seconds_are_doubted(tmp_path: 
     assert "state it by --input-units ms" in capsys.readouterr().err
     assert run([*args, "--overwrite", "--input-units", "ms"]) == ExitCode.DONE
     assert "--input-units" not in capsys.readouterr().err
+
+
+def test_widths_that_contradict_the_edges_are_of_the_image(tmp_path: Path) -> None:
+    head = "time,sensor,width,height,xmin,ymin,xmax,ymax"
+    opened = open_input(text(tmp_path / "t.csv", head, "0,a,1280,720,10,20,80.5,90"))
+    with pytest.raises(InputError, match=r"line 2: width is 1280, but xmax is 80\.5 and the near edge 10"):
+        opened.read(Boxes)
+    assert open_input(text(tmp_path / "t.csv", head, "0,a,70,71,10,20,80.5,90")).read(Boxes).width_px[0] == 70
