@@ -450,3 +450,45 @@ def test_a_folder_of_boxes_given_as_calibration_is_named(place: Path, capsys: py
     given = ("--boxes", str(place / "scene.yaml"), "--calibration", str(place / "yolo"))
     assert ingest(place, *given, scene=False) == ExitCode.USAGE
     assert "yolo: a folder without a calibration file; name the file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "said"),
+    [
+        ("--boxes", "frame,camera,left,top,w,h\n0,cam1,1,1,9,9\n0,cam01,50,1,9,9\n", "cameras 'cam01' and 'cam1'"),
+        ("--doa", "time,sensor,azimuth_deg\n0,mic1,10\n1,mic01,20\n", "arrays 'mic01' and 'mic1'"),
+    ],
+)
+def test_two_labels_of_a_file_are_not_one_sensor(
+    place: Path, capsys: pytest.CaptureFixture[str], option: str, text: str, said: str
+) -> None:
+    (place / "scene.yaml").write_text(SCENE.replace("name: mic", "name: mic1"))
+    (place / "t.csv").write_text(text)
+    assert ingest(place, option, str(place / "t.csv"), "--fps", "10") == ExitCode.BAD_INPUT
+    assert said in capsys.readouterr().err
+
+
+def test_two_labels_of_a_sidecar_are_not_one_camera(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The times of the last one counted."""
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n1,50,1,9,9\n")
+    (place / "times.csv").write_text("camera,time\ncam1,0\ncam1,1\ncam01,100\ncam01,101\n")
+    inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--timestamps", str(place / "times.csv"))
+    assert ingest(place, *inputs) == ExitCode.BAD_INPUT
+    assert "cameras 'cam1' and 'cam01' would both be cam1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ("--boxes cam1=", "frame,camera,left,top,w,h\n0,cam1,1,1,9,9\n0,cam2,50,1,9,9\n"),
+        ("--doa mic=", "time,sensor,azimuth_deg\n0,mic,10\n1,other,20\n"),
+    ],
+)
+def test_a_file_of_several_sensors_is_not_given_as_that_of_one(
+    place: Path, capsys: pytest.CaptureFixture[str], given: str, text: str
+) -> None:
+    """All rows were taken for those of the one."""
+    (place / "t.csv").write_text(text)
+    option, name = given.split()
+    assert ingest(place, option, f"{name}{place / 't.csv'}", "--fps", "10") == ExitCode.BAD_INPUT
+    assert f"line 3: is of {'camera' if name == 'cam1=' else 'sensor'}" in capsys.readouterr().err

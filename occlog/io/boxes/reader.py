@@ -29,9 +29,9 @@ import numpy as np
 from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.by_reader import reader_of
-from occlog.io.files.csv_rows import Rows, first_line, is_header
+from occlog.io.files.csv_rows import Rows, check_one_sensor, first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
-from occlog.io.files.sensor_names import match_sensor, means_none
+from occlog.io.files.sensor_names import check_meaning, match_sensor, means_none
 from occlog.io.files.timestamps import MAX_NS, parse_times, time_column
 from occlog.records.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
@@ -265,7 +265,7 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
     source = _open(file, known, options)
     how = _numbering(file, source, options)
     found.kinds.append(source.kind)
-    named = (file.camera,) if file.camera is not None else _matched(source.cameras, known, file, options)
+    named = (file.camera,) if file.camera is not None else _matched(source.cameras, known, file, options, {})
     if source.listed is None:
         found.listed = None
     else:
@@ -352,7 +352,7 @@ def box_rows(rows: Rows, cameras: list[str], first_number: int = 0) -> BoxRows:
     options = BoxOptions(first_number=first_number, scores="logistic")
     labels = rows.cells["camera"] if rows.has("camera") else None
     file = BoxFile(rows.path, rows.path.stem if labels is None else None)
-    camera = _number_cameras(file, rows, labels, cameras, (), options)
+    camera = _number_cameras(file, rows, labels, cameras, (), options, {})
     return check_boxes(rows, _numbers(rows, camera, cameras, options))
 
 
@@ -399,14 +399,19 @@ def _read(
     left_out: Counter[tuple[str, ...]],
 ) -> Iterator[tuple[Rows, BoxRows]]:
     """Rows of a file as text and as numbers; cameras and classes that are not wanted are added to the lists."""
+    meant: dict[str, str] = {}
+    label = ""
     for chunk in source.chunks:
+        if file.camera is not None and chunk.has("camera"):
+            label = label or str(chunk.cells["camera"][0])
+            check_one_sensor(chunk, "camera", file.camera, label)
         rows = chunk
         if options.classes and len(rows):
             wanted = wanted_rows(rows, options.classes)
             left_out.update(class_labels(rows.pick(np.flatnonzero(~wanted))))
             rows = rows.pick(np.flatnonzero(wanted))
         labels = rows.cells["camera"] if rows.has("camera") and file.camera is None else None
-        camera = _number_cameras(file, rows, labels, cameras, known, options)
+        camera = _number_cameras(file, rows, labels, cameras, known, options, meant)
         boxes = check_boxes(rows, _numbers(rows, camera, cameras, options))
         if options.drop_zero and (boxes.confidence == 0).any():
             kept = np.flatnonzero(boxes.confidence != 0)
@@ -422,6 +427,7 @@ def _number_cameras(
     cameras: list[str],
     known: Sequence[str],
     options: BoxOptions,
+    meant: dict[str, str],
 ) -> Ints:
     """(n,) place of each row's camera in `cameras`."""
     if labels is None:
@@ -430,15 +436,20 @@ def _number_cameras(
             cameras.append(name)
         return np.full(len(rows), cameras.index(name), dtype=np.int64)
     unique, inverse = np.unique(labels, return_inverse=True)
-    names = _matched([str(label) for label in unique], known, file, options)
+    names = _matched([str(label) for label in unique], known, file, options, meant)
     for name in names:
         if name not in cameras:
             cameras.append(name)
     return np.array([cameras.index(name) for name in names], dtype=np.int64)[inverse]
 
 
-def _matched(labels: Sequence[str], known: Sequence[str], file: BoxFile, options: BoxOptions) -> list[str]:
-    """The camera that each label means; InputError that names all those that mean none."""
+def _matched(
+    labels: Sequence[str], known: Sequence[str], file: BoxFile, options: BoxOptions, meant: dict[str, str]
+) -> list[str]:
+    """The camera that each label means; InputError that names all those that mean none, or two that mean one.
+
+    `meant` has the label of each camera so far.
+    """
     if not known:
         return list(labels)
     foreign = [label for label in labels if means_none(label, known)]
@@ -452,7 +463,10 @@ def _matched(labels: Sequence[str], known: Sequence[str], file: BoxFile, options
             f"{file.path}: {'camera' if one else 'cameras'} {told} {'is' if one else 'are'} none of "
             f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras"
         )
-    return [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
+    names = [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
+    for label, name in zip(labels, names, strict=True):
+        check_meaning(meant, label, name, str(file.path))
+    return names
 
 
 def _numbers(rows: Rows, camera: Ints, cameras: Sequence[str], options: BoxOptions) -> BoxRows:

@@ -164,6 +164,26 @@ class Rows:
         return name in self.cells
 
 
+def check_one_sensor(rows: Rows, column: str, given: str, label: str) -> None:
+    """InputError where rows that are given as those of one sensor say themselves that they are of several.
+
+    Args:
+        rows: of a file.
+        column: has the labels of sensors.
+        given: the sensor that the user names.
+        label: of the first row of the file.
+    """
+    others = np.flatnonzero(rows.cells[column] != label)
+    if len(others):
+        row = int(others[0])
+        other = str(rows.cells[column][row])
+        raise rows.fail(
+            row,
+            f"is of {column} {other!r}, rows before of {label!r}, and the file is given as that of {given}; leave out "
+            f"{given}=, so that each has its own",
+        )
+
+
 def read_rows(
     path: Path,
     columns: Mapping[str, Sequence[str]],

@@ -15,7 +15,7 @@ from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 
 from .csv_rows import Rows, first_line, is_header, read_plain, read_rows
-from .sensor_names import match_sensor
+from .sensor_names import check_meaning, match_sensor
 
 WHAT = "a table of time stamps"
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
@@ -169,12 +169,14 @@ def _by_camera(rows: Rows, unit: str, cameras: Sequence[str]) -> dict[str, Ints]
         return dict.fromkeys(cameras, times)
     given = rows.cells["camera"]
     out: dict[str, Ints] = {}
+    meant: dict[str, str] = {}
     for label in dict.fromkeys(given.tolist()):
         picked = np.flatnonzero(given == label)
         try:
             name = match_sensor(label, cameras, str(rows.path))
         except InputError:
             continue  # the file may tell about more cameras than are ingested
+        check_meaning(meant, label, name, str(rows.path))
         out[name] = _in_order(rows, t_ns[picked], picked)
     if not out:
         raise InputError(f"{rows.path}: tells about {str(given[0])!r}, but none of {', '.join(cameras)}")
