@@ -16,7 +16,7 @@ from occlog.cli.options import load_scene
 from occlog.errors import InputError, UsageError
 from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.reader import Calibration, describe, read_calibration
-from occlog.io.files.sensor_names import match_sensor, safe_name
+from occlog.io.files.sensor_names import check_meaning, match_sensor, safe_name
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.tags.places import read_readers
 from occlog.records.names import first_double
@@ -167,10 +167,15 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
     cameras of a bag why it does not place them.
     """
     kept = {c.name: c for c in scene.cameras}
+    # What has the very name of another camera is of that one
+    free = [name for name in kept if name not in wanted]
+    meant: dict[str, str] = {}
     out: list[Camera] = []
     for name in wanted:
         # A camera of a bag is called as its topic, which may end in a number that means another camera.
-        found = name if name in kept else None if name in reasons else _find(name, list(kept))
+        found = name if name in kept else None if name in reasons else _find(name, free)
+        if found is not None:
+            check_meaning(meant, name, found, "calibration")
         if found is None and not plan.allow_uncalibrated:
             known = ", ".join(kept) or "none"
             raise InputError(

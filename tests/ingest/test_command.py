@@ -492,3 +492,19 @@ def test_a_file_of_several_sensors_is_not_given_as_that_of_one(
     option, name = given.split()
     assert ingest(place, option, f"{name}{place / 't.csv'}", "--fps", "10") == ExitCode.BAD_INPUT
     assert f"line 3: is of {'camera' if name == 'cam1=' else 'sensor'}" in capsys.readouterr().err
+
+
+def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whichever was named first took it: the other one became a camera without a place."""
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n")
+    boxes = place / "boxes.csv"
+    inputs = ("--boxes", f"thermal1={boxes}", "--boxes", f"cam1={boxes}", "--fps", "10", "--allow-uncalibrated")
+    assert ingest(place, *inputs) == ExitCode.DONE
+    scene = open_recording(place / "out.mcap").scene
+    assert scene is not None
+    assert {c.name: c.placed for c in scene.cameras} == {"thermal1": False, "cam1": True, "cam2": True}
+    inputs = ("--boxes", f"thermal1={boxes}", "--boxes", f"rgb1={boxes}", "--fps", "10", "--allow-uncalibrated")
+    assert ingest(place, *inputs, output="two.mcap") == ExitCode.BAD_INPUT
+    assert "cameras 'thermal1' and 'rgb1' would both be cam1" in capsys.readouterr().err
