@@ -508,3 +508,43 @@ def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
     inputs = ("--boxes", f"thermal1={boxes}", "--boxes", f"rgb1={boxes}", "--fps", "10", "--allow-uncalibrated")
     assert ingest(place, *inputs, output="two.mcap") == ExitCode.BAD_INPUT
     assert "cameras 'thermal1' and 'rgb1' would both be cam1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ("--start-time", "cma1=5"),
+            "--start-time cma1=5: no camera or ARRAY=FILE has this name; did you mean 'cam1'",
+        ),
+        (("--fps", "cma1=5"), "--fps cma1=5: no camera"),
+        (("--fps", "5"), "--fps is given twice; keep one"),
+        (("--start-time", "cam1=5", "--start-time", "cam1=6"), "--start-time is given twice for cam1; keep one"),
+    ],
+)
+def test_times_that_no_sensor_takes_are_refused(
+    place: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], said: str
+) -> None:
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n")
+    assert ingest(place, "--boxes", f"cam1={place / 'boxes.csv'}", "--fps", "10", *options) == ExitCode.USAGE
+    assert said in capsys.readouterr().err
+
+
+def test_a_start_time_holds_for_a_column_of_times_too(place: Path) -> None:
+    (place / "boxes.csv").write_text("frame,time,left,top,w,h\n0,0.5,1,1,9,9\n1,1.5,1,1,9,9\n")
+    inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--start-time", "1000")
+    assert ingest(place, *inputs) == ExitCode.DONE
+    assert open_recording(place / "out.mcap").read(Boxes).t_ns.tolist() == [1_000_500_000_000, 1_001_500_000_000]
+
+
+def test_a_truth_of_other_times_than_the_measurements_is_doubted(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n1,1,1,9,9\n")
+    (place / "truth.csv").write_text("time,x,y\n0,1,1\n0.1,1,1\n")
+    inputs = ["--boxes", f"cam1={place / 'boxes.csv'}", "--fps", "10", "--truth", str(place / "truth.csv")]
+    scene = ["--scene", str(place / "scene.yaml")]
+    assert run(["ingest", "-o", str(place / "a.mcap"), *scene, *inputs]) == ExitCode.DONE
+    assert "no time in common" not in capsys.readouterr().err
+    assert run(["ingest", "-o", str(place / "b.mcap"), *scene, *inputs, "--start-time", "1000"]) == ExitCode.DONE
+    assert "warning: the truth (1970-01-01T00:00:00.000Z to" in capsys.readouterr().err

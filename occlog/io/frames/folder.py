@@ -136,6 +136,8 @@ def read_folders(
             out[name] = _with_sidecar(folder, files, *sidecars[name], start)
         elif name in numbers:
             out[name] = _numbered(name, folder, files, numbers[name], base, fps, start)
+        elif start:
+            raise UsageError(f"{folder}: names of images are times since 1970; leave out the start time")
         else:
             table = np.array([int(file.stem) for file in files], dtype=np.int64)
             out[name] = ImageFolder(
