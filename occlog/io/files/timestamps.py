@@ -48,7 +48,8 @@ def parse_time(text: str, unit: str = "s") -> int:
     if iso:
         return _iso_ns(iso, text)
     try:
-        value = Decimal(text.strip())
+        # Python alone takes 1_0 for a number
+        value = Decimal("NaN" if "_" in text else text.strip())
     except InvalidOperation:
         value = Decimal("NaN")
     if not value.is_finite():
@@ -80,7 +81,11 @@ def parse_times(rows: Rows, name: str, unit: str) -> Ints:
     """(n,) times [ns] of a column; InputError names the line."""
     cells: Strings = rows.cells[name]
     if unit == "ns":
-        return rows.ints(name)
+        t_ns = rows.ints(name)
+        far = np.flatnonzero((t_ns > MAX_NS) | (t_ns < -MAX_NS))
+        if len(far):
+            raise rows.fail(int(far[0]), f"time {t_ns[far[0]]} ns: out of range; times from 1824 to 2115 can be held")
+        return t_ns
     out = np.empty(len(cells), dtype=np.int64)
     for row, cell in enumerate(cells.tolist()):
         try:

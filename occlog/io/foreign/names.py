@@ -185,6 +185,7 @@ def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
     if one_of and not any(s.column.name in one_of for s in found):
         missing += one_of
     layout = Layout(table, tuple(found), tuple(missing))
+    _check_case(layout, names)
     _check_angles(layout, there)
     _check_lengths(layout)
     return layout
@@ -297,9 +298,22 @@ def _is_wanted(column: Column, table: type[Table]) -> bool:
     return not may_lack
 
 
+def _check_case(layout: Layout, names: Sequence[str]) -> None:
+    """InputError for a name that another column has in other letters: which of them is meant is not known."""
+    used = {name.strip().lower() for name in layout.names}
+    first: dict[str, str] = {}
+    for name in names:
+        low = name.strip().lower()
+        if low in used and low in first:
+            raise InputError(f"columns {first[low]!r} and {name!r} have one name; keep one")
+        first.setdefault(low, name)
+
+
 def _check_angles(layout: Layout, there: Mapping[str, str]) -> None:
+    # A table of ours that went through another program states no unit at all
+    stated = TIME not in there or any(s.column.unit == "rad" and s.unit for s in layout.columns)
     for s in layout.columns:
-        if s.column.unit == "rad" and not s.unit and TIME not in there:
+        if s.column.unit == "rad" and not s.unit and stated:
             raise InputError(
                 f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad, or give its input unit"
             )
