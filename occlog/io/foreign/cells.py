@@ -46,6 +46,9 @@ class Cells(Protocol):
     def times(self, name: str, unit: str) -> Ints:
         """(n,) times [ns since the Unix epoch]."""
 
+    def raw(self, name: str) -> list[object]:
+        """(n,) values as the file has them."""
+
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the place of a row."""
 
@@ -97,6 +100,10 @@ class TextCells:
         """(n,) times [ns since the Unix epoch]."""
         return parse_times(self._rows, name, unit)
 
+    def raw(self, name: str) -> list[object]:
+        """(n,) texts as the file has them."""
+        return list(self._rows.cells[name].tolist())
+
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the line of a row."""
         return self._rows.fail(row, message)
@@ -116,6 +123,10 @@ class ArrowCells:
     def __len__(self) -> int:
         """Number of rows."""
         return int(self._batch.num_rows)
+
+    def raw(self, name: str) -> list[object]:
+        """(n,) values as the file has them; None for cells that are null."""
+        return list(self._column(name).to_pylist())
 
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the number of a row, from 0."""
