@@ -279,7 +279,7 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
 def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
     """(line number, cells) of every line with data."""
     reader = None
-    number = 0
+    number = width = 0
     try:
         for number, line in text_lines(path, file):
             text = line.strip()
@@ -291,6 +291,9 @@ def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
             if reader is None:
                 reader = _delimiter(text)
             cells = _cells(text, reader)
+            width = width or len(cells)
+            if reader == "\t" and len(cells) < width:  # tabs at the ends stand for cells without a value
+                cells = _cells(line.strip("\r\n"), reader)
             decimal = next((cell for cell in cells if _DECIMAL_COMMA.match(cell)), None) if reader == ";" else None
             if decimal is not None:
                 _refuse(InputError(f"{path}: line {number}: {decimal!r} has a decimal comma; write it with a point"))
