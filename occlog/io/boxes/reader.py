@@ -172,6 +172,7 @@ class BoxSurvey:
         classes: classes of the boxes that are kept, and how many boxes each has; one without a name: not stated.
         left_out: the same of boxes of other classes.
         shares: cameras whose boxes are in shares of the image.
+        of_files: cameras of each file; a camera is in one.
     """
 
     cameras: tuple[str, ...]
@@ -186,6 +187,7 @@ class BoxSurvey:
     classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: frozenset[str] = frozenset()
+    of_files: tuple[tuple[str, ...], ...] = ()
 
 
 def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOptions) -> BoxSurvey:
@@ -227,6 +229,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         classes=found.classes,
         left_out=found.left_out,
         shares=frozenset(found.shares),
+        of_files=tuple(found.of_files),
     )
 
 
@@ -247,6 +250,8 @@ class _Found:
     shares: set[str] = field(default_factory=set)
     farthest: float = -math.inf
     listed: set[int] | None = field(default_factory=set)
+    of_files: list[tuple[str, ...]] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
 
     @property
     def step(self) -> int:
@@ -273,7 +278,9 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         if found.listed is not None:
             found.listed |= set((source.listed - how.first_number).tolist())
     last = -1
+    own = dict.fromkeys(named)
     for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out):
+        own |= dict.fromkeys(found.cameras[n] for n in np.unique(boxes.camera).tolist())
         found.span(boxes.frame)
         ordered = last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
         last, found.rows, found.ordered = int(boxes.frame[-1]), found.rows + len(boxes.frame), found.ordered and ordered
@@ -286,6 +293,15 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
             found.farthest = math.inf
         found.farthest = max(found.farthest, float((boxes.left + boxes.width).max()))
     found.cameras += [name for name in named if name not in found.cameras]
+    for before, other in zip(found.files, found.of_files, strict=False):
+        double = next((name for name in own if name in other), None)
+        if double is not None:
+            raise InputError(
+                f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one says that "
+                "nobody was seen; join the files"
+            )
+    found.files.append(str(file.path))
+    found.of_files.append(tuple(own))
 
 
 def read_boxes(
@@ -308,10 +324,11 @@ def read_boxes(
         options: how to read the files.
         table: `Boxes` or `TruthBoxes`.
     """
-    for file in files:
+    for file, own in zip(files, survey.of_files, strict=True):
         source = _open(file, known, options)
         how = _numbering(file, source, options)
-        cameras = [file.camera] if file.camera is not None else list(survey.cameras)
+        # In files without any box all cameras looked at nobody
+        cameras = list(own) if any(survey.of_files) else list(survey.cameras if file is files[0] else ())
         chunks: Iterator[BoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
