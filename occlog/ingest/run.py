@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from occlog.array_types import Ints
 from occlog.cli.options import note as tell
 from occlog.cli.options import progress
@@ -274,6 +276,7 @@ def _write_tables(
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
         tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses))
     sync = sync_times(plan) if plan.truth else None
+    targets: dict[int, list[tuple[Path, Span]]] = {}
     for camera, path in plan.truth:
         how = TruthOptions(
             format=plan.truth_format,
@@ -283,7 +286,8 @@ def _write_tables(
             sync_ns=sync,
             boxes=truth_options(plan, scene),
         )
-        true = within_frames(_truth(path, how, plan, turn), plan, survey, times, note)
+        true = _apart(_truth(path, how, plan, turn), path, targets)
+        true = within_frames(true, plan, survey, times, note)
         tables.append(checked(true, scene, path, note))
     empty = 0
     for chunks in tables:
@@ -346,6 +350,29 @@ def _truth(path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None) -
         if isinstance(table, Truth) and not len(table):
             continue
         yield turn.truth(table, path) if turn is not None and isinstance(table, Truth) else table
+
+
+def _apart(
+    tables: Iterator[Truth | TruthBoxes], path: Path, targets: dict[int, list[tuple[Path, Span]]]
+) -> Iterator[Truth | TruthBoxes]:
+    """The tables of a file; InputError where it has a target of a file before, at the times of that one.
+
+    `targets` has the files of each target, and the times that they have it at.
+    """
+    for table in tables:
+        for target in np.unique(table.target_id).tolist() if isinstance(table, Truth) else ():
+            own = table.t_ns[table.target_id == target]
+            files = targets.setdefault(target, [])
+            if not files or files[-1][0] != path:
+                files.append((path, Span()))
+            files[-1][1].take(int(own.min()), int(own.max()))
+            for other, span in files[:-1]:
+                if span.first <= files[-1][1].last and files[-1][1].first <= span.last:
+                    raise InputError(
+                        f"{path}: target {target} has places in {other}, too, at the same times; give each target "
+                        "its own number in a column id"
+                    )
+        yield table
 
 
 def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:

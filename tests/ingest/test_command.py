@@ -548,3 +548,26 @@ def test_a_truth_of_other_times_than_the_measurements_is_doubted(
     assert "no time in common" not in capsys.readouterr().err
     assert run(["ingest", "-o", str(place / "b.mcap"), *scene, *inputs, "--start-time", "1000"]) == ExitCode.DONE
     assert "warning: the truth (1970-01-01T00:00:00.000Z to" in capsys.readouterr().err
+
+
+def test_a_target_of_two_files_is_not_at_two_places_at_once(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / "a.csv").write_text("time,x,y\n0,1,1\n1,1,1\n")
+    (place / "b.csv").write_text("time,x,y\n1,5,5\n2,5,5\n")
+    (place / "c.csv").write_text("time,x,y\n2,5,5\n3,5,5\n")
+    truth = [f"--truth={place / name}.csv" for name in "abc"]
+    assert ingest(place, truth[0], truth[2]) == ExitCode.DONE
+    assert ingest(place, truth[0], truth[1], output="two.mcap") == ExitCode.BAD_INPUT
+    assert "b.csv: target 0 has places in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "text"),
+    [("--truth", "time,x_m,y_m\n0,1,1\n"), ("--readers", "reader,x_m,y_m\nr,1,1\n"), ("--arrays", "0,0,1\n1,0,1\n")],
+)
+def test_metres_are_not_taken_for_feet(place: Path, capsys: pytest.CaptureFixture[str], option: str, text: str) -> None:
+    (place / "scene.yaml").write_text(SCENE.replace("occlog_scene: 1", "occlog_scene: 1\nlength_unit: ft"))
+    (place / "t.csv").write_text(text)
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n")
+    inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--fps", "10", option, str(place / "t.csv"))
+    assert ingest(place, *inputs) == ExitCode.BAD_INPUT
+    assert "t.csv: lengths are in m, but those of" in capsys.readouterr().err
