@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from occlog.errors import InputError
+from occlog.records.names import first_double
 
 from .atomic import write_bytes
 from .guard import check_text, guarded, read_configuration
@@ -42,11 +43,20 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
         what: what was expected.
 
     Raises:
-        InputError: it is not JSON, nested too deeply, or holds half of a pair of surrogates.
+        InputError: it is not JSON, has a key twice in one object, is nested too deeply, or holds half of a pair of
+            surrogates.
     """
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            double = first_double([key for key, _ in pairs])
+            raise InputError(f"{where}: key {str(double)[:40]!r} is there twice in one object; keep one")
+        return found
+
     with guarded(where, what):
         try:
-            value = json.loads(text)
+            value = json.loads(text, object_pairs_hook=once)
         except json.JSONDecodeError as error:
             raise InputError(
                 f"{where}: line {error.lineno}: not valid JSON: {error.msg}; {what} was expected"
