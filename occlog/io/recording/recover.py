@@ -254,7 +254,8 @@ class _Salvage:
         return self._written_channels[key]
 
     def _attach(self, record: Record) -> None:
-        if not has_right_sum(record.data):
+        # What occlog writes has a check sum: 0, which means that there is none, is damage
+        if not has_right_sum(record.data) or not any(record.data[-4:]):
             self._lose(f"byte {record.at}", "an attached file with a wrong check sum is left out")
             return
         a = records.Attachment.read(_stream(record))

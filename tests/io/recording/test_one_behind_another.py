@@ -220,3 +220,15 @@ def test_chunks_that_stand_there_twice_count_once_and_exchanged_ones_are_taken(t
     found, said = recovered(tmp_path, data[:first] + data[second:third] + data[first:second] + data[third:])
     assert sorted(found) == sorted(messages(tmp_path / "a.mcap"))
     assert not any("twice" in loss.what for loss in said.losses)
+
+
+def test_a_scene_whose_check_sum_is_wiped_is_not_taken(tmp_path: Path) -> None:
+    """It was, with whatever else had been wiped of it."""
+    data = bytearray(recording(tmp_path / "a.mcap"))
+    (at,) = places(bytes(data), 9)
+    (length,) = struct.unpack_from("<Q", data, at + 1)
+    end = at + 9 + length
+    data[end - 20 : end] = bytes(20)
+    _, said = recovered(tmp_path, bytes(data))
+    assert any("attached file with a wrong check sum" in loss.what for loss in said.losses)
+    assert any(loss.place == "scene.yaml" for loss in said.losses)
