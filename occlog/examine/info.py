@@ -317,12 +317,14 @@ def _describe_foreign(table: ForeignTable) -> Description:
     """Describe a table of another program: what it is read as, and by which columns."""
     source, layout = table.source, table.layout
     used = {s.name: s for s in layout.columns}
+    checked = {s.far: s.name for s in layout.columns if s.far}
     unit = table.length_unit or "the unit of the scene"
     lines = [f"{source.kind} of another program, read as {layout.table.NAME}, lengths in {unit}"]
     for name in source.names:
         spelled = used.get(name)
         unit = "" if spelled is None or not spelled.unit else f" [{spelled.unit}]"
-        lines.append(f"column    {name}: {'not used' if spelled is None else spelled.column.name + unit}")
+        idle = f"compared with {checked[name]}" if name in checked else "not used"
+        lines.append(f"column    {name}: {idle if spelled is None else spelled.column.name + unit}")
     values = {
         "kind": "foreign",
         "format": source.kind,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -11,7 +11,8 @@ from typing import Any, ClassVar, TypeVar
 import click
 
 from occlog.cli.setting_options import given
-from occlog.errors import UsageError
+from occlog.errors import UsageError, did_you_mean
+from occlog.records.names import first_double
 from occlog.settings import Settings, setting
 
 from .layouts import laid_out
@@ -239,8 +240,28 @@ class IngestPlan(Settings):
             raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
         if not self.calibration and not self.bags and (self.up is not None or self.ground is not None):
             raise UsageError("up and ground turn the world of a calibration; give calibration or a bag")
+        for key, told in (("start-time", self.start_time), ("fps", self.fps)):
+            names = [name or "" for name, _ in told]
+            if (double := first_double(names)) is not None:
+                raise UsageError(f"--{key} is given twice{f' for {double}' if double else ''}; keep one")
         if self.store == "link" and self.images:
             raise UsageError("store link: only videos can be linked to; give png or jpeg for images")
+
+    def check_names(self, cameras: Sequence[str]) -> None:
+        """Raise UsageError for a start time or frame rate of a sensor that takes none.
+
+        Args:
+            cameras: all that the recording has.
+        """
+        arrays = [name for name, _ in self.doa if name is not None]
+        for key, told, known in (
+            ("start-time", self.start_time, (*cameras, *arrays)),
+            ("fps", self.fps, tuple(cameras)),
+        ):
+            for name, value in told:
+                if name is not None and name not in known:
+                    near = did_you_mean(name, known) if known else "give it without a name"
+                    raise UsageError(f"--{key} {name}={value}: no camera or ARRAY=FILE has this name; {near}")
 
     def files(self) -> list[tuple[Path, str]]:
         """Every input that must be a file, and what it should be."""

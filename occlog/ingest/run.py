@@ -11,6 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from occlog.array_types import Ints
 from occlog.cli.options import note as tell
 from occlog.cli.options import progress
 from occlog.errors import InputError
@@ -18,6 +21,7 @@ from occlog.io.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_file, hash_inputs
 from occlog.io.files.times.frame_times import FrameTimes
+from occlog.io.files.times.utc import utc
 from occlog.io.frames.camera_source import CameraSource
 from occlog.io.frames.process import Delivered
 from occlog.io.messages.bag import Bag, open_bag
@@ -47,6 +51,22 @@ from .upright import Turn
 
 
 @dataclass
+class Span:
+    """First and last of some times [ns]; the first is later than the last where there are none."""
+
+    first: int = 2**63
+    last: int = -(2**63)
+
+    def take(self, first: int, last: int) -> None:
+        """Reach as far as these, too."""
+        self.first, self.last = min(self.first, first), max(self.last, last)
+
+    def __str__(self) -> str:
+        """Write both for people."""
+        return f"{utc(self.first)} to {utc(self.last)}"
+
+
+@dataclass
 class Ingested(Failures):
     """What has been written so far."""
 
@@ -54,6 +74,8 @@ class Ingested(Failures):
     rows: dict[str, int] = field(default_factory=dict)
     times: dict[str, str] = field(default_factory=dict)
     tags: dict[str, int] = field(default_factory=dict)
+    true_ns: Span = field(default_factory=lambda: Span())
+    measured_ns: Span = field(default_factory=lambda: Span())
 
 
 def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[str, object], list[Loss]]:
@@ -74,6 +96,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
             scene, turn = add_bag_cameras(scene, bag.placement.cameras, bag.placement.world, plan, note)
         in_bag = bag.found.map.cameras if bag else ()
         wanted = list(dict.fromkeys([*plan.video, *plan.images, *in_bag, *(survey.cameras if survey else ())]))
+        plan.check_names(wanted)
         scene = match_cameras(scene, wanted, plan, bag.placement.reasons if bag else {})
         scene = with_offsets(scene, plan.offset)
         sources = open_sources(plan, scene, wanted, stack, done)
@@ -93,6 +116,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
             _write_frames(plan, sources, writer, done, quiet)
         if bag is not None:
             _write_bag(bag, plan, scene, turn, writer, done, quiet, note)
+        _doubt_times(done, note)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
             count = f"{counted(done.frames[name], 'frame')}, " if name in done.frames else ""
@@ -145,6 +169,17 @@ def _write_bag(
         done.rows[name] = done.rows.get(name, 0) + count
 
 
+def _doubt_times(done: Ingested, note: Callable[[str], None]) -> None:
+    """Warn where nothing was measured while there is a truth: times of a truth do not count from the start time."""
+    true, measured = done.true_ns, done.measured_ns
+    there = true.first <= true.last and measured.first <= measured.last
+    if there and (true.last < measured.first or measured.last < true.first):
+        note(
+            f"warning: the truth ({true}) and what was measured ({measured}) have no time in common; is the start "
+            "time, the unit of times or the clock another?"
+        )
+
+
 def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
     return {
         "recording": str(plan.output),
@@ -179,7 +214,9 @@ def _all_times(
     for name in cameras:
         times = opened.get(name)
         if times is None and survey is not None and name in survey.cameras:
-            times = times_of(plan, name, sidecars) or own.get(name)
+            times = times_of(plan, name, sidecars)
+            if times is None and name in own:
+                times = replace(own[name], start_ns=start_of(plan, name))
             times = times.by(clock_of(scene, name)) if times is not None else None
         if times is not None:
             found[name] = times
@@ -199,6 +236,7 @@ def _write_frames(
         else:
             writer.image(name, t_ns, frame.index, bytes(frame.data), frame.kind)
         done.frames[name] = done.frames.get(name, 0) + 1
+        done.measured_ns.take(t_ns, t_ns)
     if done.failures and not done.frames:
         raise done.failures[0]
     for source in sources:
@@ -238,6 +276,7 @@ def _write_tables(
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
         tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses))
     sync = sync_times(plan) if plan.truth else None
+    targets: dict[int, list[tuple[Path, Span]]] = {}
     for camera, path in plan.truth:
         how = TruthOptions(
             format=plan.truth_format,
@@ -247,13 +286,18 @@ def _write_tables(
             sync_ns=sync,
             boxes=truth_options(plan, scene),
         )
-        true = within_frames(_truth(path, how, plan, turn), plan, survey, times, note)
+        true = _apart(_truth(path, how, plan, turn), path, targets)
+        true = within_frames(true, plan, survey, times, note)
         tables.append(checked(true, scene, path, note))
     empty = 0
     for chunks in tables:
         for table in chunks:
             writer.table(table)
             done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
+            if len(table):
+                t_ns: Ints = table.t_ns  # type: ignore[attr-defined]
+                span = done.true_ns if isinstance(table, Truth | TruthBoxes) else done.measured_ns
+                span.take(int(t_ns.min()), int(t_ns.max()))
             empty += int((table.box < 0).sum()) if isinstance(table, Boxes) and table.NAME == Boxes.NAME else 0
     if empty:
         rows = "row is" if empty == 1 else "rows are"
@@ -306,6 +350,29 @@ def _truth(path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None) -
         if isinstance(table, Truth) and not len(table):
             continue
         yield turn.truth(table, path) if turn is not None and isinstance(table, Truth) else table
+
+
+def _apart(
+    tables: Iterator[Truth | TruthBoxes], path: Path, targets: dict[int, list[tuple[Path, Span]]]
+) -> Iterator[Truth | TruthBoxes]:
+    """The tables of a file; InputError where it has a target of a file before, at the times of that one.
+
+    `targets` has the files of each target, and the times that they have it at.
+    """
+    for table in tables:
+        for target in np.unique(table.target_id).tolist() if isinstance(table, Truth) else ():
+            own = table.t_ns[table.target_id == target]
+            files = targets.setdefault(target, [])
+            if not files or files[-1][0] != path:
+                files.append((path, Span()))
+            files[-1][1].take(int(own.min()), int(own.max()))
+            for other, span in files[:-1]:
+                if span.first <= files[-1][1].last and files[-1][1].first <= span.last:
+                    raise InputError(
+                        f"{path}: target {target} has places in {other}, too, at the same times; give each target "
+                        "its own number in a column id"
+                    )
+        yield table
 
 
 def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:

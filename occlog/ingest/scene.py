@@ -16,7 +16,8 @@ from occlog.cli.options import load_scene
 from occlog.errors import InputError, UsageError
 from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.reader import Calibration, describe, read_calibration
-from occlog.io.files.sensor_names import match_sensor, safe_name
+from occlog.io.files.sensor_names import check_meaning, match_sensor, safe_name
+from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.tags.places import read_readers
 from occlog.records.names import first_double
@@ -138,11 +139,31 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
             raise UsageError(f"camera {double}: is both in {plan.scene} and in the calibration; keep one")
         turn = find_turn(calibration.cameras, plan.up, plan.ground, note)
         cameras += calibration.cameras if turn is None else [turn.camera(c) for c in calibration.cameras]
+    check_metres(plan, scene.length_unit)
     arrays = [*scene.arrays, *(a for name, path in plan.arrays for a in _arrays(path, name, note))]
     readers = scene.readers if plan.readers is None else (*scene.readers, *read_readers(plan.readers))
     found = replace(scene, cameras=tuple(cameras), arrays=tuple(arrays), readers=readers)
     _check_names(plan, [s.name for s in found.sensors])
     return found, turn
+
+
+def check_metres(plan: IngestPlan, unit: str) -> None:
+    """InputError for a table in metres beside a scene in another unit: tables of arrays are, others say so by names."""
+    if unit == "m":
+        return
+    named = [path for _, path in plan.truth] + ([] if plan.readers is None else [plan.readers])
+    said = [path for path in named if path.is_file() and _says_metres(path)]
+    for path in (*(path for _, path in plan.arrays), *said):
+        raise InputError(f"{path}: lengths are in m, but those of {plan.scene} in {unit}; convert one of them")
+
+
+def _says_metres(path: Path) -> bool:
+    """Whether a table names columns of lengths in metres."""
+    try:
+        names = {cell.lower() for cell in first_line(path, "a table")}
+    except InputError:  # whoever reads it says so
+        return False
+    return bool(names & {"x_m", "y_m", "z_m", "range_m"})
 
 
 def _check_names(plan: IngestPlan, names: Sequence[str]) -> None:
@@ -167,10 +188,15 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
     cameras of a bag why it does not place them.
     """
     kept = {c.name: c for c in scene.cameras}
+    # What has the very name of another camera is of that one
+    free = [name for name in kept if name not in wanted]
+    meant: dict[str, str] = {}
     out: list[Camera] = []
     for name in wanted:
         # A camera of a bag is called as its topic, which may end in a number that means another camera.
-        found = name if name in kept else None if name in reasons else _find(name, list(kept))
+        found = name if name in kept else None if name in reasons else _find(name, free)
+        if found is not None:
+            check_meaning(meant, name, found, "calibration")
         if found is None and not plan.allow_uncalibrated:
             known = ", ".join(kept) or "none"
             raise InputError(

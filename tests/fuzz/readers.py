@@ -207,8 +207,8 @@ def _calibration(folder: bool, path: Path) -> None:
     describe_calibration(read_calibration([path.parent if folder else path], options=options))
 
 
-def _doa(path: Path) -> None:
-    options = DoaOptions(sensor="wall", hop=Fraction(128, 16000), convention="array")
+def _doa(path: Path, sensor: str | None = "wall") -> None:
+    options = DoaOptions(sensor=sensor, hop=Fraction(128, 16000), convention="array")
     _drain(read_doa(path, ARRAYS, options, losses=[]))
 
 
@@ -279,7 +279,7 @@ READERS = {
         Reader("truth (WILDTRACK)", "w/00000000.json", lambda p: _truth(p.parent), seeds.text(seeds.WILDTRACK)),
         Reader("synchronisation", "timestamps.csv", read_sync_times, seeds.text(seeds.SYNC)),
         Reader("time stamps", "t.csv", lambda path: read_sidecar(path, ("a", "b")), seeds.text(*seeds.TIMES)),
-        Reader("directions (CSV)", "d.csv", _doa, seeds.text(seeds.DOA)),
+        Reader("directions (CSV)", "d.csv", lambda path: _doa(path, None), seeds.text(seeds.DOA)),
         Reader("directions (ODAS)", "d.json", _doa, seeds.text(seeds.ODAS)),
         Reader("directions (FRIDA)", "d.csv", _doa, seeds.text(seeds.FRIDA)),
         Reader("directions (telemetr)", "d.dat", _doa, seeds.text(seeds.TELEMETR)),

@@ -450,3 +450,124 @@ def test_a_folder_of_boxes_given_as_calibration_is_named(place: Path, capsys: py
     given = ("--boxes", str(place / "scene.yaml"), "--calibration", str(place / "yolo"))
     assert ingest(place, *given, scene=False) == ExitCode.USAGE
     assert "yolo: a folder without a calibration file; name the file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "said"),
+    [
+        ("--boxes", "frame,camera,left,top,w,h\n0,cam1,1,1,9,9\n0,cam01,50,1,9,9\n", "cameras 'cam01' and 'cam1'"),
+        ("--doa", "time,sensor,azimuth_deg\n0,mic1,10\n1,mic01,20\n", "arrays 'mic01' and 'mic1'"),
+    ],
+)
+def test_two_labels_of_a_file_are_not_one_sensor(
+    place: Path, capsys: pytest.CaptureFixture[str], option: str, text: str, said: str
+) -> None:
+    (place / "scene.yaml").write_text(SCENE.replace("name: mic", "name: mic1"))
+    (place / "t.csv").write_text(text)
+    assert ingest(place, option, str(place / "t.csv"), "--fps", "10") == ExitCode.BAD_INPUT
+    assert said in capsys.readouterr().err
+
+
+def test_two_labels_of_a_sidecar_are_not_one_camera(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The times of the last one counted."""
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n1,50,1,9,9\n")
+    (place / "times.csv").write_text("camera,time\ncam1,0\ncam1,1\ncam01,100\ncam01,101\n")
+    inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--timestamps", str(place / "times.csv"))
+    assert ingest(place, *inputs) == ExitCode.BAD_INPUT
+    assert "cameras 'cam1' and 'cam01' would both be cam1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ("--boxes cam1=", "frame,camera,left,top,w,h\n0,cam1,1,1,9,9\n0,cam2,50,1,9,9\n"),
+        ("--doa mic=", "time,sensor,azimuth_deg\n0,mic,10\n1,other,20\n"),
+    ],
+)
+def test_a_file_of_several_sensors_is_not_given_as_that_of_one(
+    place: Path, capsys: pytest.CaptureFixture[str], given: str, text: str
+) -> None:
+    """All rows were taken for those of the one."""
+    (place / "t.csv").write_text(text)
+    option, name = given.split()
+    assert ingest(place, option, f"{name}{place / 't.csv'}", "--fps", "10") == ExitCode.BAD_INPUT
+    assert f"line 3: is of {'camera' if name == 'cam1=' else 'sensor'}" in capsys.readouterr().err
+
+
+def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whichever was named first took it: the other one became a camera without a place."""
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n")
+    boxes = place / "boxes.csv"
+    inputs = ("--boxes", f"thermal1={boxes}", "--boxes", f"cam1={boxes}", "--fps", "10", "--allow-uncalibrated")
+    assert ingest(place, *inputs) == ExitCode.DONE
+    scene = open_recording(place / "out.mcap").scene
+    assert scene is not None
+    assert {c.name: c.placed for c in scene.cameras} == {"thermal1": False, "cam1": True, "cam2": True}
+    inputs = ("--boxes", f"thermal1={boxes}", "--boxes", f"rgb1={boxes}", "--fps", "10", "--allow-uncalibrated")
+    assert ingest(place, *inputs, output="two.mcap") == ExitCode.BAD_INPUT
+    assert "cameras 'thermal1' and 'rgb1' would both be cam1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ("--start-time", "cma1=5"),
+            "--start-time cma1=5: no camera or ARRAY=FILE has this name; did you mean 'cam1'",
+        ),
+        (("--fps", "cma1=5"), "--fps cma1=5: no camera"),
+        (("--fps", "5"), "--fps is given twice; keep one"),
+        (("--start-time", "cam1=5", "--start-time", "cam1=6"), "--start-time is given twice for cam1; keep one"),
+    ],
+)
+def test_times_that_no_sensor_takes_are_refused(
+    place: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], said: str
+) -> None:
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n")
+    assert ingest(place, "--boxes", f"cam1={place / 'boxes.csv'}", "--fps", "10", *options) == ExitCode.USAGE
+    assert said in capsys.readouterr().err
+
+
+def test_a_start_time_holds_for_a_column_of_times_too(place: Path) -> None:
+    (place / "boxes.csv").write_text("frame,time,left,top,w,h\n0,0.5,1,1,9,9\n1,1.5,1,1,9,9\n")
+    inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--start-time", "1000")
+    assert ingest(place, *inputs) == ExitCode.DONE
+    assert open_recording(place / "out.mcap").read(Boxes).t_ns.tolist() == [1_000_500_000_000, 1_001_500_000_000]
+
+
+def test_a_truth_of_other_times_than_the_measurements_is_doubted(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n1,1,1,9,9\n")
+    (place / "truth.csv").write_text("time,x,y\n0,1,1\n0.1,1,1\n")
+    inputs = ["--boxes", f"cam1={place / 'boxes.csv'}", "--fps", "10", "--truth", str(place / "truth.csv")]
+    scene = ["--scene", str(place / "scene.yaml")]
+    assert run(["ingest", "-o", str(place / "a.mcap"), *scene, *inputs]) == ExitCode.DONE
+    assert "no time in common" not in capsys.readouterr().err
+    assert run(["ingest", "-o", str(place / "b.mcap"), *scene, *inputs, "--start-time", "1000"]) == ExitCode.DONE
+    assert "warning: the truth (1970-01-01T00:00:00.000Z to" in capsys.readouterr().err
+
+
+def test_a_target_of_two_files_is_not_at_two_places_at_once(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / "a.csv").write_text("time,x,y\n0,1,1\n1,1,1\n")
+    (place / "b.csv").write_text("time,x,y\n1,5,5\n2,5,5\n")
+    (place / "c.csv").write_text("time,x,y\n2,5,5\n3,5,5\n")
+    truth = [f"--truth={place / name}.csv" for name in "abc"]
+    assert ingest(place, truth[0], truth[2]) == ExitCode.DONE
+    assert ingest(place, truth[0], truth[1], output="two.mcap") == ExitCode.BAD_INPUT
+    assert "b.csv: target 0 has places in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "text"),
+    [("--truth", "time,x_m,y_m\n0,1,1\n"), ("--readers", "reader,x_m,y_m\nr,1,1\n"), ("--arrays", "0,0,1\n1,0,1\n")],
+)
+def test_metres_are_not_taken_for_feet(place: Path, capsys: pytest.CaptureFixture[str], option: str, text: str) -> None:
+    (place / "scene.yaml").write_text(SCENE.replace("occlog_scene: 1", "occlog_scene: 1\nlength_unit: ft"))
+    (place / "t.csv").write_text(text)
+    (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n")
+    inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--fps", "10", option, str(place / "t.csv"))
+    assert ingest(place, *inputs) == ExitCode.BAD_INPUT
+    assert "t.csv: lengths are in m, but those of" in capsys.readouterr().err

@@ -286,9 +286,9 @@ def test_a_bug_says_that_it_is_one_and_what_to_send(
 
 BORDER = {
     "json.loads": {
-        "files/json_file.py",
+        "files/texts/json_file.py",
         "files/provenance.py",
-        "files/parquet.py",
+        "files/tables/parquet.py",
         "frames/process.py",
         "frames/process_main.py",
         "messages/decoding.py",
@@ -297,39 +297,39 @@ BORDER = {
     "yaml.load": set(),
     "yaml.safe_load": set(),
     "yaml.safe_load_all": set(),
-    "yaml.compose": {"files/yaml_nodes.py"},
-    "tomllib.loads": {"files/toml_file.py"},
+    "yaml.compose": {"files/texts/yaml_nodes.py"},
+    "tomllib.loads": {"files/texts/toml_file.py"},
     "tomllib.load": set(),
-    "ElementTree.fromstring": {"files/xml_file.py"},
+    "ElementTree.fromstring": {"files/texts/xml_file.py"},
     "ElementTree.parse": set(),
     "ElementTree.iterparse": {"truth/xml_boxes.py"},
     "cv2.imdecode": {"frames/codec.py"},
     "cv2.imread": set(),
     "cv2.FileStorage": set(),
-    "pq.ParquetFile": {"files/parquet.py", "files/salvage/groups.py"},
-    "open_parquet": {"files/parquet.py", "foreign/source.py"},
+    "pq.ParquetFile": {"files/tables/parquet.py", "files/tables/salvage/groups.py"},
+    "open_parquet": {"files/tables/parquet.py", "foreign/source.py"},
     "sqlite3.connect": {"messages/sqlite_file.py"},
 }
 """Every parser of foreign bytes, and the modules that may call it: each looks at sizes, and turns what it raises."""
 
 
 LIBRARIES = {
-    "import csv": {"io/files/by_reader.py", "io/files/csv_rows.py", "papers/run.py", "pipeline/csv_text.py"},
-    "import gzip": {"io/files/csv_rows.py", "examine/export/run.py"},  # which writes
-    "import lz4": {"io/recording/chunks.py", "io/recording/salvage.py"},
+    "import csv": {"io/files/texts/by_reader.py", "io/files/texts/csv_rows.py", "papers/run.py", "pipeline/csv_text.py"},
+    "import gzip": {"io/files/texts/csv_rows.py", "examine/export/run.py"},  # which writes
+    "import lz4": {"io/recording/chunks.py", "io/recording/salvage/records.py"},
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mkv_uids", "mp4", "reader")}
-    | {"io/models/onnx_file.py", "io/files/salvage/marks.py", "io/files/salvage/table.py"}
+    | {"io/models/onnx_file.py", "io/files/tables/salvage/marks.py", "io/files/tables/salvage/table.py"}
     | {"io/frames/memory.py"},  # of images that were decoded
     "import pickle": {"track/people/named/by_gallery.py", "conformance/faults.py"},  # of the process itself
     "import sqlite3": {"io/messages/sqlite_file.py"},
-    "import tomllib": {"io/files/toml_file.py"},
+    "import tomllib": {"io/files/texts/toml_file.py"},
     "import wave": set(),
-    "import yaml": {"io/files/yaml_file.py", "io/files/yaml_nodes.py", "io/scenes/scene.py"},
+    "import yaml": {"io/files/texts/yaml_file.py", "io/files/texts/yaml_nodes.py", "io/scenes/scene.py"},
     "import zipfile": {"io/calibration/rigs/arrays.py", "pipeline/pack/archive.py"},
     "import tarfile": set(),
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
-    "from xml": {"io/calibration/qualisys.py", "io/files/xml_file.py", "io/truth/xml_boxes.py"},
+    "from xml": {"io/calibration/qualisys.py", "io/files/texts/xml_file.py", "io/truth/xml_boxes.py"},
     "from scipy.io": set(),
     "from google.protobuf": {"io/messages/decoding.py", "io/recording/reader.py", "examine/viewers/series.py"},
     "np.load(": {"io/calibration/rigs/arrays.py"},

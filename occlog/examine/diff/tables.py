@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import difflib
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from decimal import Decimal
+from itertools import zip_longest
 from pathlib import Path
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.parquet import describe, iter_table
+from occlog.io.foreign.table import ForeignTable
 from occlog.io.open import Opened, check_unit, open_if_ours
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES
 
 from .json import compare_provenance
-from .result import Comparison, Difference, DiffSettings
+from .result import Comparison, Difference, DiffSettings, Scalar
 from .stage import diff_schemas, diff_tables
 
 
@@ -60,8 +65,12 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     first, second = (b, a) if b.foreign is None else (a, b)
     table = TABLES[first.table]
     second.require(table)
-    if first.length_unit is not None:
-        check_unit(second, first.length_unit, str(first.path), InputError)
+    # Of two tables of others one may state no unit: its lengths are metres, as everywhere without a scene
+    units = {each.length_unit for each in (first, second) if each.length_unit is not None}
+    one_says = len(units) == 1 and None in (first.length_unit, second.length_unit) and first.foreign is not None
+    unit = "m" if one_says else first.length_unit
+    for each in (first, second) if unit is not None else ():
+        check_unit(each, str(unit), str(first.path), InputError)
     names_a, names_b = _columns(a, table), _columns(b, table)
     if alone:
         _check_named(table.NAME, names_a, settings)
@@ -69,7 +78,43 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     schema += [Difference("schema", name, {}, each, b="column") for each in names_b if each not in names_a]
     both = frozenset(names_a) & frozenset(names_b)
     found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both)
+    if a.foreign is not None and b.foreign is not None:
+        schema += _compare_unused(a.foreign, b.foreign, table, name)
     return replace(found, name=name, schema=tuple(schema))
+
+
+def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[Table], name: str) -> list[Difference]:
+    """The first difference of each column that no table of ours has, in the order of the files."""
+    unused_a, unused_b = ([n for n in f.source.names if n not in f.layout_of(table).names] for f in (a, b))
+    both = [n for n in unused_a if n in unused_b]
+    out = [Difference("schema", name, {}, n, a="column") for n in unused_a if n not in both]
+    out += [Difference("schema", name, {}, n, b="column") for n in unused_b if n not in both]
+    open_ = dict.fromkeys(both)
+    for row, (left, right) in enumerate(zip_longest(_raw_rows(a, both), _raw_rows(b, both)) if both else ()):
+        for n, column in enumerate(both):
+            values = (None if cells is None else cells[n] for cells in (left, right))
+            value_a, value_b = values
+            if column in open_ and value_a != value_b:
+                out.append(Difference("value", name, {"entry": f"row {row}"}, column, a=value_a, b=value_b))
+                del open_[column]
+        if not open_:
+            break
+    return out
+
+
+def _raw_rows(table: ForeignTable, names: Sequence[str]) -> Iterator[tuple[Scalar, ...]]:
+    for cells in table.source.cells(names):
+        yield from zip(*([_plain(value) for value in cells.raw(name)] for name in names), strict=True)
+
+
+def _plain(value: object) -> Scalar:
+    """A cell as it is compared: a number, whichever file writes it, or a text."""
+    try:
+        number = float(value) if isinstance(value, int | float | str | Decimal) else math.nan
+    except (ValueError, OverflowError):
+        number = math.nan
+    exact = not isinstance(value, int) or abs(value) <= 2**53
+    return number if math.isfinite(number) and exact else "" if value is None else str(value)
 
 
 def _columns(opened: Opened, table: type[Table]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError
 from occlog.io.files.texts.csv_rows import MAX_CELL, Rows
 from occlog.io.files.times.timestamps import TIME_COLUMNS
@@ -38,6 +38,8 @@ EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
 """Edges in such a column, and our names of them."""
 SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT = "share_x", "share_y", "share_width", "share_height"
 """Centre and size in shares of the image's width and height, where a file has these."""
+SIZE_SLACK_PX = 1.5
+"""By how much a size may differ from the edges: some programs count the last pixel, some do not, and some round."""
 
 
 class BoxSource(NamedTuple):
@@ -56,6 +58,23 @@ class BoxSource(NamedTuple):
     listed: Ints | None = None
     cameras: tuple[str, ...] = ()
     first_number: int | None = None
+
+
+def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
+    """(n,) boxes whose size is not what lies between their edges, which a file gives as well; NaN: one is not known.
+
+    Columns `width` and `height` beside all four edges often are of the image.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.asarray(np.abs(near + size - far) > SIZE_SLACK_PX)
+
+
+def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str:
+    """What is said of a box of which `disagree` holds."""
+    return (
+        f"{size} is {value:g}, but {far} is {edge} and the near edge {near:g}; is {size} of the image? Leave out one "
+        "of the two columns"
+    )
 
 
 def check_columns(rows: Rows, camera: str | None) -> Rows:

@@ -105,10 +105,15 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
     if not isinstance(record, dict):
         raise InputError(f"{path}: entry {n}: {str(record)[:40]!r}; an object with a box was expected")
     out: dict[str, str] = {}
+    said: dict[str, str] = {}
     for key, value in record.items():
         name = key.lower()
         if name in skip or name in IGNORED:
             continue
+        for meaning in BBOX if name == "bbox" else EDGES.values() if name == BOX else (MEANING.get(name, name),):
+            other = said.setdefault(meaning, key)
+            if other != key:
+                raise InputError(f"{path}: entry {n}: keys {other!r} and {key!r} both say {meaning}; leave one out")
         if name == BOX and isinstance(value, dict):
             if set(value) != set(EDGES):
                 raise InputError(f"{path}: entry {n}: box has {', '.join(value)}; want {', '.join(EDGES)}")

@@ -28,16 +28,26 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.sensor_names import match_sensor, means_none
+from occlog.io.files.sensor_names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
-from occlog.io.files.texts.csv_rows import Rows, first_line, is_header
+from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, first_line, is_header
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.files.times.timestamps import MAX_NS, parse_times, time_column
 from occlog.records.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
 
 from .classes import check_classes, class_labels, wanted_rows
-from .columns import COLUMNS, SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, WHAT, BoxSource
+from .columns import (
+    COLUMNS,
+    SHARE_HEIGHT,
+    SHARE_WIDTH,
+    SHARE_X,
+    SHARE_Y,
+    WHAT,
+    BoxSource,
+    both_sizes,
+    disagree,
+)
 from .folder import open_folder
 from .kitti import is_kitti, open_kitti
 from .objects import is_json, open_json
@@ -162,6 +172,7 @@ class BoxSurvey:
         classes: classes of the boxes that are kept, and how many boxes each has; one without a name: not stated.
         left_out: the same of boxes of other classes.
         shares: cameras whose boxes are in shares of the image.
+        of_files: cameras of each file; a camera is in one.
     """
 
     cameras: tuple[str, ...]
@@ -176,6 +187,7 @@ class BoxSurvey:
     classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: frozenset[str] = frozenset()
+    of_files: tuple[tuple[str, ...], ...] = ()
 
 
 def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOptions) -> BoxSurvey:
@@ -217,6 +229,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         classes=found.classes,
         left_out=found.left_out,
         shares=frozenset(found.shares),
+        of_files=tuple(found.of_files),
     )
 
 
@@ -237,6 +250,8 @@ class _Found:
     shares: set[str] = field(default_factory=set)
     farthest: float = -math.inf
     listed: set[int] | None = field(default_factory=set)
+    of_files: list[tuple[str, ...]] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
 
     @property
     def step(self) -> int:
@@ -255,7 +270,7 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
     source = _open(file, known, options)
     how = _numbering(file, source, options)
     found.kinds.append(source.kind)
-    named = (file.camera,) if file.camera is not None else _matched(source.cameras, known, file, options)
+    named = (file.camera,) if file.camera is not None else _matched(source.cameras, known, file, options, {})
     if source.listed is None:
         found.listed = None
     else:
@@ -263,7 +278,9 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         if found.listed is not None:
             found.listed |= set((source.listed - how.first_number).tolist())
     last = -1
+    own = dict.fromkeys(named)
     for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out):
+        own |= dict.fromkeys(found.cameras[n] for n in np.unique(boxes.camera).tolist())
         found.span(boxes.frame)
         ordered = last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
         last, found.rows, found.ordered = int(boxes.frame[-1]), found.rows + len(boxes.frame), found.ordered and ordered
@@ -276,6 +293,15 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
             found.farthest = math.inf
         found.farthest = max(found.farthest, float((boxes.left + boxes.width).max()))
     found.cameras += [name for name in named if name not in found.cameras]
+    for before, other in zip(found.files, found.of_files, strict=False):
+        double = next((name for name in own if name in other), None)
+        if double is not None:
+            raise InputError(
+                f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one says that "
+                "nobody was seen; join the files"
+            )
+    found.files.append(str(file.path))
+    found.of_files.append(tuple(own))
 
 
 def read_boxes(
@@ -298,10 +324,11 @@ def read_boxes(
         options: how to read the files.
         table: `Boxes` or `TruthBoxes`.
     """
-    for file in files:
+    for file, own in zip(files, survey.of_files, strict=True):
         source = _open(file, known, options)
         how = _numbering(file, source, options)
-        cameras = [file.camera] if file.camera is not None else list(survey.cameras)
+        # In files without any box all cameras looked at nobody
+        cameras = list(own) if any(survey.of_files) else list(survey.cameras if file is files[0] else ())
         chunks: Iterator[BoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
@@ -342,7 +369,7 @@ def box_rows(rows: Rows, cameras: list[str], first_number: int = 0) -> BoxRows:
     options = BoxOptions(first_number=first_number, scores="logistic")
     labels = rows.cells["camera"] if rows.has("camera") else None
     file = BoxFile(rows.path, rows.path.stem if labels is None else None)
-    camera = _number_cameras(file, rows, labels, cameras, (), options)
+    camera = _number_cameras(file, rows, labels, cameras, (), options, {})
     return check_boxes(rows, _numbers(rows, camera, cameras, options))
 
 
@@ -389,14 +416,19 @@ def _read(
     left_out: Counter[tuple[str, ...]],
 ) -> Iterator[tuple[Rows, BoxRows]]:
     """Rows of a file as text and as numbers; cameras and classes that are not wanted are added to the lists."""
+    meant: dict[str, str] = {}
+    label = ""
     for chunk in source.chunks:
+        if file.camera is not None and chunk.has("camera"):
+            label = label or str(chunk.cells["camera"][0])
+            check_one_sensor(chunk, "camera", file.camera, label)
         rows = chunk
         if options.classes and len(rows):
             wanted = wanted_rows(rows, options.classes)
             left_out.update(class_labels(rows.pick(np.flatnonzero(~wanted))))
             rows = rows.pick(np.flatnonzero(wanted))
         labels = rows.cells["camera"] if rows.has("camera") and file.camera is None else None
-        camera = _number_cameras(file, rows, labels, cameras, known, options)
+        camera = _number_cameras(file, rows, labels, cameras, known, options, meant)
         boxes = check_boxes(rows, _numbers(rows, camera, cameras, options))
         if options.drop_zero and (boxes.confidence == 0).any():
             kept = np.flatnonzero(boxes.confidence != 0)
@@ -412,6 +444,7 @@ def _number_cameras(
     cameras: list[str],
     known: Sequence[str],
     options: BoxOptions,
+    meant: dict[str, str],
 ) -> Ints:
     """(n,) place of each row's camera in `cameras`."""
     if labels is None:
@@ -420,15 +453,20 @@ def _number_cameras(
             cameras.append(name)
         return np.full(len(rows), cameras.index(name), dtype=np.int64)
     unique, inverse = np.unique(labels, return_inverse=True)
-    names = _matched([str(label) for label in unique], known, file, options)
+    names = _matched([str(label) for label in unique], known, file, options, meant)
     for name in names:
         if name not in cameras:
             cameras.append(name)
     return np.array([cameras.index(name) for name in names], dtype=np.int64)[inverse]
 
 
-def _matched(labels: Sequence[str], known: Sequence[str], file: BoxFile, options: BoxOptions) -> list[str]:
-    """The camera that each label means; InputError that names all those that mean none."""
+def _matched(
+    labels: Sequence[str], known: Sequence[str], file: BoxFile, options: BoxOptions, meant: dict[str, str]
+) -> list[str]:
+    """The camera that each label means; InputError that names all those that mean none, or two that mean one.
+
+    `meant` has the label of each camera so far.
+    """
     if not known:
         return list(labels)
     foreign = [label for label in labels if means_none(label, known)]
@@ -442,7 +480,10 @@ def _matched(labels: Sequence[str], known: Sequence[str], file: BoxFile, options
             f"{file.path}: {'camera' if one else 'cameras'} {told} {'is' if one else 'are'} none of "
             f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras"
         )
-    return [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
+    names = [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
+    for label, name in zip(labels, names, strict=True):
+        check_meaning(meant, label, name, str(file.path))
+    return names
 
 
 def _numbers(rows: Rows, camera: Ints, cameras: Sequence[str], options: BoxOptions) -> BoxRows:
@@ -473,8 +514,8 @@ def _edges(
     if not rows.has(SHARE_X):
         left, top = rows.floats("left"), rows.floats("top")
         with np.errstate(over="ignore"):  # whoever takes the boxes looks how large they are
-            width = rows.floats("width") if rows.has("width") else rows.floats("right") - left
-            height = rows.floats("height") if rows.has("height") else rows.floats("bottom") - top
+            width = _size(rows, "width", "right", left)
+            height = _size(rows, "height", "bottom", top)
         return left, top, width, height
     size = np.ones((len(cameras), 2))
     for n in np.unique(camera).tolist() if sizes is not None else ():
@@ -487,6 +528,19 @@ def _edges(
     across, down = size[camera].T
     width, height = rows.floats(SHARE_WIDTH) * across, rows.floats(SHARE_HEIGHT) * down
     return rows.floats(SHARE_X) * across - width / 2, rows.floats(SHARE_Y) * down - height / 2, width, height
+
+
+def _size(rows: Rows, size: str, far: str, near: Floats) -> Floats:
+    """(n,) widths or heights [px]; InputError where a far edge that is there as well contradicts one."""
+    if not rows.has(size):
+        return rows.floats(far) - near
+    sizes = rows.floats(size)
+    if rows.has(far):
+        apart = disagree(sizes, near, rows.floats(far, blank=True))
+        if apart.any():
+            row = int(np.flatnonzero(apart)[0])
+            raise rows.fail(row, both_sizes(size, float(sizes[row]), far, str(rows.cells[far][row]), float(near[row])))
+    return sizes
 
 
 def _confidence(rows: Rows, options: BoxOptions) -> Floats:

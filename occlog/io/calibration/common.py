@@ -24,6 +24,7 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 MAX_ROUND_TRIP_PX = 0.5
 MAX_FISHEYE_DEG = 80.0
 """Beyond, the ideal image that all methods work in becomes too large."""
+MAX_ROUNDING = 1e-6
 MAX_SKEW_PX = 1.0
 """A larger skew would shift bearings by more than the noise of a reading; `Camera` has none."""
 
@@ -121,6 +122,22 @@ def numbers(value: object, what: str) -> Floats:
     if not np.isfinite(array).all():
         raise InputError(f"{what} has numbers that are not finite")
     return array
+
+
+def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
+    """InputError for a matrix that is not [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], with a skew that matters.
+
+    MATLAB's `IntrinsicMatrix` is the transpose of it, whose principal point would be (0, 0).
+    """
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise InputError(f"{where}: want a 3 x 3 camera matrix")
+    below = np.array([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1.0])
+    if np.abs(below).max() > MAX_ROUNDING:
+        hint = "; it is transposed, as MATLAB has it" if matrix[2, :2].any() and not matrix[:2, 2].any() else ""
+        raise InputError(f"{where}: camera matrix {matrix.tolist()}; want [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]{hint}")
+    lean = abs(float(matrix[0, 1])) * height / 2 / max(abs(float(matrix[1, 1])), 1e-300)
+    if not lean <= MAX_SKEW_PX:
+        raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")
 
 
 def yaml_values(text: str, path: Path) -> dict[str, object]:

@@ -19,7 +19,7 @@ from occlog.io.files.texts.json_file import parse_json
 from occlog.io.files.texts.xml_file import parse_xml
 from occlog.records.scene import Camera
 
-from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of, yaml_values
+from .common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of, yaml_values
 from .opencv_toml import rotation_from_vector
 
 PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")
@@ -29,6 +29,10 @@ DISTORTION = ("distortion_coefficients", "distcoeffs", "dist_coeffs", "distortio
 ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
 TRANSLATION = ("t", "tvec", "translation", "translation_vector")
 SIZE = (("image_width", "image_height"), ("width", "height"))
+YES, NO = ("1", "true"), ("0", "false", "none", "")
+"""What `fisheye_model` may be, as OpenCV's own program for calibrations writes it."""
+BROWN, FISHEYE = ("", "plumb_bob", "radtan", "brown", "rational_polynomial"), ("fisheye", "equidistant")
+"""Names of `distortion_model`."""
 MAX_NUMBERS = 10_000
 DIGITS = 9
 """Of a number of rows or columns, at most."""
@@ -50,8 +54,8 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     values = storage_values(read_text(path), path)
     matrix = matrix_of(values, MATRIX, where)
     rotation, translation = pose_of(values, where)
-    if matrix.shape != (3, 3):
-        raise InputError(f"{where}: want a 3 x 3 camera matrix")
+    size = options.image_size or size_of(values)
+    check_camera_matrix(matrix, size[1] if size else 1080, where)
     found = [key for key in DISTORTION if key in values]
     pose = Pose(
         name=path.stem,
@@ -59,10 +63,21 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
         principal_px=[matrix[0, 2], matrix[1, 2]],
         rotation=rotation,
         centre=-rotation.T @ translation * scale_of(options, "m"),
-        image_size=options.image_size or size_of(values),
+        image_size=size,
         distortion=matrix_of(values, DISTORTION, where).reshape(-1).tolist() if found else (),
+        model="equidistant" if is_fisheye(values, where) else "brown",
     )
     return build_camera(pose, where)
+
+
+def is_fisheye(values: Mapping[str, object], where: str) -> bool:
+    """Whether a calibration says that its lens is OpenCV's model of fisheye lenses; InputError for an unknown model."""
+    flag = str(values.get("fisheye_model", values.get("fisheye", 0))).strip().lower()
+    named = str(values.get("distortion_model", "")).strip().lower()
+    if flag not in (*NO, *YES) or named not in (*BROWN, *FISHEYE):
+        what = f"fisheye_model {flag}" if flag not in (*NO, *YES) else f"distortion_model {named}"
+        raise InputError(f"{where}: {what} is not known; undistort the images, or leave it out")
+    return flag in YES or named in FISHEYE
 
 
 def pose_of(values: dict[str, object], where: str) -> tuple[Floats, Floats]:

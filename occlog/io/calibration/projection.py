@@ -17,7 +17,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.records.scene import Camera
 
-from .common import MAX_SKEW_PX, CalibrationOptions, Pose, build_camera, read_text, scale_of
+from .common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of
 
 _SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.IGNORECASE)
 
@@ -69,10 +69,7 @@ def camera_of_parts(
     A scene has no skew: InputError where it moves a point at the upper or lower edge of the image by more than
     `MAX_SKEW_PX`.
     """
-    half_height = image_size[1] / 2 if image_size else 540.0
-    lean = abs(float(k[0, 1])) * half_height / float(k[1, 1])
-    if not lean <= MAX_SKEW_PX:
-        raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")
+    check_camera_matrix(k, image_size[1] if image_size else 1080, where)
     pose = Pose(
         name=name,
         focal_px=[k[0, 0], k[1, 1]],

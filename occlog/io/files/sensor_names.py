@@ -26,6 +26,21 @@ def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "c
     raise InputError(f"{where}: {what} {given!r} {found}; give them equal names")
 
 
+def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, what: str = "camera") -> None:
+    """InputError where a file calls one sensor by two labels, as `cam1` and `cam01`: they may be two sensors.
+
+    Args:
+        meant: the label of each name so far; this one is added.
+        label: as the file has it.
+        name: what `match_sensor` takes it for.
+        where: the file.
+        what: what has the name.
+    """
+    other = meant.setdefault(name, label)
+    if other != label:
+        raise InputError(f"{where}: {what}s {other!r} and {label!r} would both be {name}; give them names in use")
+
+
 def means_none(given: str, names: Sequence[str]) -> bool:
     """Whether no name in use is what a file may mean by `given`, as `match_sensor` takes it."""
     number = _last_number(given)

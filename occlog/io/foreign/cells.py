@@ -46,6 +46,9 @@ class Cells(Protocol):
     def times(self, name: str, unit: str) -> Ints:
         """(n,) times [ns since the Unix epoch]."""
 
+    def raw(self, name: str) -> list[object]:
+        """(n,) values as the file has them."""
+
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the place of a row."""
 
@@ -97,6 +100,10 @@ class TextCells:
         """(n,) times [ns since the Unix epoch]."""
         return parse_times(self._rows, name, unit)
 
+    def raw(self, name: str) -> list[object]:
+        """(n,) texts as the file has them."""
+        return list(self._rows.cells[name].tolist())
+
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the line of a row."""
         return self._rows.fail(row, message)
@@ -116,6 +123,10 @@ class ArrowCells:
     def __len__(self) -> int:
         """Number of rows."""
         return int(self._batch.num_rows)
+
+    def raw(self, name: str) -> list[object]:
+        """(n,) values as the file has them; None for cells that are null."""
+        return list(self._column(name).to_pylist())
 
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the number of a row, from 0."""
@@ -144,8 +155,8 @@ class ArrowCells:
             raise self._unfit(name, column.type, "whole numbers were expected")
         if blank is None and column.null_count:
             raise self.fail(_first_null(column), f"{name} is null; a whole number was expected")
-        if pa.types.is_integer(column.type):
-            filled = pc.fill_null(pc.cast(column, pa.int64()), blank if blank is not None else 0)
+        if pa.types.is_integer(column.type) or pa.types.is_decimal(column.type):
+            filled = pc.fill_null(self._whole(name, column), blank if blank is not None else 0)
             return np.asarray(to_numpy(filled), dtype=np.int64)
         # pandas makes whole numbers with gaps to fractions
         values = self.floats(name, blank=blank is not None)
@@ -155,6 +166,19 @@ class ArrowCells:
             row = int(np.flatnonzero(bad)[0])
             raise self.fail(row, f"{name} is {values[row]:g}; a whole number was expected")
         return values.astype(np.int64)
+
+    def _whole(self, name: str, column: pa.Array) -> pa.Array:
+        """A column as whole numbers of 64 bits; InputError for one that is none."""
+        try:
+            return pc.cast(column, pa.int64())
+        except pa.ArrowInvalid:
+            ends = -(2**63), 2**63 - 1
+            for row, value in enumerate(column.to_pylist()):
+                if value is not None and not (value == int(value) and ends[0] <= value <= ends[1]):
+                    raise self.fail(
+                        row, f"{name} is {value}; a whole number was expected, {ends[0]} to {ends[1]}"
+                    ) from None
+            raise
 
     def texts(self, name: str, *, blank: bool) -> Strings:
         """(n,) texts; empty ones where `blank` allows them.  Whole numbers are names, too."""
@@ -213,6 +237,8 @@ class ArrowCells:
             return np.asarray(to_numpy(pc.cast(whole, pa.int64())), dtype=np.int64)
         if pa.types.is_integer(column.type):
             return self._scaled(name, self.ints(name, blank=None), unit)
+        if pa.types.is_decimal(column.type):  # exact, as a text is
+            return self._of_texts([str(value) for value in column.to_pylist()], unit)
         if _is_number(column.type):
             values = self.floats(name, blank=False)
             if unit == "s" and (np.abs(values) > LATEST_S).any():
@@ -222,8 +248,11 @@ class ArrowCells:
             whole = np.floor(values)
             rest = np.round((values - whole) * UNITS[unit]).astype(np.int64)
             return np.asarray(self._scaled(name, whole.astype(np.int64), unit) + rest, dtype=np.int64)
-        out = np.empty(len(self), dtype=np.int64)
-        for row, text in enumerate(self.texts(name, blank=False).tolist()):
+        return self._of_texts(self.texts(name, blank=False).tolist(), unit)
+
+    def _of_texts(self, texts: list[str], unit: str) -> Ints:
+        out = np.empty(len(texts), dtype=np.int64)
+        for row, text in enumerate(texts):
             try:
                 out[row] = parse_time(text, unit)
             except InputError as error:

@@ -121,6 +121,7 @@ class Spelling(NamedTuple):
     name: str  # of the file's column
     unit: str  # that the name ends in: `ns`, `deg`, `cm`, ...; empty: the table's own
     edge: bool = False  # the column has the far edge of a box instead of its size
+    far: str = ""  # name of a column with the far edge, beside that of the size
 
     @property
     def compass(self) -> bool:
@@ -140,6 +141,11 @@ class Layout(NamedTuple):
     table: type[Table]
     columns: tuple[Spelling, ...]
     missing: tuple[str, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the file's columns that are read."""
+        return list(dict.fromkeys(name for s in self.columns for name in (s.name, s.far) if name))
 
     @property
     def likeness(self) -> tuple[int, int]:
@@ -179,6 +185,7 @@ def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
     if one_of and not any(s.column.name in one_of for s in found):
         missing += one_of
     layout = Layout(table, tuple(found), tuple(missing))
+    _check_case(layout, names)
     _check_angles(layout, there)
     _check_lengths(layout)
     return layout
@@ -280,10 +287,13 @@ def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) ->
         own = [s for s in found if s.name.strip().lower() == column.name]
         if not own:
             raise InputError(f"columns {' and '.join(s.name for s in found)} both say {column.name}; keep one")
-        return own[0]
-    if not found and column.name in EDGES:
+        found = own
+    if column.name in EDGES:
         name, others = EDGES[column.name]
-        found = [Spelling(column, there[n], "", edge=True) for n in dict.fromkeys((name, *others)) if n in there]
+        edges = [Spelling(column, there[n], "", edge=True) for n in dict.fromkeys((name, *others)) if n in there]
+        if found and edges:
+            return found[0]._replace(far=edges[0].name)
+        found = found or edges
     return found[0] if found else None
 
 
@@ -295,9 +305,22 @@ def _is_wanted(column: Column, table: str) -> bool:
     return not may_lack
 
 
+def _check_case(layout: Layout, names: Sequence[str]) -> None:
+    """InputError for a name that another column has in other letters: which of them is meant is not known."""
+    used = {name.strip().lower() for name in layout.names}
+    first: dict[str, str] = {}
+    for name in names:
+        low = name.strip().lower()
+        if low in used and low in first:
+            raise InputError(f"columns {first[low]!r} and {name!r} have one name; keep one")
+        first.setdefault(low, name)
+
+
 def _check_angles(layout: Layout, there: Mapping[str, str]) -> None:
+    # A table of ours that went through another program states no unit at all
+    stated = TIME not in there or any(s.column.unit == "rad" and s.unit for s in layout.columns)
     for s in layout.columns:
-        if s.column.unit == "rad" and not s.unit and TIME not in there:
+        if s.column.unit == "rad" and not s.unit and stated:
             raise InputError(
                 f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad, or give its input unit"
             )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
+from occlog.io.boxes.columns import both_sizes, disagree
 from occlog.records.columns import Table
 from occlog.records.measurements import VALUES, Measurements
 from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Occluders, Reads, Tracks, Truth, TruthBoxes
@@ -111,7 +112,7 @@ class ForeignTable:
     def _parts(self, layout: Layout) -> Iterator[Values]:
         """The values of the columns, by the table's names, in the order of the file; `_row` counts from 0."""
         first = 0
-        for cells in self.source.cells(list(dict.fromkeys(s.name for s in layout.columns))):
+        for cells in self.source.cells(layout.names):
             if not len(cells):
                 continue
             values = self._part(cells, layout)
@@ -123,9 +124,11 @@ class ForeignTable:
         """The values of some cells, by the table's names; InputError, with its place, for one that cannot be."""
         values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
         for s in layout.columns:
+            near = values.get({"width_px": "left_px", "height_px": "top_px"}.get(s.column.name, ""))
             if s.edge:  # the far edge of a box instead of its size
-                near = {"width_px": "left_px", "height_px": "top_px"}[s.column.name]
-                values[s.column.name] = values[s.column.name] - values[near]  # type: ignore[operator]
+                values[s.column.name] = values[s.column.name] - near  # type: ignore[operator]
+            elif s.far and near is not None:
+                _check_far_edge(cells, s, values[s.column.name].astype(np.float64), near.astype(np.float64))
         _check(cells, values, layout)
         return values
 
@@ -139,7 +142,7 @@ class ForeignTable:
 
     def cells(self) -> Iterator[Cells]:
         """The cells of the columns that are used, in parts, in the order of the file."""
-        yield from self.source.cells(list(dict.fromkeys(s.name for s in self.layout.columns)))
+        yield from self.source.cells(self.layout.names)
 
     def times_of(self, cells: Cells) -> Ints:
         """(n,) times of some cells, in the order of the file."""
@@ -336,6 +339,14 @@ def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layo
     if layout.table in (Boxes, TruthBoxes):
         for name in ("width_px", "height_px"):
             refuse(name, lambda v: v <= 0, "above 0")
+
+
+def _check_far_edge(cells: Cells, s: Spelling, sizes: Floats, near: Floats) -> None:
+    far = cells.floats(s.far, blank=True)
+    apart = disagree(sizes, near, far)
+    if apart.any():
+        row = int(np.flatnonzero(apart)[0])
+        raise cells.fail(row, both_sizes(s.name, float(sizes[row]), s.far, f"{far[row]:g}", float(near[row])))
 
 
 def _refuse(cells: Cells, values: Floats, bad: Bools, before: str, after: str) -> None:

@@ -29,6 +29,8 @@ from .video_stream import rate_times, sidecar_times
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
 _LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
+MAX_DIGITS = 40
+"""Digits of a number that is looked at."""
 NS_DIGITS = 18
 """A name that is a number of so many digits is a time in ns since the Unix epoch."""
 
@@ -47,12 +49,20 @@ def list_images(folder: Path) -> list[Path]:
 
 def numbers_of(files: list[Path]) -> list[int]:
     """The last number in each name, strictly rising; InputError where a name has none or two are equal."""
+    from occlog.records.sensors import MAX_FRAMES  # which the process that decodes does not want
+
     numbers: list[int] = []
     for file in files:
         found = _LAST_NUMBER.search(file.stem)
         if found is None:
             raise InputError(f"{file}: has no number in its name; number the images, or give time stamps")
-        numbers.append(int(found.group(1)))
+        number = int(found.group(1)) if len(found.group(1)) < MAX_DIGITS else MAX_FRAMES
+        if number >= MAX_FRAMES:
+            raise InputError(
+                f"{file}: frame {found.group(1):.24}; it must be below {MAX_FRAMES}; a time in ms or us? Give time "
+                "stamps, or name the images by ns"
+            )
+        numbers.append(number)
     for n in range(1, len(files)):
         if numbers[n] <= numbers[n - 1]:
             raise InputError(
@@ -125,6 +135,8 @@ def read_folders(
         starts_ns: time of frame 0 of each camera; 0 where not given.
         first_number: number in the name that is frame 0; None: the smallest one of all folders.
     """
+    from occlog.io.files.times.timestamps import MAX_NS
+
     listed = {name: list_images(folder) for name, folder in folders.items()}
     numbered = [name for name in folders if name not in sidecars and not are_times(listed[name])]
     numbers = {name: numbers_of(listed[name]) for name in numbered}
@@ -136,7 +148,12 @@ def read_folders(
             out[name] = _with_sidecar(folder, files, *sidecars[name], start)
         elif name in numbers:
             out[name] = _numbered(name, folder, files, numbers[name], base, fps, start)
+        elif start:
+            raise UsageError(f"{folder}: names of images are times since 1970; leave out the start time")
         else:
+            far = next((file for file in files if len(file.stem) > MAX_DIGITS or int(file.stem) > MAX_NS), None)
+            if far is not None:
+                raise InputError(f"{far}: its time in ns is out of range; times from 1970 to 2115 can be held")
             table = np.array([int(file.stem) for file in files], dtype=np.int64)
             out[name] = ImageFolder(
                 folder, tuple(enumerate(files)), FrameTimes("file names (ns)", 0, _rising(files, table))

@@ -58,7 +58,13 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
             f"{where}: its calibration is of images that are binned {info.binning} or cut {info.roi}, which cannot be "
             "used; give a calibration file or a scene"
         )
-    if not np.isfinite(matrix).all() or matrix[0, 1] or matrix[1, 0] or not (matrix[0, 0] > 0 < matrix[1, 1]):
+    if (
+        not np.isfinite(matrix).all()
+        or matrix[0, 1]
+        or matrix[1, 0]
+        or matrix[2].tolist() != [0, 0, 1]
+        or not (matrix[0, 0] > 0 < matrix[1, 1])
+    ):
         raise InputError(f"{where}: its matrix {matrix.tolist()} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     focal, principal = np.array([matrix[0, 0], matrix[1, 1]]), matrix[:2, 2].copy()
     if rectified:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats
+from occlog.errors import InputError
 
 
 class Kind(Enum):
@@ -254,6 +255,8 @@ def _detection(entry: Any) -> Detection:
     centre = entry.bbox.center
     place = getattr(centre, "position", centre)
     width, height = float(entry.bbox.size_x), float(entry.bbox.size_y)
+    if float(getattr(centre, "theta", 0.0)):
+        raise InputError(f"a box that is turned by {float(centre.theta):g} rad; upright ones were expected")
     best: tuple[float, str] = (float("nan"), "")
     for result in entry.results:
         hypothesis = getattr(result, "hypothesis", result)

@@ -40,6 +40,7 @@ class BoxRows:
         self.frames = 0
         self.labels: Counter[str] = Counter()
         self._numbers: dict[str, int] = {}
+        self._owners: dict[int, str] = {}
 
     def rows(self, message: BoxMessage, t_ns: int) -> Boxes:
         """The boxes of one message, which is a frame; one without boxes is a row that says that nobody was seen.
@@ -77,9 +78,18 @@ class BoxRows:
         """The number of a track that a detector names: its own where it is one, else the next that is free."""
         if not text:
             return -1
-        if text.isascii() and text.isdigit() and int(text) < 2**31:
-            return int(text)
-        return self._numbers.setdefault(text, len(self._numbers))
+        known = self._numbers.get(text)
+        if known is not None:
+            return known
+        own = text.isascii() and text.isdigit() and len(text) <= 10 and int(text) < 2**31
+        number = int(text) if own else len(self._numbers)
+        if number in self._owners:
+            raise InputError(
+                f"tracks {self._owners[number]!r} and {text!r} would both be number {number}: some are named by "
+                "numbers, some otherwise; name all alike"
+            )
+        self._numbers[text], self._owners[number] = number, text
+        return number
 
 
 def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray) -> Doa:

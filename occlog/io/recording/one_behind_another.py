@@ -5,6 +5,8 @@ Numbers of schemas and channels, the index and the metadata hold for one recordi
 
 from __future__ import annotations
 
+from bisect import bisect_right
+
 from mcap import records
 
 from occlog.io.recording.salvage.gaps import Damage, Tally
@@ -28,6 +30,15 @@ class Part:
         self.tallies: dict[int, Tally] = {}
         self.left_out = 0
         """Messages that cannot be brought together with those of the recording before it."""
+        self.early = 0
+        """Messages that are not later than those of their topic in the recordings before it."""
+        self.before: dict[str, int] = {}
+        """Time of the last message of each topic in the recordings before it [ns]."""
+        self.copies: dict[str, int] = {}
+        """Messages by topic that stand in the recording twice."""
+        self._runs: dict[str, list[list[int]]] = {}
+        """Numbers of messages by topic: the first and the last one of each run, in order."""
+        self._latest: dict[str, int] = {}
 
     def contradicts(self, found: records.Schema | records.Channel) -> bool:
         """Whether a number is defined a second time, and otherwise: it is of another recording."""
@@ -40,6 +51,32 @@ class Part:
             self.schemas[found.id] = found
         else:
             self.channels[found.id] = found
+
+    def is_copy(self, topic: str, number: int, t_ns: int) -> bool:
+        """Whether a message stood there before: another one of its topic had its number, and one its time or a later.
+
+        Numbers rise in a topic, so that this is so where a part of the file was written twice; it is counted.
+        """
+        runs = self._runs.setdefault(topic, [])
+        latest = self._latest.get(topic, -1)
+        self._latest[topic] = max(t_ns, latest)
+        place = bisect_right(runs, [number, number])
+        near = runs[place - 1] if place else [0, -1]
+        if near[0] <= number <= near[1] or (place < len(runs) and runs[place][0] == number):
+            if t_ns > latest:
+                return False  # numbers of recordings that were brought together begin again
+            self.copies[topic] = self.copies.get(topic, 0) + 1
+            return True
+        if place and near[1] == number - 1:
+            near[1] = number
+        else:
+            runs.insert(place, [number, number])
+        return False
+
+    def latest(self) -> dict[str, int]:
+        """Time of the last message of each topic so far, of the recordings before it as well [ns]."""
+        topics = self._latest.keys() | self.before.keys()
+        return {topic: max(self._latest.get(topic, -1), self.before.get(topic, -1)) for topic in topics}
 
     def schema_of(self, channel_id: int) -> str:
         """Name of the schema of a channel; empty: it is lost, or there is none."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.texts.csv_rows import Rows, read_rows
+from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, read_rows
 from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
 from occlog.records.losses import Loss
 
@@ -98,6 +98,7 @@ WHAT = "a log of directions of arrival"
 
 def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Rows of the log."""
+    label = ""
     for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=options.ignore_extra):
         unit = time_column(rows)
         if unit is None:
@@ -111,10 +112,11 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         confidence = rows.floats("confidence", blank=True) if rows.has("confidence") else np.full(n, np.nan)
         _check_limits(rows, "confidence", (confidence < 0) | (confidence > 1), "must be 0 to 1")
         source_id = rows.identities("id", least=-1) if rows.has("id") else np.full(n, -1, dtype=np.int64)
+        label = label or (str(rows.cells["sensor"][0]) if rows.has("sensor") else "")
         yield DoaRows(
             line=rows.lines,
             t_ns=parse_times(rows, unit, unit) + options.start_ns,
-            sensor=_sensors(rows, options),
+            sensor=_sensors(rows, options, label),
             source_id=source_id,
             azimuth=azimuth,
             elevation=elevation,
@@ -124,8 +126,11 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         )
 
 
-def _sensors(rows: Rows, options: DoaOptions) -> Strings:
+def _sensors(rows: Rows, options: DoaOptions, label: str) -> Strings:
+    """(n,) names of the arrays of the rows; `label` is what the first row of the log calls its own."""
     if options.sensor is not None:
+        if rows.has("sensor"):
+            check_one_sensor(rows, "sensor", options.sensor, label)
         return np.full(len(rows), options.sensor)
     if not rows.has("sensor"):
         raise InputError(f"{rows.path}: has no column sensor; add it, or name the array: ARRAY={rows.path.name}")

@@ -23,7 +23,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.inputs import check_input
-from occlog.io.files.sensor_names import match_sensor
+from occlog.io.files.sensor_names import check_meaning, match_sensor
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.files.times.frame_times import to_world_time
 from occlog.records.losses import Loss
@@ -87,11 +87,14 @@ def read_doa(
     names = [a.name for a in arrays]
     last: dict[str, int] = {}
     first: dict[str, int] = {}
+    meant: dict[str, str] = {}
     told: list[Loss] = [] if losses is None else losses
     tilted = {a.name: a for a in arrays if not a.upright}
     for rows in entry.read(path, options, told):
         unique, inverse = np.unique(rows.sensor, return_inverse=True)
         matched = [match_sensor(str(label), names, str(path), what="array") for label in unique]
+        for label, name in zip(unique.tolist(), matched, strict=True):
+            check_meaning(meant, label, name, str(path), what="array")
         sensor = np.array(matched, dtype=np.str_)[inverse]
         _check_times(path, rows, sensor, last)
         rows = _by_clocks(rows, sensor, clocks or {}, first)

@@ -140,7 +140,7 @@ def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
     """Channels, rate, bits and whether they are floats; InputError for what cannot be read."""
     if len(form) < 16:
         raise InputError(f"{path}: its format (`fmt `) is cut off; convert it again")
-    tag, channels, rate, _, _, bits = struct.unpack("<HHIIHH", form[:16])
+    tag, channels, rate, _, block, bits = struct.unpack("<HHIIHH", form[:16])
     if tag == EXTENSIBLE and len(form) >= 26:
         tag = struct.unpack("<H", form[24:26])[0]
     good = {PCM: (8, 16, 24, 32), FLOAT: (32, 64)}.get(tag, ())
@@ -148,6 +148,11 @@ def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
         raise InputError(
             f"{path}: samples of format {tag} with {bits} bits; whole numbers of 8, 16, 24 or 32 bits or floats of "
             "32 or 64 were expected; convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`"
+        )
+    if block != channels * bits // 8:
+        raise InputError(
+            f"{path}: {block} bytes for {channels} samples of {bits} bits; they are padded, or the header is damaged; "
+            "convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`"
         )
     if not 1 <= channels <= MOST_CHANNELS or not 1 <= rate <= MOST_RATE:
         raise InputError(f"{path}: {channels} channels at {rate} Hz cannot be; the header is damaged")

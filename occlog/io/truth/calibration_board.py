@@ -43,6 +43,12 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
     names, column = np.unique(corner, return_inverse=True)
     times, row = np.unique(sync, return_inverse=True)
     grid = np.full((len(times), len(names), 3), np.nan)
+    if len(np.unique(row * len(names) + column)) < len(row):
+        first = np.unique(row * len(names) + column, return_index=True)[1]
+        double = int(np.setdiff1d(np.arange(len(row)), first)[0])
+        raise InputError(
+            f"{path}: a corner is there twice at sync_index {sync[double]}; leave out the copies, or split the file"
+        )
     grid[row, column] = xyz
     there = np.isfinite(grid[:, :, 0])
     always = there.all(axis=0)

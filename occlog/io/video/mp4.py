@@ -305,9 +305,12 @@ def _edited(data: mmap.mmap, moov: Span, trak: Span, samples: Samples, time: Int
     elst = find_box(data, trak, b"edts", b"elst")
     if elst is None:
         return np.ones(len(time), dtype=np.bool_)
-    entries = (
-        read_table(data, elst, 5, ">i4")[:, [1, 3]] if data[elst.start] else read_table(data, elst, 3, ">i4")[:, [0, 1]]
-    )
+    if data[elst.start]:  # 64 bits of length and of time, in two words each
+        words = read_table(data, elst, 5, ">i4")
+        entries = words[:, [0, 2]] * 2**32 + (words[:, [1, 3]] & 0xFFFFFFFF)
+    else:
+        entries = read_table(data, elst, 3, ">i4")[:, [0, 1]]
+        entries[:, 0] &= 0xFFFFFFFF
     played = entries[entries[:, 1] >= 0]
     if len(played) != 1:
         return np.ones(len(time), dtype=np.bool_) if not len(played) else None

@@ -2,12 +2,15 @@ from __future__ import annotations
 
 import copy
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from occlog.cli.main import run
+from occlog.errors import ExitCode
 from occlog.examine.diff.content import diff_bytes
 from occlog.examine.diff.json import diff_json
 from occlog.examine.diff.result import Limit, Tolerances
@@ -189,3 +192,10 @@ def test_outputs_of_earlier_stages_come_first() -> None:
         "aaa.txt",
         "zzz.txt",
     ]
+
+
+def test_a_key_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    """The last one counted, so that the two were the same."""
+    (tmp_path / "a.json").write_text('{"rmse_m": 1, "rmse_m": 2}')
+    (tmp_path / "b.json").write_text('{"rmse_m": 2}')
+    assert run(["diff", str(tmp_path / "a.json"), str(tmp_path / "b.json")]) == ExitCode.BAD_INPUT

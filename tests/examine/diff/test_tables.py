@@ -66,3 +66,26 @@ def test_text_that_is_no_table_is_compared_as_text(tmp_path: Path, capsys: Any) 
     a, b = text(tmp_path / "a.csv", "word,number", "a,1\n"), text(tmp_path / "b.csv", "word,number", "a,2\n")
     assert run(["diff", a, b]) == ExitCode.DIFFERENT
     assert "line 2" in capsys.readouterr().out
+
+
+def test_a_table_without_a_unit_is_in_metres_beside_one_that_states_another(tmp_path: Path) -> None:
+    """1 and 1 cm were the same."""
+    bare = text(tmp_path / "bare.csv", "t_ns,id,x,y", ROWS)
+    cm = text(tmp_path / "cm.csv", "t_ns,id,x_cm,y_cm", ROWS)
+    m = text(tmp_path / "m.csv", "t_ns,id,x_m,y_m", ROWS)
+    assert run(["diff", bare, cm]) == run(["diff", cm, bare]) == ExitCode.DIFFERENT
+    assert run(["diff", bare, m]) == run(["diff", m, bare]) == ExitCode.DONE
+
+
+def test_columns_that_no_table_has_are_compared_too(tmp_path: Path, capsys: Any) -> None:
+    """Two files that differ in them alone were the same."""
+    a = text(tmp_path / "a.csv", "t_ns,id,x,y,note", "1000,0,1,2,one\n2000,0,1,2,2.0\n")
+    b = text(tmp_path / "b.csv", "t_ns,id,x,y,note", "1000,0,1,2,one\n2000,0,1,2,2\n")
+    c = text(tmp_path / "c.csv", "t_ns,id,x,y,note", "1000,0,1,2,one\n2000,0,1,2,two\n")
+    d = text(tmp_path / "d.csv", "t_ns,id,x,y", "1000,0,1,2\n2000,0,1,2\n")
+    assert run(["diff", a, b]) == ExitCode.DONE
+    capsys.readouterr()
+    assert run(["diff", a, c]) == ExitCode.DIFFERENT
+    assert "row 1 of note: 2.0 in A, two in B" in capsys.readouterr().out
+    assert run(["diff", a, d]) == ExitCode.DIFFERENT
+    assert "column note is only in A" in capsys.readouterr().out

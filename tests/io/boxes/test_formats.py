@@ -297,3 +297,15 @@ def test_boxes_exported_as_mot_or_coco_are_read_again_as_they_were(
         mine, others = boxes.take(key(boxes)), other.take(key(other))
         for column in ("t_ns", "frame", "target_id", "left_px", "top_px", "width_px", "height_px", "confidence"):
             assert np.array_equal(getattr(mine, column), getattr(others, column), equal_nan=True)
+
+
+def test_two_keys_of_a_record_that_say_the_same_are_refused(tmp_path: Path) -> None:
+    """Whichever came last counted: the number of an annotation became the identity of a track."""
+    path = tmp_path / "records.json"
+    record = {"frame": 0, "track_id": 3, "id": 100, "left": 1, "top": 1, "width": 20, "height": 50}
+    path.write_text(json.dumps([record]))
+    with pytest.raises(InputError, match="entry 1: keys 'track_id' and 'id' both say id; leave one out"):
+        read(BoxFile(path, "a"))
+    path.write_text(json.dumps([{"frame": 0, "bbox": [1, 1, 20, 50], "x1": 5, "score": 0.5}]))
+    with pytest.raises(InputError, match="keys 'bbox' and 'x1' both say left"):
+        read(BoxFile(path, "a"))

@@ -253,3 +253,33 @@ def test_real_motchallenge_results(shared_data: Path, name: str, rows: int, fram
     boxes, _ = read(BoxFile(shared_data / f"tud_mot/{name}/test.txt", "cam"))
     assert ((boxes.box >= 0).sum(), len(np.unique(boxes.frame))) == (rows, frames)
     assert boxes.frame[0] == 0
+
+
+def test_widths_that_contradict_the_edges_are_of_the_image(tmp_path: Path) -> None:
+    """Tables for TensorFlow have the size of the image beside all four edges."""
+    head = "frame,width,height,class,xmin,ymin,xmax,ymax"
+    with pytest.raises(InputError, match=r"line 2: width is 1280, but right is 80\.5 and the near edge 10"):
+        read(BoxFile(write(tmp_path, f"{head}\n0,1280,720,person,10,20,80.5,90\n"), "cam"))
+    boxes, _ = read(BoxFile(write(tmp_path, f"{head}\n0,70,71,person,10,20,80.5,90\n"), "cam"))
+    assert (boxes.width_px[0], boxes.height_px[0]) == (70, 71)  # the last pixel counts, or not
+
+
+def test_files_that_name_their_cameras_say_nothing_of_those_of_others(tmp_path: Path) -> None:
+    """Each file said of the cameras of the other one that they saw nobody in any frame."""
+    head = "frame,camera,left,top,w,h"
+    a = write(tmp_path, f"{head}\n0,a,1,1,5,5\n1,a,1,1,5,5\n", "a.csv")
+    b = write(tmp_path, f"{head}\n0,b,1,1,5,5\n1,b,1,1,5,5\n", "b.csv")
+    boxes, _ = read(BoxFile(a, None), BoxFile(b, None))
+    assert boxes.box.tolist() == [0, 0, 0, 0]
+    boxes, _ = read(BoxFile(a, None), BoxFile(b, "c"))
+    assert boxes.box.tolist() == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("camera", ["a", None])
+def test_boxes_of_a_camera_in_two_files_are_refused(tmp_path: Path, camera: str | None) -> None:
+    """Each file said of the frames of the other one that nobody was seen in them."""
+    head = "frame,left,top,w,h" if camera else "frame,camera,left,top,w,h"
+    mark = "" if camera else "a,"
+    files = [write(tmp_path, f"{head}\n{n},{mark}1,1,5,5\n", f"{n}.csv") for n in range(2)]
+    with pytest.raises(InputError, match=r"camera a: has boxes in .*0\.csv, too"):
+        read(*(BoxFile(file, camera) for file in files))

@@ -420,3 +420,54 @@ def test_qualisys_view_rotation_is_refused(shared_data: Path, tmp_path: Path) ->
     (tmp_path / "c.txt").write_text(text.replace('viewrotation="0"', 'viewrotation="90"', 1))
     with pytest.raises(InputError, match="camera cam01: viewrotation 90"):
         read_calibration([tmp_path / "c.txt"])
+
+
+STORED = """%YAML 1.2
+---
+image_width: 1280
+image_height: 720
+EXTRA
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [MATRIX]
+distortion_coefficients: !!opencv-matrix {rows: 1, cols: 4, dt: d, data: [0.1, 0.0, 0.0, 0.0]}
+R: !!opencv-matrix {rows: 3, cols: 3, dt: d, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+T: !!opencv-matrix {rows: 3, cols: 1, dt: d, data: [0, 0, 0]}
+"""
+PLAIN = "800., 0., 640., 0., 800., 360., 0., 0., 1."
+
+
+def stored(tmp_path: Path, matrix: str, extra: str = "") -> Path:
+    path = tmp_path / "cam.yaml"
+    path.write_text(STORED.replace("MATRIX", matrix).replace("EXTRA", extra))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("matrix", "said"),
+    [
+        ("800., 0., 0., 0., 800., 0., 640., 360., 1.", "it is transposed, as MATLAB has it"),
+        ("800., 9., 640., 0., 800., 360., 0., 0., 1.", "a skew of 4 px"),
+        ("800., 0., 640., 0., 800., 360., 0., 0., 2.", "want .*fx, 0, cx"),
+    ],
+)
+def test_a_matrix_that_is_none_of_a_camera_is_refused(tmp_path: Path, matrix: str, said: str) -> None:
+    """The principal point of a transposed one was (0, 0), and a skew was not looked at."""
+    with pytest.raises(InputError, match=said):
+        read_calibration([stored(tmp_path, matrix)])
+    k = np.array([float(cell) for cell in matrix.split(",")]).reshape(3, 3)
+    np.savez(tmp_path / "cam.npz", K=k, R=np.eye(3), t=np.zeros(3), image_size=[1280, 720])
+    with pytest.raises(InputError, match=said):
+        read_calibration([tmp_path / "cam.npz"])
+
+
+def test_a_calibration_of_opencv_says_that_its_lens_is_a_fisheye(tmp_path: Path) -> None:
+    """Its four coefficients were taken for k1, k2, p1, p2."""
+    (camera,) = read_calibration([stored(tmp_path, PLAIN, "fisheye_model: 1")]).cameras
+    assert camera.distortion_model == "equidistant"
+    (camera,) = read_calibration([stored(tmp_path, PLAIN, "fisheye_model: 0")]).cameras
+    assert camera.distortion_model == "brown"
+    with pytest.raises(InputError, match="distortion_model scaramuzza is not known"):
+        read_calibration([stored(tmp_path, PLAIN, "distortion_model: scaramuzza")])

@@ -80,3 +80,10 @@ def test_what_a_spreadsheet_takes_for_a_formula_is_marked_and_comes_back(text: s
 @pytest.mark.parametrize("text", ["", "cam1", "-1.5", "+2e-3", "'cam'", "a=b", "x@y"])
 def test_other_texts_and_numbers_stay_as_they_are(text: str) -> None:
     assert no_formula(text) == plain_text(text) == text
+
+
+def test_tabs_at_the_ends_of_a_line_are_cells_without_a_value(tmp_path: Path) -> None:
+    """Such lines were refused for lack of a cell."""
+    (rows,) = read(tmp_path, "a\tb\n1\t2\n3\t\n\t4\n")
+    assert rows.cells["a"].tolist() == ["1", "3", ""]
+    assert rows.cells["b"].tolist() == ["2", "", "4"]

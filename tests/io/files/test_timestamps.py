@@ -138,6 +138,23 @@ def test_frame_rates_become_exact(given: float | str, rate: Fraction) -> None:
     assert as_rate(given) == rate
 
 
+@pytest.mark.parametrize(
+    ("given", "rate"),
+    [
+        ("0.0006", Fraction(6, 10_000)),  # was 1/1001
+        ("0.0003", Fraction(3, 10_000)),  # was 0
+        ("30.0003", Fraction(300_003, 10_000)),  # a clock that was measured was 30
+        ("29.973", Fraction(29_973, 1000)),  # was 30000/1001
+        (29.97002997002997, Fraction(30_000, 1001)),
+        (1 / 3, Fraction(1, 3)),
+    ],
+)
+def test_frame_rates_are_no_others(given: float | str, rate: Fraction) -> None:
+    assert abs(as_rate(given) / rate - 1) < 1e-9
+    last = int(9e9 * float(rate)) - 1
+    assert abs(int(frames_to_ns(np.array([last]), as_rate(given))[0]) - last * 10**9 / rate) <= 10**10
+
+
 @pytest.mark.parametrize("given", ["0", "-3", "nan", "fast", 1e9, "1/0"])
 def test_a_frame_rate_that_cannot_be_is_refused(given: float | str) -> None:
     with pytest.raises(InputError, match="frame rate"):

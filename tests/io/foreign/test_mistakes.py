@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.open import open_input
 from occlog.measure.scans.grouping import nearest
-from occlog.records.tables import Bearings, Doa, Truth
+from occlog.records.tables import Bearings, Boxes, Doa, Truth
 
 
 def text(path: Path, *lines: str) -> Path:
@@ -66,3 +69,61 @@ def test_times_in_milliseconds_that_are_taken_for_seconds_are_doubted(tmp_path: 
     assert "state it by --input-units ms" in capsys.readouterr().err
     assert run([*args, "--overwrite", "--input-units", "ms"]) == ExitCode.DONE
     assert "--input-units" not in capsys.readouterr().err
+
+
+def test_widths_that_contradict_the_edges_are_of_the_image(tmp_path: Path) -> None:
+    head = "time,sensor,width,height,xmin,ymin,xmax,ymax"
+    opened = open_input(text(tmp_path / "t.csv", head, "0,a,1280,720,10,20,80.5,90"))
+    with pytest.raises(InputError, match=r"line 2: width is 1280, but xmax is 80\.5 and the near edge 10"):
+        opened.read(Boxes)
+    assert open_input(text(tmp_path / "t.csv", head, "0,a,70,71,10,20,80.5,90")).read(Boxes).width_px[0] == 70
+
+
+def test_an_angle_without_a_unit_beside_one_in_degrees_is_not_in_radians(tmp_path: Path) -> None:
+    path = text(tmp_path / "t.csv", "t_ns,sensor,bearing_deg,sigma", "0,a,10,2")
+    with pytest.raises(InputError, match="column sigma does not state its unit"):
+        open_input(path).read(Bearings)
+
+
+def parquet(tmp_path: Path, **columns: pa.Array) -> Path:
+    pq.write_table(pa.table(columns), tmp_path / "t.parquet")
+    return tmp_path / "t.parquet"
+
+
+@pytest.mark.parametrize("name", ["t_ns", "id"])
+def test_whole_numbers_above_63_bits_are_refused(tmp_path: Path, name: str) -> None:
+    """An exception of Arrow."""
+    columns = {"t_ns": pa.array([0]), "x": pa.array([1.0]), "y": pa.array([1.0])}
+    path = parquet(tmp_path, **(columns | {name: pa.array([2**63 + 5], pa.uint64())}))
+    with pytest.raises(InputError, match=f"row 0: {name} is 9223372036854775813; a whole number was expected"):
+        open_input(path).read(Truth)
+
+
+@pytest.mark.parametrize(("name", "digits"), [("t_ns", 0), ("t", 9)])
+def test_times_in_decimals_are_exact(tmp_path: Path, name: str, digits: int) -> None:
+    """They went through float64, which has no ns since 1970."""
+    time = Decimal(1_714_562_400_123_456_789).scaleb(-digits)
+    path = parquet(
+        tmp_path, **{name: pa.array([time], pa.decimal128(20, digits)), "x": pa.array([1.0]), "y": pa.array([1.0])}
+    )
+    assert open_input(path).read(Truth).t_ns.tolist() == [1_714_562_400_123_456_789]
+
+
+def test_columns_of_one_name_in_other_letters_are_refused(tmp_path: Path) -> None:
+    """The first one counted."""
+    path = parquet(tmp_path, t_ns=pa.array([0]), x=pa.array([1.0]), X=pa.array([5.0]), y=pa.array([1.0]))
+    with pytest.raises(InputError, match="columns 'x' and 'X' have one name; keep one"):
+        open_input(path).read(Truth)
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ("t_ns,x,y/9e18,1,1", "t_ns is '9e18'"),
+        ("t_ns,x,y/9000000000000000000,1,1", "out of range"),
+        ("t,x,y/1_0,1,1", "neither a number"),
+    ],
+)
+def test_times_that_cannot_be_are_refused(tmp_path: Path, cells: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        open_input(text(tmp_path / "t.csv", *cells.split("/"))).read(Truth)

@@ -71,6 +71,14 @@ def test_faults_of_folders(tmp_path: Path) -> None:
         read_folders({"a": path}, {}, RATE, {}, 5)
 
 
+@pytest.mark.parametrize("name", ["1714562400123", "1714562400123456", "9" * 19, "9" * 60])
+def test_times_in_other_units_than_ns_are_no_numbers_of_frames(tmp_path: Path, name: str) -> None:
+    """Times in ms were counted as frames, and 19 digits were too many for 64 bits."""
+    place = folder(tmp_path, "a", f"{name}.png")
+    with pytest.raises(InputError, match=r"a time in ms or us|out of range"):
+        read_folders({"a": place}, {}, {"a": Fraction(25)}, {})
+
+
 def test_names_sort_as_people_expect() -> None:
     names = ["cam10", "cam2", "cam02", "Cam1", "a", "2", "cam2b"]
     assert natural_sorted(names) == natural_sorted(reversed(names))

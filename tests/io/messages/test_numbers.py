@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace as Value
+
 import numpy as np
 import pytest
 
 from occlog.errors import InputError
 from occlog.io.messages.camera_info import intrinsics
-from occlog.io.messages.kinds import DirectionMessage, Header, InfoMessage, Source, TransformMessage
-from occlog.io.messages.rows import direction_rows
+from occlog.io.messages.kinds import (
+    BoxMessage,
+    Detection,
+    DirectionMessage,
+    Header,
+    InfoMessage,
+    Source,
+    TransformMessage,
+    read_message,
+)
+from occlog.io.messages.rows import BoxRows, direction_rows
 from occlog.io.messages.transforms import rotation_of
 from occlog.records.scene import MicrophoneArray
 
@@ -40,3 +51,27 @@ def test_a_rotation_beyond_all_range_is_none(value: float) -> None:
     )
     with pytest.raises(InputError, match="its matrix R is not a rotation"):
         intrinsics(info, rectified=True, where="cam")
+
+
+def boxes_of(*names: str) -> BoxMessage:
+    where = {"left": 1.0, "top": 1.0, "width": 5.0, "height": 9.0, "score": 0.5, "label": "person"}
+    return BoxMessage(HEADER, tuple(Detection(**where, id=name) for name in names))
+
+
+def test_a_track_that_is_named_otherwise_takes_no_number_of_another() -> None:
+    """The first name became 0, and so did the track that is called 0."""
+    rows = BoxRows("cam", (), 1.0)
+    assert rows.rows(boxes_of("ann", "bob", ""), 1).target_id.tolist() == [0, 1, -1]
+    assert rows.rows(boxes_of("bob"), 2).target_id.tolist() == [1]
+    with pytest.raises(InputError, match="tracks 'ann' and '0' would both be number 0"):
+        rows.rows(boxes_of("0"), 3)
+
+
+def test_turned_boxes_are_refused() -> None:
+    centre = Value(position=Value(x=10.0, y=10.0), theta=0.5)
+    detection = Value(bbox=Value(center=centre, size_x=4.0, size_y=8.0), results=[], id="")
+    message = Value(header=Value(stamp=Value(sec=1, nanosec=0), frame_id="cam"), detections=[detection])
+    with pytest.raises(InputError, match=r"turned by 0\.5 rad"):
+        read_message("vision_msgs/msg/Detection2DArray", message)
+    centre.theta = 0.0
+    assert read_message("vision_msgs/msg/Detection2DArray", message).boxes[0].left == 8.0

@@ -192,3 +192,43 @@ def test_a_chunk_of_a_bag_that_looks_like_an_end_is_one_loss(tmp_path: Path) -> 
     found = len(list(bag.messages({"/camera/a/image"})))
     assert FRAMES - 6 <= found < FRAMES
     assert [loss.place for loss in bag.losses] == [f"byte {place}"]
+
+
+def test_a_recording_that_stands_there_twice_counts_once(tmp_path: Path) -> None:
+    """What came back had each message twice, so that no command read it."""
+    data = recording(tmp_path / "a.mcap")
+    found, said = recovered(tmp_path, data + data)
+    assert found == messages(tmp_path / "a.mcap")
+    assert any("not later than those before it are left out" in loss.what and loss.count == 40 for loss in said.losses)
+
+
+def test_another_recording_of_the_same_times_is_left_out(tmp_path: Path) -> None:
+    """Two trials in one scene became one, in which everybody was twice."""
+    data, other = recording(tmp_path / "a.mcap"), recording(tmp_path / "b.mcap", seed=1, start_ns=STEP_NS * FRAMES // 2)
+    found, said = recovered(tmp_path, data + other)
+    assert found[:40] == messages(tmp_path / "a.mcap")
+    assert found[40:] == messages(tmp_path / "b.mcap")[20:]
+    assert any("not later than those before it are left out" in loss.what and loss.count == 20 for loss in said.losses)
+
+
+def test_chunks_that_stand_there_twice_count_once_and_exchanged_ones_are_taken(tmp_path: Path) -> None:
+    data = recording(tmp_path / "a.mcap")
+    first, second, third = (places(data, 6)[n] for n in range(3))
+    found, said = recovered(tmp_path, data[:second] + data[first:])
+    assert found == messages(tmp_path / "a.mcap")
+    assert any("messages that stand in the file twice, and count once" in loss.what for loss in said.losses)
+    found, said = recovered(tmp_path, data[:first] + data[second:third] + data[first:second] + data[third:])
+    assert sorted(found) == sorted(messages(tmp_path / "a.mcap"))
+    assert not any("twice" in loss.what for loss in said.losses)
+
+
+def test_a_scene_whose_check_sum_is_wiped_is_not_taken(tmp_path: Path) -> None:
+    """It was, with whatever else had been wiped of it."""
+    data = bytearray(recording(tmp_path / "a.mcap"))
+    (at,) = places(bytes(data), 9)
+    (length,) = struct.unpack_from("<Q", data, at + 1)
+    end = at + 9 + length
+    data[end - 20 : end] = bytes(20)
+    _, said = recovered(tmp_path, bytes(data))
+    assert any("attached file with a wrong check sum" in loss.what for loss in said.losses)
+    assert any(loss.place == "scene.yaml" for loss in said.losses)

@@ -123,3 +123,13 @@ def test_most_channels_and_the_highest_rate_are_read_and_no_more(tmp_path: Path)
         open_sound(wav(path, bytes(2 * 4097), channels=4097))
     with pytest.raises(InputError, match="at 10000001 Hz"):
         open_sound(wav(path, bytes(100), rate=10_000_001))
+
+
+def test_samples_that_are_padded_are_refused(tmp_path: Path) -> None:
+    """24 bits in 4 bytes were read as 24 bits in 3: noise."""
+    path = wav(tmp_path / "a.wav", bytes(64), bits=24, channels=1)
+    content = bytearray(path.read_bytes())
+    content[32:34] = struct.pack("<H", 4)  # bytes of a sample of all channels
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="4 bytes for 1 samples of 24 bits; they are padded"):
+        open_sound(path)

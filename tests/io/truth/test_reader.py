@@ -172,3 +172,11 @@ def test_three_corners_that_are_always_there_are_enough_and_two_are_not(
     rows = [f"{s},0,{k},{k},0,0," for s in range(4) for k in range(4) if (s, k) not in gone]
     path = write(tmp_path, "sync_index,object_id,keypoint_id,x_coord,y_coord,z_coord,frame_time\n" + "\n".join(rows))
     assert read_board(path, {s: 10 * s for s in range(4)}).t_ns.tolist() == times
+
+
+def test_a_corner_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    """The last one counted."""
+    rows = [f"0,0,{n},0,0,0,0" for n in (0, 1, 2, 1)]
+    path = write(tmp_path, "sync_index,object_id,keypoint_id,x_coord,y_coord,z_coord,frame_time\n" + "\n".join(rows))
+    with pytest.raises(InputError, match="a corner is there twice at sync_index 0"):
+        list(read_truth(path, TruthOptions(sync_ns={0: 0})))

@@ -85,6 +85,20 @@ def test_an_edit_list_hides_frames(whole: dict[str, Path], tmp_path: Path) -> No
     assert found.pts_ns.tolist() == [STEP * k for k in range(20)]
 
 
+def test_an_edit_list_of_64_bits_is_read_as_a_whole(whole: dict[str, Path], tmp_path: Path) -> None:
+    """The upper half of a length was left out: of 50 days as many frames were shown as in what is beyond 2**32 ms."""
+    data = bytearray(whole["mjpg.mp4"].read_bytes())
+    at = data.index(b"elst") + 4
+    long = b"\1\0\0\0" + struct.pack(">IQqI", 1, 2**32 + 500, 0, 1 << 16)
+    data[at : at + 20] = long
+    for box in (b"moov", b"trak", b"edts", b"elst"):
+        place = data.index(box) - 4
+        struct.pack_into(">I", data, place, struct.unpack_from(">I", data, place)[0] + len(long) - 20)
+    found = of(tmp_path / "v.mp4", bytes(data))
+    assert found is not None
+    assert found.frames == FRAMES
+
+
 def test_frames_that_an_avi_recorder_dropped_are_not_expected(tmp_path: Path) -> None:
     chunks = [jpeg(k) if k not in (3, 4, 9) else b"" for k in range(12)]
     found = of(tmp_path / "v.avi", avi(chunks))

@@ -14,13 +14,14 @@ from pathlib import Path
 from occlog.errors import InputError
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, Pose, build_camera, read_text, scale_of
+from ..common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of
 from ..opencv_storage import (
     DISTORTION,
     MATRIX,
     PLAIN_MATRIX,
     ROTATION,
     TRANSLATION,
+    is_fisheye,
     matrix_of,
     pose_of,
     size_of,
@@ -96,8 +97,8 @@ def _camera(name: str, lens: Path, place: Path, wildtrack: bool, options: Calibr
     values, of_place = storage_values(read_text(lens), lens), storage_values(read_text(place), place)
     matrix = matrix_of(values, MATRIX, f"{lens}: camera {name}")
     rotation, translation = pose_of(of_place, where)
-    if matrix.shape != (3, 3):
-        raise InputError(f"{lens}: camera {name}: want a 3 x 3 camera matrix")
+    size = options.image_size or size_of(values) or (WILDTRACK_SIZE if wildtrack else None)
+    check_camera_matrix(matrix, size[1] if size else 1080, f"{lens}: camera {name}")
     found = any(key in values for key in DISTORTION)
     pose = Pose(
         name=WILDTRACK[name] if wildtrack else name,
@@ -105,7 +106,8 @@ def _camera(name: str, lens: Path, place: Path, wildtrack: bool, options: Calibr
         principal_px=[matrix[0, 2], matrix[1, 2]],
         rotation=rotation,
         centre=-rotation.T @ translation * scale_of(options, "cm" if wildtrack else "m"),
-        image_size=options.image_size or size_of(values) or (WILDTRACK_SIZE if wildtrack else None),
+        image_size=size,
         distortion=matrix_of(values, DISTORTION, where).reshape(-1).tolist() if found else (),
+        model="equidistant" if is_fisheye(values, f"{lens}: camera {name}") else "brown",
     )
     return build_camera(pose, where)

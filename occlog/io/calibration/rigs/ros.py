@@ -21,7 +21,17 @@ from occlog.errors import InputError
 from occlog.io.files.texts.yaml_nodes import yaml_documents
 from occlog.records.scene import Camera
 
-from ..common import WHAT, CalibrationOptions, Lens, build_camera, lens_pose, numbers, read_text, scale_of
+from ..common import (
+    WHAT,
+    CalibrationOptions,
+    Lens,
+    build_camera,
+    check_camera_matrix,
+    lens_pose,
+    numbers,
+    read_text,
+    scale_of,
+)
 
 LENSES = {"plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "equidistant", "": "brown"}
 """Models of lenses by their names in ROS."""
@@ -170,6 +180,7 @@ def _camera(
     if options.image_size is None and not all(isinstance(n, int) for n in size):
         raise InputError(f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT")
     matrix = matrix.reshape(3, 3)
+    check_camera_matrix(matrix, options.image_size[1] if options.image_size else int(str(size[1])), where)
     pose = lens_pose(
         name=name,
         focal=np.array([matrix[0, 0], matrix[1, 1]]),

@@ -163,6 +163,26 @@ class Rows:
         return name in self.cells
 
 
+def check_one_sensor(rows: Rows, column: str, given: str, label: str) -> None:
+    """InputError where rows that are given as those of one sensor say themselves that they are of several.
+
+    Args:
+        rows: of a file.
+        column: has the labels of sensors.
+        given: the sensor that the user names.
+        label: of the first row of the file.
+    """
+    others = np.flatnonzero(rows.cells[column] != label)
+    if len(others):
+        row = int(others[0])
+        other = str(rows.cells[column][row])
+        raise rows.fail(
+            row,
+            f"is of {column} {other!r}, rows before of {label!r}, and the file is given as that of {given}; leave out "
+            f"{given}=, so that each has its own",
+        )
+
+
 def read_rows(
     path: Path,
     columns: Mapping[str, Sequence[str]],
@@ -258,7 +278,7 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
 def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
     """(line number, cells) of every line with data."""
     reader = None
-    number = 0
+    number = width = 0
     try:
         for number, line in text_lines(path, file):
             text = line.strip()
@@ -270,6 +290,9 @@ def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
             if reader is None:
                 reader = _delimiter(text)
             cells = _cells(text, reader)
+            width = width or len(cells)
+            if reader == "\t" and len(cells) < width:  # tabs at the ends stand for cells without a value
+                cells = _cells(line.strip("\r\n"), reader)
             decimal = next((cell for cell in cells if _DECIMAL_COMMA.match(cell)), None) if reader == ";" else None
             if decimal is not None:
                 _refuse(InputError(f"{path}: line {number}: {decimal!r} has a decimal comma; write it with a point"))

@@ -13,6 +13,7 @@ import msgspec
 from occlog.errors import InputError
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.guard import check_text, guarded, read_configuration
+from occlog.records.names import first_double
 
 S = TypeVar("S", bound=msgspec.Struct)
 MAX_JSON_BYTES = 64_000_000
@@ -48,9 +49,8 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         out = dict(pairs)
         if len(out) < len(pairs):
-            names = [name for name, _ in pairs]
-            double = next(name for name in out if names.count(name) > 1)
-            raise InputError(f"{where}: key {double!r} appears twice; keep one")
+            double = first_double([key for key, _ in pairs])
+            raise InputError(f"{where}: key {str(double)[:40]!r} appears twice; keep one")
         return out
 
     with guarded(where, what):

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 MAX_SECONDS = 9e9
 """64 bits of nanoseconds end after 292 years."""
 MAX_RATE_DENOMINATOR = 1001
-"""29.97 fps is 30000/1001; no frame rate in use has a larger denominator."""
+"""29.97 fps is 30000/1001; no frame rate that a file rounds has a larger denominator."""
+MAX_RATE_NUMERATOR = 10**9
+"""With it the product of a frame number within `MAX_SECONDS` and the denominator is one of 64 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,15 +116,25 @@ def frames_to_ns(frames: Ints, rate: Fraction) -> Ints:
 
 
 def as_rate(fps: float | str) -> Fraction:
-    """A frame rate as an exact fraction: 29.97 is taken for 30000/1001; InputError unless 0 < fps <= 1e6."""
+    """A frame rate as an exact fraction: 29.97 is taken for 30000/1001, 1/300 for itself; others are kept to 9 digits.
+
+    InputError unless 1e-6 < fps <= 1e6.
+    """
     try:
-        value = float(Fraction(fps))
+        # A number as it is written: 0.1 is a tenth
+        exact = Fraction(fps if isinstance(fps, str) else repr(float(fps)))
+        value = float(exact)
     except (ValueError, ZeroDivisionError, OverflowError):
-        value = math.nan
+        exact, value = Fraction(0), math.nan
     if not 1e-6 < value <= 1e6:
-        raise InputError(f"frame rate {fps!r}: must be a number above 0 (frames per second)")
+        raise InputError(f"frame rate {fps!r}: must be above 0.000001 and at most 1000000 (frames per second)")
     near = Fraction(round(value * 1001), 1001)
     # Rates of television: N * 1000/1001, usually written with two or three decimals.
-    if near.denominator == 1001 and near.numerator % 1000 == 0 and abs(float(near) - value) < 0.005:
+    if near.denominator == 1001 and near.numerator % 1000 == 0 and _is_written(float(near), value):
         return near
-    return Fraction(value).limit_denominator(MAX_RATE_DENOMINATOR)
+    return exact.limit_denominator(max(MAX_RATE_NUMERATOR // math.ceil(value), 1))
+
+
+def _is_written(rate: float, value: float) -> bool:
+    """Whether a value is a rate with two decimals, three or many."""
+    return value in (round(rate, 2), round(rate, 3)) or abs(value - rate) <= 1e-6 * rate

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.sensor_names import match_sensor
+from occlog.io.files.sensor_names import check_meaning, match_sensor
 from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain, read_rows
 
 WHAT = "a table of time stamps"
@@ -47,7 +47,8 @@ def parse_time(text: str, unit: str = "s") -> int:
     if iso:
         return _iso_ns(iso, text)
     try:
-        value = Decimal(text.strip())
+        # Python alone takes 1_0 for a number
+        value = Decimal("NaN" if "_" in text else text.strip())
     except InvalidOperation:
         value = Decimal("NaN")
     if not value.is_finite():
@@ -79,7 +80,11 @@ def parse_times(rows: Rows, name: str, unit: str) -> Ints:
     """(n,) times [ns] of a column; InputError names the line."""
     cells: Strings = rows.cells[name]
     if unit == "ns":
-        return rows.ints(name)
+        t_ns = rows.ints(name)
+        far = np.flatnonzero((t_ns > MAX_NS) | (t_ns < -MAX_NS))
+        if len(far):
+            raise rows.fail(int(far[0]), f"time {t_ns[far[0]]} ns: out of range; times from 1824 to 2115 can be held")
+        return t_ns
     out = np.empty(len(cells), dtype=np.int64)
     for row, cell in enumerate(cells.tolist()):
         try:
@@ -168,12 +173,14 @@ def _by_camera(rows: Rows, unit: str, cameras: Sequence[str]) -> dict[str, Ints]
         return dict.fromkeys(cameras, times)
     given = rows.cells["camera"]
     out: dict[str, Ints] = {}
+    meant: dict[str, str] = {}
     for label in dict.fromkeys(given.tolist()):
         picked = np.flatnonzero(given == label)
         try:
             name = match_sensor(label, cameras, str(rows.path))
         except InputError:
             continue  # the file may tell about more cameras than are ingested
+        check_meaning(meant, label, name, str(rows.path))
         out[name] = _in_order(rows, t_ns[picked], picked)
     if not out:
         raise InputError(f"{rows.path}: tells about {str(given[0])!r}, but none of {', '.join(cameras)}")

@@ -124,8 +124,7 @@ class _Salvage:
     def _begin(self, at: int) -> None:
         """Begin with the recording at a byte of the file, and take what its index says."""
         if at:
-            self._close()
-            self._part = Part(at)
+            self._next(at)
         with suppress(*FAILURES):
             for record in repeated_records(self._source, at):
                 if record.code != Opcode.STATISTICS:
@@ -136,9 +135,15 @@ class _Salvage:
 
     def _define(self, found: records.Schema | records.Channel, at: int) -> None:
         if self._part.contradicts(found):  # another recording, whose beginning is lost
-            self._close()
-            self._part = Part(at)
+            self._next(at)
         self._part.define(found)
+
+    def _next(self, at: int) -> None:
+        """Go on with another recording, which begins at a byte of the file."""
+        self._close()
+        before = self._part.latest() if self._belongs(self._part) else self._part.before
+        self._part = Part(at)
+        self._part.before = before
 
     def _close(self) -> None:
         """List what is lost of a recording that ends."""
@@ -146,6 +151,9 @@ class _Salvage:
         for name in damaged_metadata(part.metadata):
             part.metadata.pop(name, None)
             self._lose(name, "metadata with a wrong digest are left out")
+        for topic, copies in sorted(part.copies.items()):
+            told = "message that stands" if copies == 1 else "messages that stand"
+            self._losses[Loss(_source_of(topic), "copies", f"{copies} {told} in the file twice, and count once")] = None
         if part is not self._first:
             self._tell_of_other(part)
             if not self._belongs(part):
@@ -168,6 +176,9 @@ class _Salvage:
             self._losses[Loss(self._source.name, place, what, part.left_out)] = None
             return
         self._lose(place, "another recording, of the same scene; its messages follow those of the first")
+        if part.early:
+            what = "messages of another recording that are not later than those before it are left out; split the file"
+            self._losses[Loss(self._source.name, place, f"{what} there", part.early)] = None
         if part.left_out:
             what = "frames of linked videos of another recording are left out; split the file there"
             self._losses[Loss(self._source.name, place, what, part.left_out)] = None
@@ -207,12 +218,17 @@ class _Salvage:
         if part is not self._first and not (self._belongs(part) and part.schema_of(channel_id) != VIDEO_FRAME):
             part.left_out += 1
             return
+        topic = part.channels[channel_id].topic
+        if log_ns <= part.before.get(topic, -1):
+            part.early += 1
+            return
+        if part.is_copy(topic, number, log_ns):
+            return
         if channel_id not in part.written:
             part.written[channel_id] = self._register(part, part.channels[channel_id])
         data = record.data[MESSAGE_HEAD.size :]
         self._writer.add_message(part.written[channel_id], log_ns, data, publish_ns, number)
         part.tallies.setdefault(channel_id, Tally(channel_id, part.damage)).add(number, log_ns)
-        topic = part.channels[channel_id].topic
         self._messages[topic] = self._messages.get(topic, 0) + 1
         low, high = self._span or (log_ns, log_ns)
         self._span = min(low, log_ns), max(high, log_ns)
@@ -237,7 +253,8 @@ class _Salvage:
         return self._written_channels[key]
 
     def _attach(self, record: Record) -> None:
-        if not has_right_sum(record.data):
+        # What occlog writes has a check sum: 0, which means that there is none, is damage
+        if not has_right_sum(record.data) or not any(record.data[-4:]):
             self._lose(f"byte {record.at}", "an attached file with a wrong check sum is left out")
             return
         a = records.Attachment.read(_stream(record))
