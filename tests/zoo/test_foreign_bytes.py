@@ -327,7 +327,7 @@ LIBRARIES = {
     "import yaml": {"io/files/texts/yaml_file.py", "io/files/texts/yaml_nodes.py", "io/scenes/scene.py"},
     "import zipfile": {"io/calibration/rigs/arrays.py", "pipeline/pack/archive.py"},
     "import tarfile": set(),
-    "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage")}
+    "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage/records")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
     "from xml": {"io/calibration/qualisys.py", "io/files/texts/xml_file.py", "io/truth/xml_boxes.py"},
     "from scipy.io": set(),
