@@ -314,7 +314,12 @@ BORDER = {
 
 
 LIBRARIES = {
-    "import csv": {"io/files/texts/by_reader.py", "io/files/texts/csv_rows.py", "papers/run.py", "pipeline/csv_text.py"},
+    "import csv": {
+        "io/files/texts/by_reader.py",
+        "io/files/texts/csv_rows.py",
+        "papers/run.py",
+        "pipeline/csv_text.py",
+    },
     "import gzip": {"io/files/texts/csv_rows.py", "examine/export/run.py"},  # which writes
     "import lz4": {"io/recording/chunks.py", "io/recording/salvage/records.py"},
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mkv_uids", "mp4", "reader")}

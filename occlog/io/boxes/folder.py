@@ -11,7 +11,6 @@ names the classes, one a line from 0.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
+from occlog.io.files.last_number import last_number
 from occlog.io.files.sensor_names import natural_sorted
 from occlog.io.files.texts.csv_rows import Rows
 
@@ -32,7 +32,6 @@ POSE = 51
 """Numbers of the 17 key points of a person, each with x, y and how visible it is."""
 SLACK = 1e-3
 """By how much a share may pass 1: labels are written with few digits."""
-_LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
 Line = tuple[Path, int, int, list[str]]
 """File, line, number of the frame, and the numbers as text."""
 
@@ -61,7 +60,7 @@ def _labels(folder: Path) -> Path | None:
 def label_files(folder: Path) -> list[Path]:
     """Files of labels in natural order."""
     names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".txt" and p.name.lower() != CLASS_NAMES]
-    return [folder / name for name in natural_sorted(n for n in names if _LAST_NUMBER.search(Path(n).stem))]
+    return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
 
 
 def open_folder(path: Path, camera: str | None) -> BoxSource:
@@ -83,8 +82,7 @@ def _numbered(folder: Path) -> dict[int, Path]:
     """The file of each frame, by rising number; InputError where two files have the same one."""
     found: dict[int, Path] = {}
     for file in label_files(folder):
-        text = _LAST_NUMBER.search(file.stem)
-        number = int(text.group(1)) if text else 0
+        number = int(last_number(file.stem) or 0)
         if number in found:
             raise InputError(
                 f"{file}: is frame {number}, as {found[number].name} is; keep the files of one recording in a folder"

@@ -8,7 +8,6 @@ by frames   a list of lists of such objects, or one list a line, frame by frame 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
+from occlog.io.files.last_number import last_number
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.texts.json_file import parse_json
 from occlog.records.sensors import MAX_FRAMES
@@ -30,7 +30,6 @@ MAX_BYTES = 2**31
 BBOX = ("left", "top", "width", "height")
 FRAME_KEYS = ("frame", "frame_id", "frame_index", "frame_number")
 MEANING = {alias: name for name, aliases in {**COLUMNS, **CLASS_KEYS}.items() for alias in aliases}
-_LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
 Record = Mapping[str, Any]
 
 
@@ -145,14 +144,14 @@ def _image_number(path: Path, n: int, record: object) -> str:
     if not isinstance(record, dict):
         raise InputError(f"{path}: entry {n}: {str(record)[:40]!r}; an object with a box was expected")
     image = record.get("image_id")
-    found = _LAST_NUMBER.search(Path(str(image)).stem) if isinstance(image, str) else None
+    found = last_number(Path(image).stem) if isinstance(image, str) else None
     if isinstance(image, int) and not isinstance(image, bool):
         return str(image)
     if found is None:
         raise InputError(
             f"{path}: entry {n}: image_id is {str(image)[:40]!r}; a number was expected, that of the frame"
         )
-    return found.group(1)
+    return found
 
 
 def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
@@ -216,10 +215,10 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
         raise InputError(f"{path}: image {n}: has no id")
     name = str(image.get("file_name", ""))
     key = next((k for k in FRAME_KEYS if isinstance(image.get(k), int)), None)
-    found = _LAST_NUMBER.search(Path(name).stem)
+    found = last_number(Path(name).stem)
     if key is None and found is None:
         raise InputError(f"{path}: image {n}: neither frame nor file_name {name!r} has the number of its frame")
-    number = str(image[key] + 0) if key else found.group(1).lstrip("0") or "0" if found else "0"
+    number = str(image[key] + 0) if key else found.lstrip("0") or "0" if found else "0"
     if len(number) > len(str(MAX_FRAMES)) or not 0 <= int(number) < MAX_FRAMES:
         raise InputError(
             f"{path}: image {n}: frame {number:.24}; it must be 0 or more, and below {MAX_FRAMES}; correct or remove it"

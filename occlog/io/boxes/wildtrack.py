@@ -10,7 +10,6 @@ in which the person is not.  A position p is a point of a grid: x = -3 m + 2.5 c
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
+from occlog.io.files.last_number import last_number
 from occlog.io.files.sensor_names import match_sensor, natural_sorted
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.texts.json_file import parse_json
@@ -33,7 +33,6 @@ ORIGIN, STEP = (-3.0, -9.0), 0.025
 EDGES = {"xmin": "left", "ymin": "top", "xmax": "right", "ymax": "bottom"}
 MAX_BYTES = 16 * 2**20
 FRAMES_PER_CHUNK = 256
-_LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
 
 
 class Person(NamedTuple):
@@ -47,11 +46,10 @@ class Person(NamedTuple):
 
 def frame_files(folder: Path) -> dict[int, Path]:
     """The file of each frame, by rising number; empty where the folder holds none."""
-    names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".json" and _LAST_NUMBER.search(p.stem)]
+    names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".json" and last_number(p.stem)]
     found: dict[int, Path] = {}
     for name in natural_sorted(names):
-        text = _LAST_NUMBER.search(Path(name).stem)
-        number = int(text.group(1)) if text else 0
+        number = int(last_number(Path(name).stem) or 0)
         if number in found:
             raise InputError(f"{folder / name}: is frame {number}, as {found[number].name} is; keep one")
         found[number] = folder / name

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from occlog.errors import InputError
 
-_DIGITS = re.compile(r"(?<!\d)(\d+)\D*$")
+from .last_number import last_number
 
 
 def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:
@@ -66,5 +66,5 @@ def safe_name(text: str) -> str:
 
 
 def _last_number(name: str) -> int | None:
-    found = _DIGITS.search(name)
-    return int(found.group(1)) if found else None
+    found = last_number(name)
+    return None if found is None else int(found)

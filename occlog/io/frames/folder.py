@@ -9,7 +9,6 @@ deliver; the cameras of one recording count from the same first number.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -19,6 +18,7 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
+from occlog.io.files.last_number import last_number
 from occlog.io.files.sensor_names import natural_sorted
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.records.losses import Loss
@@ -28,7 +28,6 @@ from .decode import Picture
 from .video_stream import rate_times, sidecar_times
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
-_LAST_NUMBER = re.compile(r"(?<!\d)(\d+)\D*$")
 MAX_DIGITS = 40
 """Digits of a number that is looked at."""
 NS_DIGITS = 18
@@ -53,13 +52,13 @@ def numbers_of(files: list[Path]) -> list[int]:
 
     numbers: list[int] = []
     for file in files:
-        found = _LAST_NUMBER.search(file.stem)
+        found = last_number(file.stem)
         if found is None:
             raise InputError(f"{file}: has no number in its name; number the images, or give time stamps")
-        number = int(found.group(1)) if len(found.group(1)) < MAX_DIGITS else MAX_FRAMES
+        number = int(found) if len(found) < MAX_DIGITS else MAX_FRAMES
         if number >= MAX_FRAMES:
             raise InputError(
-                f"{file}: frame {found.group(1):.24}; it must be below {MAX_FRAMES}; a time in ms or us? Give time "
+                f"{file}: frame {found:.24}; it must be below {MAX_FRAMES}; a time in ms or us? Give time "
                 "stamps, or name the images by ns"
             )
         numbers.append(number)
