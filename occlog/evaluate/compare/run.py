@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from occlog.settings import METRES
 
 from .inputs import Run, paired
 
+T = TypeVar("T", Tracks, Truth)
 ALPHA = 0.01
 """Chance of a false alarm of `--fail-if`."""
 LEVEL = 0.05
@@ -165,10 +166,18 @@ def _unit(run: Run, first: Run) -> str:
     return unit
 
 
+def _read(path: Path, table: type[T], unit: str) -> T:
+    """All rows of a table, in a unit; those of another program are brought to it."""
+    opened = open_input(path)
+    if opened.foreign is not None:
+        opened.foreign.convert_to(unit)
+    return opened.read(table)
+
+
 def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
     """What each true frame of a recording adds to the figures of a run."""
-    tracks, truth = open_input(run.tracks).read(Tracks), open_input(run.truth).read(Truth)
-    if run.truth != first.truth and not _same(truth, open_input(first.truth).read(Truth)):
+    tracks, truth = _read(run.tracks, Tracks, unit), _read(run.truth, Truth, unit)
+    if run.truth != first.truth and not _same(truth, _read(first.truth, Truth, unit)):
         raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")
     times: Ints = times_of(tracks, truth)
     if not len(truth):
