@@ -166,3 +166,23 @@ def test_bearings_and_directions_in_a_recording_give_the_same(
     found = read(tmp_path / "m.json")
     whole, _ = whole_of(case, EvaluateConfig(), frozenset({"tracks", "truth"}))
     assert {n: found[n] for n in whole.metrics} == pytest.approx(whole.metrics, rel=1e-10, abs=1e-13, nan_ok=True)
+
+
+@pytest.mark.parametrize("rows", [5, WHOLE])
+def test_tracks_without_covariances_are_compared_with_bearings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], rows: int
+) -> None:
+    case = hand_made(3)
+    for name in ("cov_xx", "cov_xy", "cov_yy"):
+        getattr(case.tracks, name)[::2] = np.nan
+    for name, table in (("tracks", case.tracks), ("bearings", case.bearings), ("truth", case.truth)):
+        write_table(tmp_path / f"{name}.parquet", table, Provenance("x"))
+    (tmp_path / "scene.yaml").write_text(scene_to_yaml(case.place))
+    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
+    args = [f"--{name}={tmp_path / name}.parquet" for name in ("bearings", "truth")]
+    args += [f"--scene={tmp_path / 'scene.yaml'}", "-o", str(tmp_path / "m.json")]
+    assert run(["evaluate", str(tmp_path / "tracks.parquet"), *args]) == ExitCode.DONE
+    found = json.loads((tmp_path / "m.json").read_text())
+    assert found["detected"] > 0 < found["rmse_m"]
+    assert not any(name.startswith("nees") for name in found)
+    assert "estimates have no covariance" in capsys.readouterr().err
