@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,14 +20,13 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
-from occlog.io.open import check_unit, losses_of, open_if_ours, open_input
+from occlog.io.open import check_unit, losses_of, open_if_ours, open_in_unit, open_input
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
 
 from .inputs import Run, paired
 
-T = TypeVar("T", Tracks, Truth)
 ALPHA = 0.01
 """Chance of a false alarm of `--fail-if`."""
 LEVEL = 0.05
@@ -166,18 +165,10 @@ def _unit(run: Run, first: Run) -> str:
     return unit
 
 
-def _read(path: Path, table: type[T], unit: str) -> T:
-    """All rows of a table, in a unit; those of another program are brought to it."""
-    opened = open_input(path)
-    if opened.foreign is not None:
-        opened.foreign.convert_to(unit)
-    return opened.read(table)
-
-
 def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
     """What each true frame of a recording adds to the figures of a run."""
-    tracks, truth = _read(run.tracks, Tracks, unit), _read(run.truth, Truth, unit)
-    if run.truth != first.truth and not _same(truth, _read(first.truth, Truth, unit)):
+    tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
+    if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
         raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")
     times: Ints = times_of(tracks, truth)
     if not len(truth):
