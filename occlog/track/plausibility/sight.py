@@ -113,7 +113,7 @@ class Sight:
             met = np.zeros(len(own), dtype=np.bool_)
             for path in paths:
                 at, found = path.at(own.t_ns, self._window_ns, name)
-                labelled = own.target_id == path.target
+                labelled = ~free & (own.target_id == path.target)
                 rows = found & (labelled | (free & ~np.isin(own.t_ns, own.t_ns[labelled])))
                 met |= found & free
                 n, i = np.flatnonzero(rows), at[rows]
