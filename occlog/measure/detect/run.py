@@ -18,7 +18,7 @@ from occlog.io.files.inputs import FOREIGN_BAG, check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.parquet import TableWriter
 from occlog.io.files.texts.json_file import parse_json
-from occlog.io.open import check_unit, losses_of, open_input
+from occlog.io.open import check_unit, open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.cameras import placed_cameras
@@ -83,7 +83,8 @@ def run_detect(
         used |= {"fusion": asdict(config)}
     parameters = {"cameras": list(request.only), **used}
     provenance = Provenance("detect", parameters, None, hash_inputs(request.inputs))
-    losses = list(losses_of([opened, None if request.near is None else open_input(request.near)]))
+    earlier = () if request.near is None else open_input(request.near).losses
+    losses = list(dict.fromkeys((*opened.losses, *earlier)))
     tally: Counter[str] = Counter()
     with ExitStack() as stack:
         unit = scene.length_unit
