@@ -240,3 +240,17 @@ def test_tables_of_others_are_brought_to_the_unit_of_the_first(
     for truth in (a / "truth.parquet", in_cm[1]):
         assert compared(a / "tracks.parquet", in_cm[0], more=("--truth", str(truth), "--json")) == ExitCode.DONE
         assert said(capsys)["pairs_rmse"]["this"] == pytest.approx(ours["pairs_rmse"]["this"], rel=1e-9)
+
+
+def test_runs_in_folders_of_one_name_have_truths_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for k, site in enumerate(("hall", "yard")):
+        for method in ("a", "b"):
+            made = write(tmp_path / method / site / "walk", k, tracker=int(method == "b"), frames=60)
+        (tmp_path / "truths" / site).mkdir(parents=True)
+        (made / "truth.parquet").replace(tmp_path / "truths" / site / "walk.parquet")
+    (tmp_path / "truths" / "walk.parquet").write_bytes((tmp_path / "truths/hall/walk.parquet").read_bytes())
+    more = ("--truth", str(tmp_path / "truths"), "--json")
+    assert compared(tmp_path / "a", tmp_path / "b", more=more) == ExitCode.DONE
+    assert said(capsys)["pairs_rmse"]["this"] == pytest.approx(0.14, abs=0.02)
