@@ -137,8 +137,9 @@ def _of_directions(paths: Paths, truth: Path, gate_deg: float | None, max_gap_s:
     gate = 10.0 if gate_deg is None else gate_deg
     if not 0.0 <= gate <= 180.0:
         raise UsageError(f"doa_gate_deg: {gate}: must be from 0 to 180")
-    figures = run_evaluate_doa(paths, truth, gate, max_gap_s)
-    return EvaluateResult(summary=figures, metrics=figures)
+    figures, losses = run_evaluate_doa(paths, truth, gate, max_gap_s)
+    warn((), losses, stacklevel=3)
+    return EvaluateResult(summary=figures, losses=losses, metrics=figures)
 
 
 def _chosen(metrics: Sequence[str] | Mapping[str, Mapping[str, Setting]]) -> list[Chosen]:

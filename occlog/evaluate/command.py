@@ -19,6 +19,8 @@ from .mot.config import ManyConfig
 from .options import COMPARED, OF_MANY, WRITTEN, KindOption, check_kind, given_in, with_all
 
 if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+
     from .inputs import Paths
     from .stage import Evaluation, Threshold
 
@@ -95,7 +97,8 @@ def command(**values: Any) -> int:
     check_kind(context.command.params, given_in(context), kind)
     config = configure(EvaluateConfig(), chosen)
     if azimuths is not None:
-        figures = run_evaluate_doa(paths, azimuths, values["doa_gate_deg"], config.bridge_s)
+        figures, losses = run_evaluate_doa(paths, azimuths, values["doa_gate_deg"], config.bridge_s)
+        _note_losses(losses, quiet)
         options.echo_summary(figures, as_json)
         return _judged(figures, thresholds)
     if values["also"]:
@@ -107,8 +110,7 @@ def command(**values: Any) -> int:
         result, unit = run_evaluate(paths, chosen, many, values["frames"], plugged)
     for line in result.notes:
         options.note(line, quiet)
-    for loss in lost_earlier(paths):
-        options.note(f"lost earlier: {loss}", quiet)
+    _note_losses(lost_earlier(paths.inputs), quiet)
     options.note_findings(result.findings or (), quiet)
     _show(result, unit, as_json)
     code = _judged(result.metrics, thresholds)
@@ -152,6 +154,7 @@ def _several(
         raise UsageError("--also wants TRACKS with --truth beside it")
     recordings = [Recording(paths.tracks, paths.truth), *(Recording(*pair) for pair in values["also"])]
     found = run_evaluate_several(recordings, paths, config, many, values["frames"])
+    _note_losses(found.losses, values["quiet"])
     if values["as_json"]:
         options.echo_summary(dict(found.metrics), True)
     else:
@@ -159,6 +162,11 @@ def _several(
     if paths.output is not None:
         options.note(f"wrote {paths.output}", values["quiet"])
     return _judged(found.metrics, thresholds)
+
+
+def _note_losses(losses: Iterable[Loss], quiet: bool) -> None:
+    for loss in losses:
+        options.note(f"lost earlier: {loss}", quiet)
 
 
 def _show(result: Evaluation, unit: str, as_json: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -257,9 +257,9 @@ def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scen
 
 def provenance_of(paths: Paths, parameters: Mapping[str, object]) -> Provenance:
     """Parameters, inputs, and what was lost in making the inputs."""
-    return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), lost_earlier(paths))
+    return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), lost_earlier(paths.inputs))
 
 
-def lost_earlier(paths: Paths) -> tuple[Loss, ...]:
+def lost_earlier(paths: Iterable[Path]) -> tuple[Loss, ...]:
     """What was lost in making the inputs."""
-    return losses_of(open_if_ours(path) for path in paths.inputs)
+    return losses_of(open_if_ours(path) for path in paths)

@@ -40,13 +40,14 @@ from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.plugins.chosen import Chosen
+from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Doa, Truth, TruthBoxes
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
 from .by_plugin import with_plugins
-from .inputs import Paths, in_frames, open_measured, open_tables, provenance_of, read_tables
+from .inputs import Paths, in_frames, lost_earlier, open_measured, open_tables, provenance_of, read_tables
 from .stage import Evaluation, evaluate
 from .verdict import judge
 
@@ -288,8 +289,10 @@ def _write(paths: Paths, result: Evaluation, unit: str, parameters: Mapping[str,
         write_json(paths.output, values, overwrite=paths.overwrite)
 
 
-def run_evaluate_doa(paths: Paths, truth: Path, gate_deg: float, max_gap_s: float) -> dict[str, float]:
-    """Read, compare, write; the figures.
+def run_evaluate_doa(
+    paths: Paths, truth: Path, gate_deg: float, max_gap_s: float
+) -> tuple[dict[str, float], tuple[Loss, ...]]:
+    """Read, compare, write; the figures, and what was lost in making the inputs.
 
     Args:
         paths: `doa`, directions: a table, or a recording that holds them; `output`, JSON to write.
@@ -310,11 +313,12 @@ def run_evaluate_doa(paths: Paths, truth: Path, gate_deg: float, max_gap_s: floa
     metrics = doa_metrics(found, _true_directions(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
     if metrics["doa_found"] == 0:
         raise InputError(f"{truth}: has no time near those of {doa}; look at the times, or give a larger --max-gap")
+    losses = lost_earlier([doa, truth])
     if output is not None:
         parameters = {"doa_gate_deg": gate_deg, "max_gap_s": max_gap_s}
-        provenance = Provenance("evaluate", parameters, None, hash_inputs([doa, truth]))
+        provenance = Provenance("evaluate", parameters, None, hash_inputs([doa, truth]), losses)
         write_json(output, {**metrics, "_provenance": provenance.as_dict()}, overwrite=paths.overwrite)
-    return metrics
+    return metrics, losses
 
 
 def _true_directions(path: Path, found: Doa) -> Doa:

@@ -254,8 +254,11 @@ def _distances(
 
 
 def _labels(bearings: Bearings | Measurements, truth: Truth, pairs: Mapping[int, int]) -> dict[int, int]:
-    """Identity in the bearings to identity in the truth: as the tracks were paired, else by equal numbers."""
-    out, taken = dict(pairs), set(pairs.values())
+    """Identity in the bearings to identity in the truth: as the tracks were paired, else by equal numbers.
+
+    A number below 0 is no identity in bearings, though a track may have it.
+    """
+    out, taken = {track: target for track, target in pairs.items() if track >= 0}, set(pairs.values())
     targets = set(np.unique(truth.target_id[truth.role == "target"]).tolist())
     for label in np.unique(bearings.target_id).tolist():
         if label >= 0 and label not in out and label in targets and label not in taken:

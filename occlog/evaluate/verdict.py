@@ -130,7 +130,10 @@ def with_truth(
     """
     said = found.findings(one_target=made.one_target, smoothed=made.smoothed)
     if unknown:
-        words = "estimates have no covariance, so that nothing is said of whether errors are as large as they say"
+        words = (
+            "estimates have no covariance, so that nothing is said of whether errors, and what bearings leave at these "
+            "estimates, are as large as they say"
+        )
         return (*said, Finding("no-covariance", "note", words), *_of_figures(metrics))
     told = tuple(against.findings())
     if any(f.code == "nees-large" for f in told):

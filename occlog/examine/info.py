@@ -12,6 +12,7 @@ import click
 from occlog.cli import options
 from occlog.errors import InputError
 from occlog.io.files.times.utc import utc
+from occlog.records.losses import Loss
 from occlog.words import counted
 
 if TYPE_CHECKING:
@@ -305,9 +306,7 @@ def _describe_table(path: Path, rows: int) -> Description:
         start, end = found["time_ns"]
         lines.append(f"time      {utc(start)} to {utc(end)}, {(end - start) / 1e9:.3f} s")
     lines += _provenance_lines(found["provenance"]) if found["provenance"] else []
-    lines += [
-        f"lost      {loss['source']}: {loss['place']}: {loss['what']}" for loss in found["provenance"].get("losses", ())
-    ]
+    lines += [f"lost      {Loss(**loss)}" for loss in found["provenance"].get("losses", ())]
     lines += [f"column    {c['name']} [{c.get('unit', '?')}]: {c.get('doc', '')}" for c in found["columns"]]
     lines += _first_rows(path, rows) if rows and found["rows"] else []
     return Description({"kind": "table", **found}, lines)

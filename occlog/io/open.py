@@ -287,6 +287,20 @@ def check_unit(
         )
 
 
+def open_in_unit(path: Path, length_unit: str | None, *wants: type[Table]) -> Opened:
+    """Open an input that `check_unit` has let pass: a table of others gives lengths in this unit.
+
+    Args:
+        path: the file.
+        length_unit: of lengths; None: as the file has them.
+        wants: see `open_input`.
+    """
+    opened = open_input(path, *wants)
+    if opened.foreign is not None and length_unit is not None:
+        opened.foreign.convert_to(length_unit)
+    return opened
+
+
 def losses_of(inputs: Iterable[Opened | None]) -> tuple[Loss, ...]:
     """Losses of several inputs, each once, in the order of the inputs; None has none."""
     return tuple(dict.fromkeys(loss for opened in inputs if opened is not None for loss in opened.losses))

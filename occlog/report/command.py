@@ -227,7 +227,9 @@ def _images(paths: Paths, data: ReportInput) -> Thumbnails | None:
     from .overlay.world import Sources
     from .replay.thumbnails import thumbnails
 
-    drawn = None if data.tracks is None or paths.tracks is None else Sources(paths.tracks, paths.diagnostics)
+    drawn = None
+    if data.tracks is not None and paths.tracks is not None:
+        drawn = Sources(paths.tracks, paths.diagnostics, unit=data.unit)
     return thumbnails(paths.images, drawn, data.targets, round(paths.images_limit * 1e6))
 
 
@@ -243,36 +245,36 @@ def read_input(paths: Paths, title: str) -> ReportInput:
     metrics = read_json(paths.metrics) if paths.metrics is not None else {}
     shared: dict[str, Any] = {"title": title, "scene": scene, "metrics": metrics, "provenance": provenance}
     shared |= {"losses": losses, "made": _made_tracks(paths.tracks), "length_unit": unit}
-    if (long := _long(paths)) is not None:
+    if (long := _long(paths, unit)) is not None:
         return ReportInput(**shared, **long.read(shared["made"], scene, metrics))
     return ReportInput(
         **shared,
-        tracks=_read(paths.tracks, PeopleTracks),
+        tracks=_read(paths.tracks, PeopleTracks, unit),
         bearings=_read_bearings(paths.bearings, scene),
-        truth=_read(paths.truth, Truth),
-        errors=_read(paths.errors, Errors),
-        bound=_read(paths.bound, Bound),
-        events=_read(paths.events, Events),
-        **read_moving(paths),
+        truth=_read(paths.truth, Truth, unit),
+        errors=_read(paths.errors, Errors, unit),
+        bound=_read(paths.bound, Bound, unit),
+        events=_read(paths.events, Events, unit),
+        **read_moving(paths, unit),
     )
 
 
-def read_moving(paths: Paths) -> dict[str, Any]:
-    """What is shown of the moments of tracks besides: diagnostics and occluders, whole."""
+def read_moving(paths: Paths, unit: str) -> dict[str, Any]:
+    """What is shown of the moments of tracks besides: diagnostics and occluders, whole; `unit`: of lengths."""
     from occlog.records.tables import Diagnostics
 
     return {
-        "diagnostics": _read(paths.diagnostics, Diagnostics),
-        "occluders": _read_occluders(paths.occluders),
+        "diagnostics": _read(paths.diagnostics, Diagnostics, unit),
+        "occluders": _read_occluders(paths.occluders, unit),
     }
 
 
-def _long(paths: Paths) -> LongTables | None:
-    """Tables of which a part is drawn; None where all are short."""
+def _long(paths: Paths, unit: str) -> LongTables | None:
+    """Tables of which a part is drawn, with lengths in a unit; None where all are short."""
     from .long_tables import LongTables
 
-    names = [f.name for f in fields(LongTables)]
-    found = LongTables(**{name: getattr(paths, name) for name in names})
+    names = {f.name for f in fields(LongTables)} & {f.name for f in fields(paths)}
+    found = LongTables(**{name: getattr(paths, name) for name in names}, unit=unit)
     return found if found.are_long else None
 
 
@@ -294,11 +296,11 @@ def _scene(paths: Paths) -> Scene | None:
     return next((each.scene for each in opened if each.recording is not None), None)
 
 
-def _read(path: Path | None, table: type[T]) -> T | None:
-    """All rows of a table in a Parquet file or a recording; None for a recording that has none."""
-    from occlog.io.open import open_input
+def _read(path: Path | None, table: type[T], unit: str) -> T | None:
+    """All rows of a table in a Parquet file or a recording, lengths in a unit; None for a recording that has none."""
+    from occlog.io.open import open_in_unit
 
-    opened = None if path is None else open_input(path)
+    opened = None if path is None else open_in_unit(path, unit)
     if opened is None or (opened.recording is not None and not opened.has(table)):
         return None
     return opened.read(table)
@@ -314,17 +316,17 @@ def _read_bearings(path: Path | None, scene: Scene | None) -> Bearings | None:
     opened = None if path is None else open_input(path)
     if scene is not None and opened is not None and opened.recording is not None and opened.has(Doa):
         return read_bearings(path, None, False, scene)
-    return _read(path, Rows)
+    return None if opened is None or (opened.recording is not None and not opened.has(Rows)) else opened.read(Rows)
 
 
-def _read_occluders(path: Path | None) -> Occluders | Hulls | None:
+def _read_occluders(path: Path | None, unit: str) -> Occluders | Hulls | None:
     """Gaussians, or the polygons of visual hulls."""
     from occlog.io.open import open_input
     from occlog.records.tables import Hulls, Occluders
 
     if path is not None and open_input(path).has(Hulls):
-        return _read(path, Hulls)
-    return _read(path, Occluders)
+        return _read(path, Hulls, unit)
+    return _read(path, Occluders, unit)
 
 
 def _unit(paths: Paths, scene: Scene | None) -> str:
@@ -332,13 +334,14 @@ def _unit(paths: Paths, scene: Scene | None) -> str:
     from occlog.io.open import check_unit, open_input
 
     unit, source = (None, "") if scene is None else (scene.length_unit, "the scene")
-    for path in (paths.tracks, paths.truth, paths.errors, paths.bound, paths.occluders):
+    for path in (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders):
         opened = None if path is None else open_input(path)
         if opened is None or opened.recording is not None:
             continue
         if unit is not None:
             check_unit(opened, unit, source, InputError)
-        unit, source = opened.length_unit, str(path)
+        else:
+            unit, source = opened.length_unit, str(path)
     return unit or "m"
 
 

@@ -22,7 +22,7 @@ from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
 from occlog.io.files.put_aside.spool import Spool
 from occlog.io.files.put_aside.table import Aside
 from occlog.io.files.tables.parquet import describe
-from occlog.io.open import Opened, open_input
+from occlog.io.open import Opened, open_in_unit
 from occlog.records.columns import Table
 from occlog.records.pieces import Side, in_step, times, whole_times
 from occlog.records.scene import Scene
@@ -68,6 +68,8 @@ class LongTables:
     diagnostics: Path | None = None
     events: Path | None = None
     occluders: Path | None = None
+    unit: str | None = None
+    """Of lengths; None: as each has them."""
 
     @cached_property
     def are_long(self) -> bool:
@@ -87,7 +89,7 @@ class LongTables:
     def opened(self, name: str) -> Opened | None:
         """An input, of which nothing is read yet; None where it is not given."""
         path: Path | None = getattr(self, name)
-        return None if path is None else open_input(path)
+        return None if path is None else open_in_unit(path, self.unit)
 
     def read(self, made: Made, scene: Scene | None, metrics: Mapping[str, object]) -> dict[str, Any]:
         """What `ReportInput` takes of them.

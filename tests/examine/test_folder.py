@@ -12,6 +12,10 @@ from places import ROOT
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.examine.folder import MOST, is_one_bag
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import write_table
+from occlog.records.losses import Loss
+from occlog.records.tables import Tracks
 
 GOLDEN = ROOT / "tests" / "golden" / "expected" / "simulated"
 
@@ -71,3 +75,10 @@ def test_parts_of_one_name_are_one_bag_and_recordings_are_none(folder: Path, tmp
     assert is_one_bag(bag)
     (bag / "other_0.mcap").write_bytes(b"\x89MCAP0\r\n")
     assert not is_one_bag(bag)
+
+
+def test_a_table_says_how_much_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lost = Provenance("x", losses=(Loss("cam", "frames 3 to 9", "gone", 7),))
+    write_table(tmp_path / "tracks.parquet", Tracks.empty(), lost)
+    assert run(["info", str(tmp_path / "tracks.parquet")]) == ExitCode.DONE
+    assert "lost      cam: frames 3 to 9: gone (7 lost)" in capsys.readouterr().out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,14 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.parquet import read_table, write_table
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Tracks, Truth
+from occlog.report.command import Paths, read_input
+from occlog.report.content import thinned as rule
 
 SCENE = """
 occlog_scene: 1
@@ -137,3 +140,26 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert said in err
     assert "Traceback" not in err
     assert not list(Path().glob("report.*"))
+
+
+def in_csv(path: Path, tracks: Tracks, unit: str, scale: float) -> Path:
+    """Tracks of another program, whose lengths are in a unit."""
+    rows = zip(tracks.t_ns, tracks.target_id, scale * tracks.x, scale * tracks.y, strict=True)
+    text = "".join(f"{t},{k},{float(x)!r},{float(y)!r}\n" for t, k, x, y in rows)
+    path.write_text(f"t_ns,id,x{unit},y{unit}\n{text}")
+    return path
+
+
+@pytest.mark.parametrize("most_rows", [7, 200_000])
+@pytest.mark.parametrize(("unit", "scale"), [("_cm", 100.0), ("_mm", 1000.0), ("", 1.0)])
+def test_tables_of_others_are_shown_in_the_unit_of_the_scene(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, most_rows: int, unit: str, scale: float
+) -> None:
+    monkeypatch.setattr(rule, "MOST_ROWS", most_rows)
+    tracks = in_csv(folder / "tracks.csv", read_table(folder / "tracks.parquet", Tracks), unit, scale)
+    paths = Paths(output=folder / "page.html", tracks=tracks, scene=folder.parent / "scene.yaml")
+    paths = replace(paths, truth=folder / "recording.mcap", bearings=folder / "bearings.parquet")
+    data = read_input(paths, "page")
+    assert data.tracks is not None
+    np.testing.assert_allclose(data.tracks.x, 10.5)
+    assert (data.length_unit, data.unit, bool(data.whole)) == ("m", "m", most_rows == 7)

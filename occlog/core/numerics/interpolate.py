@@ -53,5 +53,7 @@ def _bracket(t_ns: Ints, known_t_ns: Ints) -> tuple[Ints, Ints, Floats, Ints]:
     before = np.clip(np.searchsorted(known_t_ns, t_ns, side="right") - 1, 0, len(known_t_ns) - 1)
     after = np.minimum(before + 1, len(known_t_ns) - 1)
     gap = known_t_ns[after] - known_t_ns[before]
+    # Samples more than 292 years apart: their distance has no number, and is wider than any limit
+    gap = np.where(gap < 0, np.iinfo(np.int64).max, gap)
     fraction = (t_ns - known_t_ns[before]) / np.maximum(gap, 1)
     return before, after, fraction, gap

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -24,8 +25,8 @@ def runs_of(method: Path, truth: Path | None) -> dict[str, Run]:
 
     Args:
         method: a table of tracks, a run folder, or a folder with run folders at any depth.
-        truth: a recording or a table, or a folder of such by the names of the run folders; None: `recording.mcap` of
-            each run folder.
+        truth: a recording or a table, or a folder of such by the names of the run folders, in folders as these are or
+            not; None: `recording.mcap` of each run folder.
 
     Raises:
         UsageError: no truth is given, and there is none.
@@ -45,9 +46,10 @@ def runs_of(method: Path, truth: Path | None) -> dict[str, Run]:
 def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
     if truth is not None and truth.is_dir() and name:
         stem = Path(name).name
-        for candidate in (truth / stem, *sorted(truth.glob(f"{stem}.*"))):
-            if candidate.is_file():
-                return candidate
+        for place in dict.fromkeys((truth / name, truth / stem)):
+            for candidate in (place, *sorted(place.parent.glob(f"{glob.escape(stem)}.*"))):
+                if candidate.is_file():
+                    return candidate
         raise InputError(f"{truth}: holds no truth of the run {name}: a file {stem}.mcap, .parquet or .csv")
     if truth is not None:
         return truth

@@ -20,7 +20,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
-from occlog.io.open import check_unit, losses_of, open_if_ours, open_input
+from occlog.io.open import check_unit, losses_of, open_if_ours, open_in_unit, open_input
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
@@ -167,8 +167,8 @@ def _unit(run: Run, first: Run) -> str:
 
 def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
     """What each true frame of a recording adds to the figures of a run."""
-    tracks, truth = open_input(run.tracks).read(Tracks), open_input(run.truth).read(Truth)
-    if run.truth != first.truth and not _same(truth, open_input(first.truth).read(Truth)):
+    tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
+    if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
         raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")
     times: Ints = times_of(tracks, truth)
     if not len(truth):

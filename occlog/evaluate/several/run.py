@@ -14,11 +14,12 @@ from typing import NamedTuple
 from occlog.cli import options
 from occlog.details import begin_work
 from occlog.errors import UsageError
-from occlog.evaluate.inputs import Paths
+from occlog.evaluate.inputs import Paths, lost_earlier
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import in_images
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.texts.json_file import write_json
+from occlog.records.losses import Loss
 
 from .in_images import figures_in_images
 from .on_ground import figures_on_ground
@@ -35,11 +36,12 @@ class Recording(NamedTuple):
 
 
 class Several(NamedTuple):
-    """Figures of each recording by name, of all together, and the unit of lengths."""
+    """Figures of each recording by name, of all together, the unit of lengths, and what was lost in making inputs."""
 
     each: dict[str, dict[str, float]]
     combined: dict[str, float]
     unit: str
+    losses: tuple[Loss, ...]
 
     @property
     def metrics(self) -> dict[str, float]:
@@ -65,6 +67,7 @@ def run_evaluate_several(
         frames: first frame of each to compare, and the one after the last.
     """
     files = [path for recording in recordings for path in recording]
+    files += [] if paths.scene is None else [paths.scene]
     options.check_outputs(files, (paths.output,), paths.overwrite)
     kinds = {in_images(recording.tracks) for recording in recordings}
     if len(kinds) > 1:
@@ -77,9 +80,9 @@ def run_evaluate_several(
     else:
         each, whole, unit = figures_on_ground(sides, chosen, given, frames)
     combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}
-    found = Several(dict(zip(_names(recordings), each, strict=True)), combined, unit)
+    found = Several(dict(zip(_names(recordings), each, strict=True)), combined, unit, lost_earlier(files))
     if paths.output is not None:
-        provenance = Provenance("evaluate", {**asdict(chosen), **given}, None, hash_inputs(files))
+        provenance = Provenance("evaluate", {**asdict(chosen), **given}, None, hash_inputs(files), found.losses)
         write_json(paths.output, {**found.metrics, "_provenance": provenance.as_dict()}, overwrite=paths.overwrite)
     return found
 

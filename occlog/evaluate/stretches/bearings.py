@@ -100,7 +100,9 @@ class WithBearings:
         if sources.truth is not None:
             taken = set(pairs.values())
             targets = self._outlines.labels(TARGET)
-            self._labels = {k: k for k in targets if k >= 0 and k not in taken} | dict(pairs)
+            # A number below 0 is no identity in bearings, though a track may have it
+            known = {track: target for track, target in pairs.items() if track >= 0}
+            self._labels = {k: k for k in targets if k >= 0 and k not in taken} | known
             ways = Ways.of(config, high=high_tracks and bool(self._outlines.high))
             self._bound = BoundStreams(self._scene, config, self._outlines.high, ways)
             if sources.measured is not None:

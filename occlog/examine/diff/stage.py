@@ -36,7 +36,7 @@ class Values(NamedTuple):
 
 def is_angle(c: Column) -> bool:
     """Return whether a column is an angle, for which a whole turn makes no difference; deviations are not."""
-    return c.unit == "rad" and not c.name.startswith("sigma")
+    return c.unit == "rad" and not c.name.startswith(("sigma", "sd_"))
 
 
 def compare_values(

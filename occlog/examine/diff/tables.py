@@ -15,7 +15,7 @@ from occlog.io.files.tables.parquet import describe, iter_table
 from occlog.io.foreign.table import ForeignTable
 from occlog.io.open import Opened, check_unit, open_if_ours
 from occlog.records.columns import Table
-from occlog.records.tables import TABLES
+from occlog.records.tables import TABLES, table_with
 
 from .json import compare_provenance
 from .result import Comparison, Difference, DiffSettings, Scalar
@@ -134,7 +134,8 @@ def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[C
         # Rows of different tables, or with different columns, cannot be joined.
         found = Comparison(name, "rows", count_a=said_a["rows"], count_b=said_b["rows"], schema=schema)
     else:
-        table = TABLES[said_a["schema"]]
+        # Tables of one name may have more columns than the one that it stands for
+        table = table_with(said_a["schema"], [c["name"] for c in said_a["columns"]])
         rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances)
         found = replace(rows, name=name, schema=schema)
     if not settings.provenance:

@@ -18,7 +18,7 @@ from occlog.io.files.inputs import FOREIGN_BAG, check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.parquet import TableWriter
 from occlog.io.files.texts.json_file import parse_json
-from occlog.io.open import open_input
+from occlog.io.open import check_unit, open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.cameras import placed_cameras
@@ -83,7 +83,8 @@ def run_detect(
         used |= {"fusion": asdict(config)}
     parameters = {"cameras": list(request.only), **used}
     provenance = Provenance("detect", parameters, None, hash_inputs(request.inputs))
-    losses = list(opened.losses)
+    earlier = () if request.near is None else open_input(request.near).losses
+    losses = list(dict.fromkeys((*opened.losses, *earlier)))
     tally: Counter[str] = Counter()
     with ExitStack() as stack:
         unit = scene.length_unit
@@ -176,7 +177,7 @@ def _detections(
             used |= {"labels": config.labels}
         return detect_boxes(chunks, scene, config, labels), used
     if recording.has(Bearings):
-        near, used = _near(request, config)
+        near, used = _near(request, config, scene.length_unit)
         places = {c.name: c.ground for c in scene.cameras if c.placed}
         only = _sensors_of(request, [s.name for s in scene.sensors])
         return _pass_on(_rows_of(recording.tables(Bearings), only), near, places), {"input": "bearings", **used}
@@ -202,13 +203,20 @@ def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
             yield kept
 
 
-def _near(request: DetectRequest, config: DetectConfig) -> tuple[Near | None, dict[str, object]]:
-    """Where targets are looked for, and the parameters of it; UsageError for a gate without tracks."""
+def _near(request: DetectRequest, config: DetectConfig, length_unit: str) -> tuple[Near | None, dict[str, object]]:
+    """Where targets are looked for, and the parameters of it.
+
+    Raises:
+        UsageError: there is a gate and no tracks.
+        InputError: the tracks are in another unit than the scene, have no covariance, or there are none.
+    """
     if request.near is None:
         if "near_gate" in request.settings:
             raise UsageError("--near-gate goes with --near; add it")
         return None, {}
-    tracks = open_input(request.near).read(Tracks)
+    opened = open_input(request.near, Tracks)
+    check_unit(opened, length_unit, error=InputError)
+    tracks = opened.read(Tracks).with_covariance()
     if not len(tracks):
         raise InputError(f"{request.near}: has no tracks; leave --near out")
     return near_of(tracks, config.near_gate), {"near_gate": config.near_gate}
@@ -229,7 +237,7 @@ def _from_images(
     boxes = [_box(text) for text in request.boxes]
     targets = _references(request, recording)
     learned, total = Learned(), frames_of(recording, sensors)
-    near, limits = _near(request, config)
+    near, limits = _near(request, config, scene.length_unit)
     if request.learn or boxes:
         first = options.progress(recording.frames(sensors), "first look", total, quiet=quiet)
         found, boxed = learn(first, scene, config, boxes, request.workers)

@@ -14,7 +14,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.parquet import TableWriter
-from occlog.io.open import losses_of, open_input
+from occlog.io.open import losses_of, open_in_unit, open_input
 from occlog.measure.appearance.config import MatchConfig
 from occlog.measure.appearance.identities import EvidenceTally, identities, renamed, tracks_together
 from occlog.measure.appearance.inputs import SightingFiles, SightingInput
@@ -58,7 +58,7 @@ def run_match(
     config: MatchConfig = configure(MatchConfig.in_unit(unit), settings)
     tracks = None
     if files.named is not None and files.seen.tracks is not None:
-        tracks = open_input(files.seen.tracks, PeopleTracks).read(PeopleTracks)
+        tracks = open_in_unit(files.seen.tracks, unit, PeopleTracks).read(PeopleTracks)
     tally, decisions, evidence = SightingTally(), DecisionTally(), EvidenceTally()
     seen = sightings(
         options.progress(inputs.boxes(), "label", quiet=quiet),

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from occlog.errors import InputError, UsageError
 from occlog.io.files.content import Content, content_of
 from occlog.io.files.tables.parquet import describe
-from occlog.io.open import check_unit, open_input
+from occlog.io.open import check_unit, open_in_unit, open_input
 from occlog.records.tables import PeopleTracks, Tracks, Truth
 from occlog.report.command import Paths, from_folder, read_input, read_moving
 from occlog.report.content.model import ReportInput
@@ -67,7 +67,7 @@ def open_run(name: str, paths: Paths) -> Run:
     tracks = None if data is None else data.tracks
     if data is not None and data.whole:
         # Long tables are read in part for a report
-        tracks, data = opened.read(PeopleTracks), replace(data, **read_moving(paths))
+        tracks, data = open_in_unit(file, data.unit).read(PeopleTracks), replace(data, **read_moving(paths, data.unit))
     if data is None or tracks is None or len(tracks) > MOST_ROWS:
         raise InputError(
             f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MOST_ROWS:,} at most are "

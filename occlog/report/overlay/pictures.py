@@ -229,7 +229,7 @@ def _world(
     if asked.tracks is None and without:
         options.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}", quiet)
     metres = METRES.get(scene.length_unit, 1.0)
-    return World(Sources(asked.world, asked.diagnostics, asked.truth), metres, ranks, asked.trail)
+    return World(Sources(asked.world, asked.diagnostics, asked.truth, scene.length_unit), metres, ranks, asked.trail)
 
 
 def _rig(asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> Rig:

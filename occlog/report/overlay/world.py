@@ -21,7 +21,7 @@ from occlog.examine.viewers.drawings.people import (
     people_of,
 )
 from occlog.examine.viewers.inputs import alike
-from occlog.io.open import open_input
+from occlog.io.open import open_in_unit, open_input
 from occlog.records.columns import Table
 from occlog.records.people import PeopleTracks
 from occlog.records.pieces import whole_times
@@ -38,11 +38,10 @@ T = TypeVar("T", bound=Table)
 class Latest(Generic[T]):
     """Rows of the latest time of a table that is gone through once."""
 
-    def __init__(self, path: Path, table: type[T]) -> None:
-        """Open it."""
-        self._pieces: Iterator[T] = (
-            piece for rows in whole_times(open_input(path).rows(table)) for piece in alike(rows)
-        )
+    def __init__(self, path: Path, table: type[T], unit: str | None) -> None:
+        """Open it; `unit`: of lengths, None: as the file has them."""
+        opened = open_in_unit(path, unit)
+        self._pieces: Iterator[T] = (piece for rows in whole_times(opened.rows(table)) for piece in alike(rows))
         self._next = next(self._pieces, None)
         self.used = 0
 
@@ -55,11 +54,15 @@ class Latest(Generic[T]):
 
 
 class Sources(NamedTuple):
-    """Tables of the world: tracks, what the filter said of itself, and the input with true positions."""
+    """Tables of the world: tracks, what the filter said of itself, and the input with true positions.
+
+    `unit`: of their lengths; None: as the files have them.
+    """
 
     tracks: Path
     diagnostics: Path | None = None
     truth: Path | None = None
+    unit: str | None = None
 
 
 class World:
@@ -67,11 +70,11 @@ class World:
 
     def __init__(self, sources: Sources, metres: float, ranks: Mapping[int, int], trail_s: float) -> None:
         """Open the tables; lengths are of a unit of `metres`, trails are as long as `trail_s`."""
-        tracks, diagnostics, truth = sources
-        self._tracks = Latest(tracks, PeopleTracks)
-        self._diagnostics = None if diagnostics is None else Latest(diagnostics, Diagnostics)
+        tracks, diagnostics, truth, unit = sources
+        self._tracks = Latest(tracks, PeopleTracks, unit)
+        self._diagnostics = None if diagnostics is None else Latest(diagnostics, Diagnostics, unit)
         self._told = Told()
-        self._truth = Latest(truth, Truth) if truth is not None and open_input(truth).has(Truth) else None
+        self._truth = Latest(truth, Truth, unit) if truth is not None and open_input(truth).has(Truth) else None
         self._metres, self._trail_ns = metres, round(trail_s * NS)
         self.crowd = Crowd(Palette(ranks), self._trail_ns)
         self.true: list[Floats] = []

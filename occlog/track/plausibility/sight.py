@@ -96,7 +96,8 @@ class Sight:
 
         Args:
             tracks: estimates in the order of time.
-            bearings: in the order of time; those without an estimate at their time are left out.
+            bearings: in the order of time; those without an estimate at their time are left out, and those at an
+                estimate whose covariance is not known: nothing says how large their residuals should be.
             diagnostics: of the same estimates, say which sensors were used; None: all.
         """
         seen = bearings.take(bearings.seen)
@@ -112,7 +113,7 @@ class Sight:
             met = np.zeros(len(own), dtype=np.bool_)
             for path in paths:
                 at, found = path.at(own.t_ns, self._window_ns, name)
-                labelled = own.target_id == path.target
+                labelled = ~free & (own.target_id == path.target)
                 rows = found & (labelled | (free & ~np.isin(own.t_ns, own.t_ns[labelled])))
                 met |= found & free
                 n, i = np.flatnonzero(rows), at[rows]
@@ -158,14 +159,17 @@ class Path(NamedTuple):
     target: int
     t_ns: Ints  # (T,)
     xy: Floats  # (T, 2)
-    covariance: Floats  # (T, 2, 2)
+    covariance: Floats  # (T, 2, 2) NaN: not known
     used: np.ndarray | None  # (T,) names of sensors between commas; None: not known
 
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
-        """(N,) the estimate for each time, the next one not later than the window, and where it used the sensor."""
+        """(N,) the estimate for each time, the next one not later than the window, and where it used the sensor.
+
+        One whose covariance is not known is none.
+        """
         n = np.searchsorted(self.t_ns, t_ns)
         i = np.minimum(n, len(self.t_ns) - 1)
-        found = (n < len(self.t_ns)) & (self.t_ns[i] - t_ns <= window_ns)
+        found = (n < len(self.t_ns)) & (self.t_ns[i] - t_ns <= window_ns) & ~np.isnan(self.covariance[i, 0, 0])
         if self.used is not None:
             found &= (np.strings.find(self.used, f",{sensor},") >= 0)[i]
         return i, np.asarray(found)

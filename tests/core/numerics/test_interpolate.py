@@ -92,3 +92,11 @@ def test_against_numpy_on_exact_floats(samples: list[int], times: list[int], lim
         assert good[k] == allowed
         if allowed:
             assert xy[k, 0] == pytest.approx(np.interp(time, known_t, known[:, 0]))
+
+
+def test_a_gap_that_no_number_of_nanoseconds_holds_is_not_bridged() -> None:
+    known_t = np.array([-6 * 10**18, 6 * 10**18])
+    known = np.array([[0.0], [2.0]])
+    xy, good = interpolate_positions(np.array([-6 * 10**18, 0, 6 * 10**18]), known_t, known, 10**9)
+    assert good.tolist() == [True, False, True]
+    np.testing.assert_array_equal(xy, [[0.0], [np.nan], [2.0]])

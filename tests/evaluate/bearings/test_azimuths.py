@@ -15,6 +15,9 @@ import occlog
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate.bearings.azimuths import doa_metrics, paired
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import write_table
+from occlog.records.losses import Loss
 from occlog.records.tables import Doa
 
 NS = 1_000_000_000
@@ -147,6 +150,23 @@ def test_ten_sources_at_once(shared_data: Path, tmp_path: Path, capsys: pytest.C
     got = json.loads((tmp_path / "m.json").read_text())
     assert got["doa_of_10_error_median_deg"] == pytest.approx(1.560194848016991, abs=1e-3)
     assert run([*args, "--overwrite", "--fail-if", "doa_error_median_deg>1"]) == ExitCode.THRESHOLD
+
+
+def test_what_was_lost_in_making_directions_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = table([(0.0, "mic", 5.0)])
+    for name in ("found", "true"):
+        write_table(
+            tmp_path / f"{name}.parquet", rows, Provenance("x", losses=(Loss(f"{name}.log", "line 7", "gone"),))
+        )
+    args = ["--doa", str(tmp_path / "found.parquet"), "--truth-azimuths", str(tmp_path / "true.parquet")]
+    assert run(["evaluate", *args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
+    told, kept = capsys.readouterr().err, json.loads((tmp_path / "m.json").read_text())["_provenance"]["losses"]
+    for name in ("found", "true"):
+        assert f"lost earlier: {name}.log: line 7: gone" in told
+    assert [each["source"] for each in kept] == ["found.log", "true.log"]
+    with pytest.warns(occlog.OcclogWarning, match=r"found\.log: line 7"):
+        found = occlog.evaluate(doa=tmp_path / "found.parquet", truth_azimuths=tmp_path / "true.parquet")
+    assert [each.source for each in found.losses] == ["found.log", "true.log"]
 
 
 @pytest.mark.parametrize(

@@ -223,3 +223,34 @@ def test_truths_of_two_methods_must_have_the_same_rows(tmp_path: Path, capsys: p
     again.replace(tmp_path / "c/recording.mcap")
     assert compared(tmp_path / "a", tmp_path / "c") == ExitCode.DONE
     assert "lost earlier: cam: frame 3: gone" in capsys.readouterr().err
+
+
+def test_tables_of_others_are_brought_to_the_unit_of_the_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a, b = write(tmp_path / "a", 1), write(tmp_path / "b", 1, tracker=1)
+    found, true = read_table(b / "tracks.parquet", Tracks), read_table(a / "truth.parquet", Truth)
+    in_cm = [tmp_path / "b.csv", tmp_path / "truth.csv"]
+    for path, rows in zip(in_cm, (found, true), strict=True):
+        columns = zip(rows.t_ns, rows.target_id, 100 * rows.x, 100 * rows.y, strict=True)
+        text = "".join(f"{t},{k},{float(x)!r},{float(y)!r}\n" for t, k, x, y in columns)
+        path.write_text("t_ns,id,x_cm,y_cm\n" + text)
+    assert compared(a, b, more=("--truth", str(a / "truth.parquet"), "--json")) == ExitCode.DONE
+    ours = said(capsys)
+    for truth in (a / "truth.parquet", in_cm[1]):
+        assert compared(a / "tracks.parquet", in_cm[0], more=("--truth", str(truth), "--json")) == ExitCode.DONE
+        assert said(capsys)["pairs_rmse"]["this"] == pytest.approx(ours["pairs_rmse"]["this"], rel=1e-9)
+
+
+def test_runs_in_folders_of_one_name_have_truths_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for k, site in enumerate(("hall", "yard")):
+        for method in ("a", "b"):
+            made = write(tmp_path / method / site / "walk", k, tracker=int(method == "b"), frames=60)
+        (tmp_path / "truths" / site).mkdir(parents=True)
+        (made / "truth.parquet").replace(tmp_path / "truths" / site / "walk.parquet")
+    (tmp_path / "truths" / "walk.parquet").write_bytes((tmp_path / "truths/hall/walk.parquet").read_bytes())
+    more = ("--truth", str(tmp_path / "truths"), "--json")
+    assert compared(tmp_path / "a", tmp_path / "b", more=more) == ExitCode.DONE
+    assert said(capsys)["pairs_rmse"]["this"] == pytest.approx(0.14, abs=0.02)

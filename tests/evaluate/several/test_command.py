@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tracked_crowds import crowd
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
@@ -14,6 +15,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
+from occlog.records.losses import Loss
 from occlog.records.tables import Tracks, Truth
 
 NS = 1_000_000_000
@@ -106,3 +108,18 @@ def test_what_does_not_go_together_is_refused(
 ) -> None:
     assert run(["evaluate", *arguments]) == ExitCode.USAGE
     assert words in capsys.readouterr().err
+
+
+def test_what_was_lost_in_making_any_input_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    args = []
+    for n in range(2):
+        for side, table in zip(("tracks", "truth"), crowd(n), strict=True):
+            lost = Provenance(side, losses=(Loss(f"{side}{n}.log", "line 7", "was lost"),))
+            write_table(tmp_path / f"{side}{n}.parquet", table, lost)
+        args += ["--also"] * n + [str(tmp_path / f"tracks{n}.parquet")]
+        args += ["--truth"] * (1 - n) + [str(tmp_path / f"truth{n}.parquet")]
+    assert run(["evaluate", *args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
+    told, kept = capsys.readouterr().err, json.loads((tmp_path / "m.json").read_text())["_provenance"]["losses"]
+    for name in ("tracks0", "truth0", "tracks1", "truth1"):
+        assert f"lost earlier: {name}.log: line 7: was lost" in told
+    assert [each["source"] for each in kept] == ["tracks0.log", "truth0.log", "tracks1.log", "truth1.log"]

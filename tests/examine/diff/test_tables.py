@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import write_table
-from occlog.records.tables import Truth
+from occlog.records.tables import Calibration, Truth
+from occlog.records.tracks import FusedTracks
 
 ROWS = "1000,0,1.25,2\n2000,0,1.5,2\n"
 
@@ -89,3 +91,28 @@ def test_columns_that_no_table_has_are_compared_too(tmp_path: Path, capsys: Any)
     assert "row 1 of note: 2.0 in A, two in B" in capsys.readouterr().out
     assert run(["diff", a, d]) == ExitCode.DIFFERENT
     assert "column note is only in A" in capsys.readouterr().out
+
+
+def test_columns_that_only_a_wider_table_has_are_compared(tmp_path: Path, capsys: Any) -> None:
+    def fused(name: str, doubt: str) -> str:
+        nothing = {key: [0.0, 0.0] for key in ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy")}
+        rows = FusedTracks.of(t_ns=[1, 2], target_id=[0, 0], **nothing, seen_by=["a", "a"], doubt=["", doubt])
+        write_table(tmp_path / name, rows, Provenance("test"))
+        return str(tmp_path / name)
+
+    a, b = fused("a.parquet", ""), fused("b.parquet", "one-view")
+    assert run(["diff", a, fused("c.parquet", "")]) == ExitCode.DONE
+    assert run(["diff", a, b]) == ExitCode.DIFFERENT
+    assert "doubt is '' in A, 'one-view' in B" in capsys.readouterr().out
+
+
+def test_a_standard_deviation_is_no_angle_that_a_turn_leaves_alone(tmp_path: Path) -> None:
+    def poses(name: str, yaw: float, deviation: float) -> str:
+        values = {"dx": [0.0], "dy": [0.0], "dyaw": [yaw], "sd_dx": [0.1], "sd_dy": [0.1], "sd_dyaw": [deviation]}
+        rows = Calibration.of(t_ns=[1], target_id=[0], sensor=["a"], **values)
+        write_table(tmp_path / name, rows, Provenance("test"))
+        return str(tmp_path / name)
+
+    a = poses("a.parquet", 0.1, 0.1)
+    assert run(["diff", a, poses("b.parquet", 0.1 + 2 * math.pi, 0.1)]) == ExitCode.DONE
+    assert run(["diff", a, poses("c.parquet", 0.1, 0.1 + 2 * math.pi)]) == ExitCode.DIFFERENT

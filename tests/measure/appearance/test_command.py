@@ -91,6 +91,17 @@ def test_boxes_without_identity_are_of_the_tracks_where_they_lie(folder):
     assert named.x == pytest.approx(want.x)
 
 
+def test_tracks_of_others_are_renamed_in_the_unit_of_the_scene(folder):
+    assert learn(folder, "--tracks", str(folder / "tracks.parquet"), source="boxes.mcap") == ExitCode.DONE
+    later = tracks(40, names=(0, 5))
+    rows = zip(later.t_ns, later.target_id, 100 * later.x, 100 * later.y, strict=True)
+    text = "".join(f"{t},{k},{float(x)!r},{float(y)!r},,\n" for t, k, x, y in rows)
+    (folder / "later.csv").write_text("t_ns,id,x_cm,y_cm,vx_cm_s,vy_cm_s\n" + text)
+    named = ["--tracks", str(folder / "later.csv"), "--named", str(folder / "named.parquet")]
+    assert label(folder, *named, source="boxes.mcap", gallery="gallery.parquet") == ExitCode.DONE
+    assert read_table(folder / "named.parquet", PeopleTracks).x == pytest.approx(tracks(40, names=(11, 12)).x)
+
+
 def test_boxes_with_identities_need_no_tracks(folder, capsys):
     people.write(folder / "told.mcap", true=False)
     assert learn(folder, "--json", source="told.mcap") == ExitCode.DONE

@@ -10,13 +10,23 @@ from tracker_scenes import room100
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import read_table, write_table
+from occlog.io.open import open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.detect.near import MOST_AGE_S, allowed, directions, limited, near_of
 from occlog.measure.detect.target import TargetMemory, choose
 from occlog.measure.regions.regions import Regions
-from occlog.records.tables import Bearings, Tracks
+from occlog.records.losses import Loss
+from occlog.records.tables import Bearings, Tracks, Truth
 
+ROOM = """
+occlog_scene: 1
+room: [[0, 0], [8, 0], [8, 8], [0, 8]]
+cameras:
+  - {name: a, position: [0, 0], yaw_deg: 45, focal_px: 300, fov_deg: 90, noise: {read_px: 1}}
+  - {name: b, position: [8, 0], yaw_deg: 135, focal_px: 300, fov_deg: 90, noise: {read_px: 1}}
+"""
 SECOND = 1_000_000_000
 ORIGIN = np.zeros(2)
 
@@ -112,3 +122,36 @@ def test_false_bearings_fall_where_places_are_fed_back(tmp_path: Path, capsys) -
     assert after.seen.sum() < 0.95 * before.seen.sum()
     assert run(["detect", walk, "--near-gate", "4", "-o", str(tmp_path / "x.parquet")]) == ExitCode.USAGE
     assert "--near-gate goes with --near" in capsys.readouterr().err
+
+
+@pytest.mark.jit
+def test_places_are_in_the_unit_of_the_scene_have_covariances_and_their_losses_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scene.yaml").write_text(ROOM)
+    walk, csv, found = (str(tmp_path / n) for n in ("w.mcap", "t.csv", "b.parquet"))
+    assert run(["simulate", str(tmp_path / "scene.yaml"), "--seconds", "4", "-o", walk, "-q"]) == ExitCode.DONE
+    truth = open_input(Path(walk)).read(Truth)
+    truth = truth.take(truth.role == "target")
+
+    def near(unit: str, scale: float, variance: float | None) -> int:
+        spread = "" if variance is None else f"{variance * scale**2!r}"
+        nothing = "" if variance is None else "0"
+        rows = zip(truth.t_ns, truth.target_id, scale * truth.x, scale * truth.y, strict=True)
+        text = "".join(f"{t},{k},{float(x)!r},{float(y)!r},{spread},{nothing},{spread}\n" for t, k, x, y in rows)
+        Path(csv).write_text(f"t_ns,id,x_{unit},y_{unit},cov_xx_{unit}2,cov_xy_{unit}2,cov_yy_{unit}2\n{text}")
+        return run(["detect", walk, "--near", csv, "-o", found, "-q", "--overwrite"])
+
+    assert near("m", 1.0, 0.01) == ExitCode.DONE
+    seen = read_table(Path(found), Bearings).seen
+    assert seen.any()
+    assert near("cm", 100.0, 0.01) == ExitCode.DONE
+    np.testing.assert_array_equal(read_table(Path(found), Bearings).seen, seen)
+    assert near("m", 1.0, None) == ExitCode.BAD_INPUT
+    assert "has no covariance" in capsys.readouterr().err
+    for unit, code in (("m", ExitCode.LOSSY), ("ft", ExitCode.BAD_INPUT)):
+        lost = Provenance("track", inputs=(("b", "0" * 64),), losses=(Loss("b.mp4", "frame 3", "gone"),))
+        write_table(tmp_path / "near.parquet", tracks(), lost, overwrite=True, length_unit=unit)
+        args = ["detect", walk, "--near", str(tmp_path / "near.parquet"), "-o", found, "--overwrite"]
+        assert run(args) == code
+        assert ("frame 3: gone" if unit == "m" else "lengths are in ft") in capsys.readouterr().err

@@ -174,6 +174,17 @@ def test_an_estimate_holds_for_bearings_up_to_the_window_before_it(early_ns: int
     assert len(whole(tracks, bearings, SCENE, None, window_ns=5).residuals) == found
 
 
+@pytest.mark.parametrize("label", [0, -1])
+def test_an_estimate_without_a_covariance_is_not_judged(label: int) -> None:
+    tracks = estimates(standing(4))
+    for name in ("cov_xx", "cov_xy", "cov_yy"):
+        getattr(tracks, name)[1] = np.nan
+    bearings = seen_from(SCENE.cameras[0], tracks.t_ns, standing(4), target=label)
+    found = whole(tracks, bearings, SCENE, None, window_ns=5)
+    assert found.residuals.t_ns.tolist() == tracks.t_ns[[0, 2, 3]].tolist()
+    assert sum(len(frames.t_ns) for frames in found.frames) == (3 if label < 0 else 0)
+
+
 def test_a_tilted_array_is_not_judged() -> None:
     tilted = Scene((), (MicrophoneArray("ear", np.zeros(3), pitch=0.3),))
     tracks = estimates(standing(3))

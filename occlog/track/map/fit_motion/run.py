@@ -151,6 +151,9 @@ def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
     """Positions of each object and file, the unit of length, and what had been lost before."""
     paths: list[Path] = []
     inputs = [open_input(file, Truth, Tracks) for file in request.positions]
+    unit = inputs[0].length_unit or "m"
+    for opened in inputs[1:]:
+        check_unit(opened, unit, str(inputs[0].path), InputError)
     for opened in inputs:
         table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
         if request.config.noise == COVARIANCE and not isinstance(table, Tracks):
@@ -158,9 +161,6 @@ def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
                 f"{opened.path}: truth has no covariance; give --noise LENGTH, or leave it to be estimated"
             )
         paths += paths_of(table, request.targets)
-    unit = inputs[0].length_unit or "m"
-    for opened in inputs[1:]:
-        check_unit(opened, unit, str(inputs[0].path), InputError)
     found = sum(len(p.t_ns) for p in paths)
     if not found:
         names = ", ".join(str(p) for p in request.positions)

@@ -210,3 +210,15 @@ def test_outputs_are_not_replaced_by_chance(folder: Path) -> None:
     assert fit(folder, "truth.parquet") == ExitCode.DONE
     assert fit(folder, "truth.parquet") == ExitCode.EXISTS
     assert fit(folder, "truth.parquet", "--overwrite") == ExitCode.DONE
+
+
+def test_tables_of_others_are_brought_to_the_unit_of_the_first(folder: Path) -> None:
+    def noise(unit: str, scale: float) -> float:
+        rows = truth(ids=(3,))
+        cells = zip(rows.t_ns, scale * rows.x, scale * rows.y, strict=True)
+        text = "".join(f"{t},3,{float(x)!r},{float(y)!r}\n" for t, x, y in cells)
+        (folder / "other.csv").write_text(f"t_ns,id,x_{unit},y_{unit}\n{text}")
+        assert fit(folder, "truth.parquet", str(folder / "other.csv"), "--overwrite") == ExitCode.DONE
+        return float(json.loads((folder / "motion.json").read_text())["noise"])
+
+    assert noise("cm", 100.0) == pytest.approx(noise("m", 1.0), rel=1e-6)
