@@ -16,6 +16,7 @@ FILES = re.compile(r"Path|bytes|mmap")
 ELSEWHERE = {
     "frames/folder.py read_folders": "lists the images of folders, of which there are one reader each",
     "frames/folder.py load": "gives these their places",
+    "open.py open_in_unit": "opens by `open_input`, and converts units",
     "recording/reader.py open_linked": "opens videos, which FFmpeg takes apart",
 }
 """Functions that no reader calls, and why."""

@@ -9,10 +9,10 @@ from dataclasses import replace
 from decimal import Decimal
 from itertools import zip_longest
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.parquet import describe, iter_table
-from occlog.io.foreign.table import ForeignTable
 from occlog.io.open import Opened, check_unit, open_if_ours
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES, table_with
@@ -20,6 +20,9 @@ from occlog.records.tables import TABLES, table_with
 from .json import compare_provenance
 from .result import Comparison, Difference, DiffSettings, Scalar
 from .stage import diff_schemas, diff_tables
+
+if TYPE_CHECKING:
+    from occlog.io.foreign.table import ForeignTable
 
 
 def compare_tables(
