@@ -5,6 +5,7 @@ Numbers of schemas and channels, the index and the metadata hold for one recordi
 
 from __future__ import annotations
 
+import zlib
 from bisect import bisect_right
 
 from mcap import records
@@ -39,6 +40,8 @@ class Part:
         self._runs: dict[str, list[list[int]]] = {}
         """Numbers of messages by topic: the first and the last one of each run, in order."""
         self._latest: dict[str, int] = {}
+        self._unnumbered: dict[str, set[int]] = {}
+        """CRC-32 of the last time's messages by topic, of topics whose messages all have the number 0."""
 
     def contradicts(self, found: records.Schema | records.Channel) -> bool:
         """Whether a number is defined a second time, and otherwise: it is of another recording."""
@@ -52,14 +55,24 @@ class Part:
         else:
             self.channels[found.id] = found
 
-    def is_copy(self, topic: str, number: int, t_ns: int) -> bool:
+    def is_copy(self, topic: str, number: int, t_ns: int, data: bytes) -> bool:
         """Whether a message stood there before: another one of its topic had its number, and one its time or a later.
 
-        Numbers rise in a topic, so that this is so where a part of the file was written twice; it is counted.
+        Numbers rise in a topic, so that this is so where a part of the file was written twice; it is counted.  Where
+        all are 0, which is what MCAP has for none, messages of one time are copies if their bytes are the same.
         """
         runs = self._runs.setdefault(topic, [])
         latest = self._latest.get(topic, -1)
         self._latest[topic] = max(t_ns, latest)
+        if number == 0 and runs in ([], [[0, 0]]):
+            there = self._unnumbered.setdefault(topic, set())
+            if t_ns > latest:
+                there.clear()
+            found = zlib.crc32(data)
+            if t_ns >= latest and found not in there:
+                there.add(found)
+                self._runs[topic] = [[0, 0]]
+                return False
         place = bisect_right(runs, [number, number])
         near = runs[place - 1] if place else [0, -1]
         if near[0] <= number <= near[1] or (place < len(runs) and runs[place][0] == number):

@@ -16,6 +16,7 @@ from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.messages.mcap_file import McapFile
 from occlog.io.recording.mcap_errors import open_mcap
+from occlog.io.recording.one_behind_another import Part
 from occlog.io.recording.salvage.recover import Recovered, recover_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
@@ -232,3 +233,14 @@ def test_a_scene_whose_check_sum_is_wiped_is_not_taken(tmp_path: Path) -> None:
     _, said = recovered(tmp_path, bytes(data))
     assert any("attached file with a wrong check sum" in loss.what for loss in said.losses)
     assert any(loss.place == "scene.yaml" for loss in said.losses)
+
+
+def test_messages_without_numbers_are_copies_if_their_bytes_are_the_same() -> None:
+    """MCAP has 0 for none: several of one time that say different things are no copies of each other."""
+    part = Part(0)
+    said = [(5, b"a", False), (5, b"b", False), (5, b"a", True), (6, b"a", False), (5, b"b", True), (6, b"c", False)]
+    assert [part.is_copy("t", 0, t_ns, data) for t_ns, data, _ in said] == [copy for *_, copy in said]
+    assert part.copies == {"t": 2}
+    assert [part.is_copy("n", number, 5 + number, b"") for number in (0, 1, 2, 0, 1, 3)] == [False] * 3 + [True] * 2 + [
+        False
+    ]

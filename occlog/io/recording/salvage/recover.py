@@ -222,7 +222,7 @@ class _Salvage:
         if log_ns <= part.before.get(topic, -1):
             part.early += 1
             return
-        if part.is_copy(topic, number, log_ns):
+        if part.is_copy(topic, number, log_ns, record.data):
             return
         if channel_id not in part.written:
             part.written[channel_id] = self._register(part, part.channels[channel_id])
