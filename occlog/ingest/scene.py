@@ -153,8 +153,9 @@ def check_metres(plan: IngestPlan, unit: str) -> None:
         return
     named = [path for _, path in plan.truth] + ([] if plan.readers is None else [plan.readers])
     said = [path for path in named if path.is_file() and _says_metres(path)]
-    for path in (*(path for _, path in plan.arrays), *said):
-        raise InputError(f"{path}: lengths are in m, but those of {plan.scene} in {unit}; convert one of them")
+    in_metres = next(iter((*(path for _, path in plan.arrays), *said)), None)
+    if in_metres is not None:
+        raise InputError(f"{in_metres}: lengths are in m, but those of {plan.scene} in {unit}; convert one of them")
 
 
 def _says_metres(path: Path) -> bool:
