@@ -19,6 +19,7 @@ from mcap.summary import Summary
 
 from benchmarks.pipeline.flips import MADE, SCENE, bearings
 from occlog.io.files.tables import parquet
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import decode_image
 from occlog.io.recording import reader
 from occlog.io.recording.writer import RecordingWriter
@@ -70,7 +71,7 @@ def plain_decode(data: bytes, where: str) -> Image:  # noqa: ARG001
 def make(folder: Path) -> tuple[Path, Path, Path]:
     """A table, a recording of rows and one of images (JPEG of noise, 320 x 240)."""
     table, rows, images = (folder / name for name in ("t.parquet", "rows.mcap", "images.mcap"))
-    parquet.write_table(table, bearings(ROWS, 1), MADE)
+    write_table(table, bearings(ROWS, 1), MADE)
     with RecordingWriter(rows, read_scene(SCENE), MADE) as writer:
         writer.table(bearings(MESSAGES, 2))
     rng = np.random.default_rng(3)

@@ -19,7 +19,7 @@ import numpy as np
 
 from occlog.array_types import NS, Ints
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter

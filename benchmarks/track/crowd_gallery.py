@@ -29,7 +29,8 @@ from occlog.array_types import NS
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.on_ground import evaluate_ground
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import read_table, write_table
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.gallery import MOST_BINS

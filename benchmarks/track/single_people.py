@@ -21,7 +21,7 @@ from benchmarks.track._single_people import Noise, Person, annotations, people, 
 from occlog.array_types import Bools, Floats
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Residuals, Tracks, Truth

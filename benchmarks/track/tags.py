@@ -20,7 +20,7 @@ from occlog.array_types import NS
 from occlog.cli.main import run as occlog
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
 from occlog.records.tables import Bearings, Truth
 

@@ -208,7 +208,7 @@ def _only(names: tuple[str, ...], wanted: str | None) -> str:
 
 def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Table:
     """A table of this program with the rows of an opened input."""
-    from occlog.io.files.tables.parquet import TableWriter
+    from occlog.io.files.tables.table_writer import TableWriter
 
     if opened.recording is None and opened.foreign is None:
         opened.require(table)

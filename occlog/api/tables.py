@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_writable, write_bytes
-from occlog.io.files.tables.parquet import describe
+from occlog.io.files.tables.header import describe
 from occlog.records.losses import Loss
 from occlog.words import counted, noun
 

@@ -33,7 +33,7 @@ from occlog.evaluate.stretches.tracks import BOUND_WITHOUT_DISTANCES, InStretche
 from occlog.evaluate.stretches.views import BesideTracks
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml

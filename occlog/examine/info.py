@@ -298,7 +298,7 @@ def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
 
 
 def _describe_table(path: Path, rows: int) -> Description:
-    from occlog.io.files.tables.parquet import describe as describe_parquet
+    from occlog.io.files.tables.header import describe as describe_parquet
 
     found = describe_parquet(path)
     lines = [f"table {found['schema']}, {counted(found['rows'], 'row')}"]
@@ -336,7 +336,7 @@ def _describe_foreign(table: ForeignTable) -> Description:
 
 def _first_rows(path: Path, rows: int) -> list[str]:
     """The first rows of a table, aligned to the right under the names of their columns."""
-    from occlog.io.files.tables.parquet import first_rows
+    from occlog.io.files.tables.header import first_rows
 
     columns = [
         [name, *(f"{v:.6g}" if isinstance(v, float) and v == v else "NaN" if v != v else str(v) for v in values)]

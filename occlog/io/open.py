@@ -20,7 +20,8 @@ from occlog.io.files.content import EXPECTED, SQLITE_MAGIC, Content, content_of,
 from occlog.io.files.inputs import FOREIGN_BAG
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
-from occlog.io.files.tables.parquet import is_ours, iter_table, read_header
+from occlog.io.files.tables.header import read_header
+from occlog.io.files.tables.parquet import is_ours, iter_table
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 

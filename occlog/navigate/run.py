@@ -12,7 +12,7 @@ import numpy as np
 from occlog.cli import options
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
 from occlog.measure.scans.moving_people import moving_people
 from occlog.records.tables import RobotPath, Tracks, Truth

@@ -15,7 +15,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
 from occlog.records.plans import PlanMap
 from occlog.records.scene import Camera, Scene

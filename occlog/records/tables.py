@@ -1,6 +1,6 @@
 """The tables that pass between stages: frozen column records, NumPy only, no file formats.
 
-Each column states its dtype, unit and meaning once.  `occlog.io.files.tables.parquet` and
+Each column states its dtype, unit and meaning once.  `occlog.io.files.tables.arrow_columns` and
 `occlog.io.recording.reader` derive their schemas from the same declaration, and
 `schemas/` publishes them.
 

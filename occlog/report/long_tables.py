@@ -21,7 +21,7 @@ from occlog.evaluate.stretches.sources import streamed_bearings
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
 from occlog.io.files.put_aside.spool import Spool
 from occlog.io.files.put_aside.table import Aside
-from occlog.io.files.tables.parquet import describe
+from occlog.io.files.tables.header import describe
 from occlog.io.open import Opened, open_in_unit
 from occlog.records.columns import Table
 from occlog.records.pieces import Side, in_step, times, whole_times

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.models.motion_models import read_motion
 from occlog.io.models.path_losses import read_path_loss
 from occlog.io.open import open_input

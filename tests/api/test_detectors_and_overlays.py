@@ -15,7 +15,7 @@ from small_networks import mean_network, people_network
 import occlog
 from occlog.cli.main import cli
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.tables import PeopleTracks
 

@@ -18,7 +18,8 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import cooperation_figures
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, write_table
+from occlog.io.files.tables.parquet import iter_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import APPEARANCE_BINS, Cooperation, TruthBoxes, Views
 

@@ -19,7 +19,8 @@ from occlog.evaluate.mot.on_ground import evaluate_ground
 from occlog.evaluate.stage import evaluate
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, read_table, write_table
+from occlog.io.files.tables.parquet import iter_table, read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.scene import Scene
 from occlog.records.tables import Errors
 from occlog.records.views import Counts, Failures

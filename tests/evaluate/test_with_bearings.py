@@ -19,7 +19,8 @@ from occlog.evaluate.stretches import sources
 from occlog.evaluate.verdict import Made, judge
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, read_table, write_table
+from occlog.io.files.tables.parquet import iter_table, read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import Bearings, Bound, Errors, Tracks

@@ -20,7 +20,8 @@ from occlog.evaluate.matching.paths import paths_of
 from occlog.evaluate.stage import Evaluation, evaluate
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, read_table, write_table
+from occlog.io.files.tables.parquet import iter_table, read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import read_scene, scene_to_yaml
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.records.measurements import Measurements

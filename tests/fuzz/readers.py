@@ -20,7 +20,8 @@ from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.reader import describe as describe_calibration
 from occlog.io.calibration.reader import read_calibration
-from occlog.io.files.tables.parquet import describe, first_rows, read_header, read_provenance, read_table
+from occlog.io.files.tables.header import describe, first_rows, read_header, read_provenance
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.salvage.table import recover_table
 from occlog.io.files.texts.json_file import read_json
 from occlog.io.files.times.timestamps import read_sidecar

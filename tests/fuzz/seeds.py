@@ -28,7 +28,7 @@ from unindexed import unindexed
 from video_samples import avi, faststart, fragmented, jpeg, write_video
 
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.rows import RECORDED
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import read_scene

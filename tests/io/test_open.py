@@ -9,7 +9,7 @@ import pytest
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import (
     Content,
     check_unit,

@@ -21,7 +21,8 @@ from occlog.errors import ExitCode
 from occlog.evaluate.verdict import Made
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, write_table
+from occlog.io.files.tables.parquet import iter_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
 from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occluders, PeopleTracks, Tracks, Truth

@@ -13,7 +13,8 @@ from occlog.cli.main import run
 from occlog.cli.values import NumberOrFile
 from occlog.errors import ExitCode, InputError, UsageError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import read_table, write_table
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.tables import Delays
 from occlog.settings import SettingError
 from occlog.track.run import TrackRequest, make_config, slowest_router

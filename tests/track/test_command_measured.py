@@ -11,7 +11,8 @@ import pytest
 import occlog
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.tables.parquet import read_provenance, read_table
+from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.open import open_input
 from occlog.records.measurements import Measurements
 from occlog.records.tables import Diagnostics, Residuals, Tracks

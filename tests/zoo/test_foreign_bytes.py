@@ -288,7 +288,7 @@ BORDER = {
     "json.loads": {
         "files/texts/json_file.py",
         "files/provenance.py",
-        "files/tables/parquet.py",
+        "files/tables/header.py",
         "frames/process.py",
         "frames/process_main.py",
         "messages/decoding.py",
@@ -306,7 +306,7 @@ BORDER = {
     "cv2.imdecode": {"frames/codec.py"},
     "cv2.imread": set(),
     "cv2.FileStorage": set(),
-    "pq.ParquetFile": {"files/tables/parquet.py", "files/tables/salvage/groups.py"},
+    "pq.ParquetFile": {"files/tables/header.py", "files/tables/parquet.py", "files/tables/salvage/groups.py"},
     "open_parquet": {"files/tables/parquet.py", "foreign/source.py"},
     "sqlite3.connect": {"messages/sqlite_file.py"},
 }

@@ -22,7 +22,7 @@ from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layou
 from occlog.io.boxes.mot_classes import DISTRACTORS, has_classes, read_marks
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.rows import fill_frames
-from occlog.io.files.tables.parquet import TableWriter, write_table
+from occlog.io.files.tables.table_writer import TableWriter, write_table
 from occlog.io.files.texts.csv_rows import first_line, is_header
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.files.times.frame_times import FrameTimes

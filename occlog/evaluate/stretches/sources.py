@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.tables.parquet import describe
+from occlog.io.files.tables.header import describe
 from occlog.io.open import Opened, open_input
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import Radio

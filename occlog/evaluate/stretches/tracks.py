@@ -22,7 +22,7 @@ from occlog.evaluate.stage import Evaluation
 from occlog.evaluate.stretches.bearings import WithBearings
 from occlog.evaluate.stretches.sources import Sources
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors, Tracks

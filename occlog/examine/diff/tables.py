@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.tables.parquet import describe, iter_table
+from occlog.io.files.tables.header import describe
+from occlog.io.files.tables.parquet import iter_table
 from occlog.io.open import Opened, check_unit, open_if_ours
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES, table_with

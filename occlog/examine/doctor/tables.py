@@ -10,7 +10,9 @@ import numpy as np
 import pyarrow as pa
 
 from occlog.errors import InputError
-from occlog.io.files.tables.parquet import from_arrow, groups_of, read_header
+from occlog.io.files.tables.arrow_columns import from_arrow
+from occlog.io.files.tables.header import read_header
+from occlog.io.files.tables.parquet import groups_of
 from occlog.io.files.texts.csv_rows import bad_lines_told_to
 from occlog.io.foreign.cells import Cells
 from occlog.io.foreign.source import Source

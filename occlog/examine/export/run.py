@@ -16,7 +16,7 @@ from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.mot_challenge import SEQUENCE_INFO, mot_text
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.tables.parquet import describe
+from occlog.io.files.tables.header import describe
 from occlog.io.open import Opened, open_input
 from occlog.io.trajectories.earth import FARTHEST, Origin
 from occlog.plugins.chosen import Chosen

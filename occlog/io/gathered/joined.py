@@ -9,7 +9,9 @@ import pyarrow as pa
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import ROWS_PER_GROUP, arrow_batches, arrow_schema_of, read_header
+from occlog.io.files.tables.header import read_header
+from occlog.io.files.tables.parquet import arrow_batches, arrow_schema_of
+from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 
 from .schema import NAMES, gathered_schema, gathered_writer
 

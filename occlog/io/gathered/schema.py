@@ -15,8 +15,9 @@ import pyarrow.parquet as pq
 
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
+from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
 from occlog.io.files.tables.check_sums import Summed
-from occlog.io.files.tables.parquet import ROWS_PER_GROUP, SCHEMA_KEY
+from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 
 VERSION = 1
 NAMES = pa.dictionary(pa.int32(), pa.string())

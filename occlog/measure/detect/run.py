@@ -16,7 +16,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.inputs import FOREIGN_BAG, check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import parse_json
 from occlog.io.open import check_unit, open_input
 from occlog.io.recording.reader import Recording, open_recording

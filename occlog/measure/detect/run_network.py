@@ -12,7 +12,7 @@ from pathlib import Path
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.recording.reader import open_recording
 from occlog.measure.detections import Detections
 from occlog.measure.networks.config import NetworkConfig

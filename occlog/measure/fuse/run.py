@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from occlog.cli import options
 from occlog.errors import UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
 from occlog.measure.scans.inputs import Inputs
 from occlog.records.columns import Table

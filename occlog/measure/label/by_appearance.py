@@ -13,7 +13,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import losses_of, open_in_unit, open_input
 from occlog.measure.appearance.config import MatchConfig
 from occlog.measure.appearance.identities import EvidenceTally, identities, renamed, tracks_together

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from occlog.cli import options
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.measure.scans.grouping import choose_sensors
 from occlog.measure.scans.inputs import Inputs
 from occlog.records.tables import Bearings, Tracks

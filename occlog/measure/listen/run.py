@@ -16,7 +16,7 @@ from occlog.errors import InputError, UsageError
 from occlog.ingest.plan import for_sensor, pairs
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.sensor_names import match_sensor
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.times.frame_times import to_world_time
 from occlog.io.files.times.timestamps import parse_time
 from occlog.io.sound.author_formats import read_arrays

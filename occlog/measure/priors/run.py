@@ -13,7 +13,7 @@ import numpy as np
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import check_unit, open_input
 from occlog.measure.scans.grouping import nearest
 from occlog.records.columns import Table

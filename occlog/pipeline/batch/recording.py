@@ -15,7 +15,7 @@ from pathlib import Path
 from occlog.cli.main import explain
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import hash_file
-from occlog.io.files.tables.parquet import read_provenance
+from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.texts.json_file import read_json
 from occlog.io.remote.cache import Cache
 from occlog.io.remote.urls import is_url

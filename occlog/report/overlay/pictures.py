@@ -13,7 +13,7 @@ import numpy as np
 from occlog.array_types import NS, Bools, Ints
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.tables.parquet import read_provenance
+from occlog.io.files.tables.header import read_provenance
 from occlog.io.frames.writer import SHOWN
 from occlog.io.open import check_unit, open_input
 from occlog.io.recording.reader import Recording

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from occlog.cli import options
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.models.networks import NetworkSpec, read_network
 from occlog.records.tables import Delays
 from occlog.settings import configure

@@ -13,7 +13,7 @@ import numpy as np
 from occlog.cli import options
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import Table
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.people import UNSEEN

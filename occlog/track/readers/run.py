@@ -13,7 +13,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.losses import Loss
 from occlog.records.tables import TagTracks
 from occlog.records.tables import VirtualSensors as RegionTable

@@ -16,7 +16,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate.bearings.azimuths import doa_metrics, paired
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import Doa
 

@@ -20,7 +20,8 @@ from occlog.evaluate.matching.paths import paths_of
 from occlog.evaluate.stage import evaluate
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, write_table
+from occlog.io.files.tables.parquet import iter_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.pieces import Side, in_step
 from occlog.records.scene import Scene

@@ -14,7 +14,7 @@ from occlog.errors import ExitCode, InputError
 from occlog.evaluate.bearings.held_out_boxes import held_out_box_metrics
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.people import PeopleTracks
 from occlog.records.tables import Boxes

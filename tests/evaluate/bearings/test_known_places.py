@@ -12,7 +12,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate.bearings.known_places import FEWEST_READINGS, measured_noise
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import read_scene, scene_to_yaml
 from occlog.records.tables import Truth
 

@@ -14,7 +14,9 @@ from mot_published import PUBLISHED
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import read_provenance, read_table, write_table
+from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml

@@ -17,7 +17,8 @@ from occlog.evaluate.mot.stage import evaluate_views
 from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, read_table, write_table
+from occlog.io.files.tables.parquet import iter_table, read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.tables import Boxes
 from occlog.records.views import Failures
 

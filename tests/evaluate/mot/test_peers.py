@@ -11,7 +11,7 @@ from mot_environment import ask
 
 from occlog.cli.main import run
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.tables import TruthBoxes
 from occlog.records.views import ViewTracks
 

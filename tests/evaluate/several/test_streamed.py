@@ -23,7 +23,8 @@ from occlog.evaluate.several.run import NOT_COMBINED
 from occlog.evaluate.stretches import sources
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, write_table
+from occlog.io.files.tables.parquet import iter_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import Table
 from occlog.records.scene import Scene

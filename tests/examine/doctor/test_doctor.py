@@ -20,7 +20,7 @@ from occlog.examine.doctor.findings import EXIT_CODES, KINDS, Finding, Findings,
 from occlog.examine.doctor.recording import look_at_recording
 from occlog.examine.doctor.run import look_at
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter

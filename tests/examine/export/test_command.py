@@ -15,7 +15,7 @@ from random_tables import random_table
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import open_input
 from occlog.records.columns import Table
 from occlog.records.people import PeopleTracks

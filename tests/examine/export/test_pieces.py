@@ -14,7 +14,8 @@ from occlog.errors import ExitCode
 from occlog.examine.export.trajectories import Places, geojson_texts, places_of
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table, write_table
+from occlog.io.files.tables.parquet import iter_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.trajectories.earth import Origin
 from occlog.records.columns import Table
 from occlog.records.tables import Boxes, Tracks, Truth

@@ -28,7 +28,7 @@ from viewer_runs import CAMERA, MADE, NS, fill, scene, view_tracks
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.examine.viewers.plotted import SCHEMA
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.tables import Boxes, Occluders, Particles

@@ -12,8 +12,10 @@ from random_tables import random_table
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables import parquet
 from occlog.io.files.tables.check_sums import BLOCK, MARK, Checked
+from occlog.io.files.tables.header import describe, read_provenance
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings
 
@@ -25,7 +27,7 @@ ROWS = 5000
 def raw(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The bytes of a table of several blocks."""
     path = tmp_path_factory.mktemp("whole") / "t.parquet"
-    parquet.write_table(path, random_table(Bearings, ROWS), MADE)
+    write_table(path, random_table(Bearings, ROWS), MADE)
     return path.read_bytes()
 
 
@@ -34,7 +36,7 @@ def footer_at(raw: bytes) -> int:
 
 
 def read(path: Path) -> object:
-    return parquet.describe(path), parquet.read_table(path, Bearings).bearing.tobytes()
+    return describe(path), read_table(path, Bearings).bearing.tobytes()
 
 
 def test_a_table_has_several_blocks_and_others_read_it(raw: bytes, tmp_path: Path) -> None:
@@ -88,19 +90,17 @@ def test_tables_without_check_sums_are_read_with_those_of_pages(raw: bytes, tmp_
     pq.write_table(pq.read_table(path), old, write_page_checksum=True)
     with Checked(old) as file:
         assert file.trailer is None
-    assert np.array_equal(
-        parquet.read_table(old, Bearings).bearing, parquet.read_table(path, Bearings).bearing, equal_nan=True
-    )
-    assert parquet.read_provenance(old).losses == MADE.losses
+    assert np.array_equal(read_table(old, Bearings).bearing, read_table(path, Bearings).bearing, equal_nan=True)
+    assert read_provenance(old).losses == MADE.losses
     data = bytearray(old.read_bytes())
     data[len(data) // 2] ^= 1
     old.write_bytes(data)
     with pytest.raises(InputError, match="damaged"):
-        parquet.read_table(old, Bearings)
+        read_table(old, Bearings)
 
 
 def test_a_table_without_rows_has_check_sums(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
-    parquet.write_table(path, random_table(Bearings, 0), MADE)
+    write_table(path, random_table(Bearings, 0), MADE)
     assert MARK in path.read_bytes()
-    assert parquet.read_provenance(path) == MADE
+    assert read_provenance(path) == MADE

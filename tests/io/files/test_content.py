@@ -9,7 +9,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.files.texts.csv_rows import LONGEST_LINE, first_line
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording

@@ -16,8 +16,12 @@ from random_tables import random_table
 
 from occlog.errors import InputError, OutputError, OutputExistsError, UsageError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables import parquet
+from occlog.io.files.tables import table_writer
+from occlog.io.files.tables.arrow_columns import from_arrow
 from occlog.io.files.tables.check_sums import Summed
+from occlog.io.files.tables.header import describe, read_provenance
+from occlog.io.files.tables.parquet import iter_table, read_table, schema_name
+from occlog.io.files.tables.table_writer import TableWriter, write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Truth, Views
 from occlog.track.people.boxes_by_moment import FrameTimes
@@ -36,16 +40,16 @@ def same(a, b) -> bool:
 def test_round_trip(tmp_path: Path, table: type, rows: int) -> None:
     want = random_table(table, rows).sorted()
     path = tmp_path / "t.parquet"
-    parquet.write_table(path, want, PROVENANCE)
-    got = parquet.read_table(path, table)
+    write_table(path, want, PROVENANCE)
+    got = read_table(path, table)
     assert same(got, want)
-    assert parquet.read_provenance(path) == PROVENANCE
-    assert parquet.describe(path)["rows"] == rows
+    assert read_provenance(path) == PROVENANCE
+    assert describe(path)["rows"] == rows
 
 
 def test_units_and_meanings_are_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
-    parquet.write_table(path, random_table(Tracks, 3), PROVENANCE, length_unit="ft")
+    write_table(path, random_table(Tracks, 3), PROVENANCE, length_unit="ft")
     schema = pq.read_schema(path)
     assert schema.field("x").metadata[b"unit"] == b"ft"
     assert schema.field("cov_xx").metadata[b"unit"] == b"ft^2"
@@ -58,45 +62,45 @@ def test_copies_of_rows_are_refused_where_they_have_an_identity(tmp_path: Path) 
     path = tmp_path / "t.parquet"
     for target, refused in ((3, True), (-1, False)):
         one = replace(first, target_id=np.array([target], np.int32))
-        parquet.write_table(path, Bearings.concat([one, one]), PROVENANCE, overwrite=True)
+        write_table(path, Bearings.concat([one, one]), PROVENANCE, overwrite=True)
         if refused:
             with pytest.raises(
                 InputError, match=r"t\.parquet: Bearings: a row stands there twice \(t_ns .*target_id 3"
             ):
-                parquet.read_table(path, Bearings)
+                read_table(path, Bearings)
         else:
-            assert len(parquet.read_table(path, Bearings)) == 2
+            assert len(read_table(path, Bearings)) == 2
     # What two rows differ in may be in columns that nobody asks for
     views = Views.concat([random_table(Views, 1)] * 2)
     views = replace(views, cluster=np.array([0, 1], np.int32))
-    parquet.write_table(path, views, PROVENANCE, overwrite=True)
-    assert len(parquet.read_table(path, FrameTimes)) == 2
+    write_table(path, views, PROVENANCE, overwrite=True)
+    assert len(read_table(path, FrameTimes)) == 2
 
 
 def test_same_rows_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        parquet.write_table(tmp_path / name, random_table(Bearings, 500), PROVENANCE)
+        write_table(tmp_path / name, random_table(Bearings, 500), PROVENANCE)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_chunks_are_written_in_groups_and_read_in_chunks(tmp_path: Path) -> None:
     want = random_table(Bearings, 5000)
     path = tmp_path / "t.parquet"
-    with parquet.TableWriter(path, Bearings, PROVENANCE) as writer:
+    with TableWriter(path, Bearings, PROVENANCE) as writer:
         for i in range(0, 5000, 50):
             writer.write(want.take(slice(i, i + 50)))
     assert pq.ParquetFile(path).num_row_groups == 1
-    parts = list(parquet.iter_table(path, Bearings, rows=700))
+    parts = list(iter_table(path, Bearings, rows=700))
     assert max(len(p) for p in parts) <= 700
     assert same(Bearings.concat(parts), want)
 
 
 def test_what_was_read_of_a_file_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parquet, "ROWS_PER_GROUP", 500)
+    monkeypatch.setattr(table_writer, "ROWS_PER_GROUP", 500)
     path, rows = tmp_path / "t.parquet", 40_000
-    parquet.write_table(path, random_table(Tracks, rows).sorted(), PROVENANCE)
+    write_table(path, random_table(Tracks, rows).sorted(), PROVENANCE)
     before, most, count = pa.total_allocated_bytes(), 0, 0
-    for part in parquet.iter_table(path, Tracks, rows=500):
+    for part in iter_table(path, Tracks, rows=500):
         most, count = max(most, pa.total_allocated_bytes() - before), count + len(part)
     assert count == rows
     assert pq.ParquetFile(path).num_row_groups == 80
@@ -105,15 +109,15 @@ def test_what_was_read_of_a_file_is_not_kept(tmp_path: Path, monkeypatch: pytest
 
 def test_provenance_known_at_the_end_replaces_the_first(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
-    with parquet.TableWriter(path, Bearings, Provenance("detect")) as writer:
+    with TableWriter(path, Bearings, Provenance("detect")) as writer:
         writer.write(random_table(Bearings, 3))
         writer.annotate(PROVENANCE)
-    assert parquet.read_provenance(path) == PROVENANCE
+    assert read_provenance(path) == PROVENANCE
 
 
 def test_an_error_while_writing_leaves_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "t.parquet"
-    with pytest.raises(ZeroDivisionError), parquet.TableWriter(path, Bearings, PROVENANCE) as writer:
+    with pytest.raises(ZeroDivisionError), TableWriter(path, Bearings, PROVENANCE) as writer:
         writer.write(random_table(Bearings, 100_000))
         raise ZeroDivisionError
     assert list(tmp_path.iterdir()) == []
@@ -122,17 +126,17 @@ def test_an_error_while_writing_leaves_nothing(tmp_path: Path, capfd: pytest.Cap
 
 def test_existing_output_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
-    parquet.write_table(path, random_table(Bearings, 3), PROVENANCE)
+    write_table(path, random_table(Bearings, 3), PROVENANCE)
     before = path.read_bytes()
     with pytest.raises(OutputExistsError):
-        parquet.write_table(path, random_table(Bearings, 4), PROVENANCE)
+        write_table(path, random_table(Bearings, 4), PROVENANCE)
     assert path.read_bytes() == before
 
 
 def test_flipped_bits_and_cuts_never_pass_as_numbers(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     want = random_table(Bearings, 2000).sorted()
-    parquet.write_table(path, want, PROVENANCE)
+    write_table(path, want, PROVENANCE)
     raw, rng = path.read_bytes(), np.random.default_rng(1)
     refused = 0
     for trial in range(150):
@@ -143,7 +147,7 @@ def test_flipped_bits_and_cuts_never_pass_as_numbers(tmp_path: Path) -> None:
             data = data[: rng.integers(1, len(data))]
         path.write_bytes(data)
         try:
-            assert same(parquet.read_table(path, Bearings), want)  # a flip in text that does not matter
+            assert same(read_table(path, Bearings), want)  # a flip in text that does not matter
         except InputError as error:
             refused += 1
             assert "\n" not in str(error)
@@ -153,32 +157,32 @@ def test_flipped_bits_and_cuts_never_pass_as_numbers(tmp_path: Path) -> None:
 
 def test_wrong_tables_are_named(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
-    parquet.write_table(path, random_table(Tracks, 3), PROVENANCE)
+    write_table(path, random_table(Tracks, 3), PROVENANCE)
     with pytest.raises(InputError, match=r"holds tracks/3, want bearings/2"):
-        parquet.read_table(path, Bearings)
+        read_table(path, Bearings)
     pq.write_table(pa.table({"a": [1]}), path)
     with pytest.raises(InputError, match="not an occlog table"):
-        parquet.describe(path)
+        describe(path)
     with pytest.raises(InputError, match="want bearings/2"):
-        parquet.read_table(path, Bearings)
+        read_table(path, Bearings)
 
 
 def test_older_files_are_read_and_newer_ones_refused(tmp_path: Path) -> None:
     want, path = random_table(Tracks, 5), tmp_path / "t.parquet"
-    parquet.write_table(path, want, PROVENANCE)
+    write_table(path, want, PROVENANCE)
     old = pq.read_table(path).drop_columns(["z", "cov_vx_vx"])
 
     def save(version: bytes) -> None:
         pq.write_table(old.replace_schema_metadata({**old.schema.metadata, b"occlog.schema": version}), path)
 
     save(b"tracks/1")
-    have = parquet.read_table(path, Tracks)
+    have = read_table(path, Tracks)
     assert np.isnan(have.z).all()
     assert np.isnan(have.cov_vx_vx).all()
     assert np.array_equal(have.x, want.x)
     save(b"tracks/99")
     with pytest.raises(InputError, match="holds tracks/99, which is newer than tracks/3; update occlog"):
-        parquet.read_table(path, Tracks)
+        read_table(path, Tracks)
 
 
 def rewrite(path: Path, change) -> None:
@@ -199,18 +203,18 @@ def rewrite(path: Path, change) -> None:
 )
 def test_tables_of_others_are_checked(tmp_path: Path, change, message: str) -> None:
     path = tmp_path / "t.parquet"
-    parquet.write_table(path, random_table(Bearings, 20), PROVENANCE)
+    write_table(path, random_table(Bearings, 20), PROVENANCE)
     rewrite(path, change)
     with pytest.raises(InputError, match=message):
-        parquet.read_table(path, Bearings)
+        read_table(path, Bearings)
 
 
 def test_plain_strings_of_other_writers_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     want = random_table(Bearings, 20).sorted()
-    parquet.write_table(path, want, PROVENANCE)
+    write_table(path, want, PROVENANCE)
     rewrite(path, lambda t: t.set_column(1, "sensor", t["sensor"].cast(pa.large_string())))
-    assert same(parquet.read_table(path, Bearings), want)
+    assert same(read_table(path, Bearings), want)
 
 
 @pytest.mark.parametrize(("content", "message"), [(None, "no such file"), (b"", "empty"), (b"PAR1x", "not a Parquet")])
@@ -219,15 +223,15 @@ def test_files_that_are_none(tmp_path: Path, content: bytes | None, message: str
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InputError, match=message):
-        parquet.read_table(path, Bearings)
+        read_table(path, Bearings)
 
 
 def test_appearance_is_a_fixed_list(tmp_path: Path) -> None:
     path = tmp_path / "v.parquet"
     table = random_table(Views, 4)
     table.appearance[1] = np.arange(APPEARANCE_BINS)
-    parquet.write_table(path, table, PROVENANCE)
-    assert parquet.read_table(path, Views).appearance[1].tolist() == list(range(APPEARANCE_BINS))
+    write_table(path, table, PROVENANCE)
+    assert read_table(path, Views).appearance[1].tolist() == list(range(APPEARANCE_BINS))
 
 
 @pytest.mark.parametrize(
@@ -235,11 +239,11 @@ def test_appearance_is_a_fixed_list(tmp_path: Path) -> None:
 )
 def test_a_name_that_promises_another_format_is_refused(tmp_path: Path, name: str, good: bool) -> None:
     if good:
-        parquet.write_table(tmp_path / name, Tracks.empty(), Provenance("test"))
+        write_table(tmp_path / name, Tracks.empty(), Provenance("test"))
         assert (tmp_path / name).is_file()
         return
     with pytest.raises(UsageError, match=r"tables are written as Parquet, not \.\w+; name it t\.parquet"):
-        parquet.write_table(tmp_path / name, Tracks.empty(), Provenance("test"))
+        write_table(tmp_path / name, Tracks.empty(), Provenance("test"))
     assert not (tmp_path / name).exists()
 
 
@@ -250,8 +254,8 @@ def embedded(rows: int, length: int) -> Views:
 
 def test_vectors_of_any_length_come_back_and_are_nan_where_there_are_none(tmp_path: Path) -> None:
     for length in (0, 5, 512):
-        parquet.write_table(tmp_path / "v.parquet", embedded(4, length), PROVENANCE, overwrite=True)
-        assert parquet.read_table(tmp_path / "v.parquet", Views).embedding.shape == (4, length)
+        write_table(tmp_path / "v.parquet", embedded(4, length), PROVENANCE, overwrite=True)
+        assert read_table(tmp_path / "v.parquet", Views).embedding.shape == (4, length)
     both = Views.merge([embedded(2, 0), embedded(3, 4)])
     assert np.isnan(both.embedding).all(axis=1).sum() == 2
     assert (both.embedding == 1).all(axis=1).sum() == 3
@@ -260,7 +264,7 @@ def test_vectors_of_any_length_come_back_and_are_nan_where_there_are_none(tmp_pa
 
 
 def test_vectors_of_several_lengths_in_a_file_are_refused(tmp_path: Path) -> None:
-    parquet.write_table(tmp_path / "v.parquet", embedded(2, 3), PROVENANCE)
+    write_table(tmp_path / "v.parquet", embedded(2, 3), PROVENANCE)
     whole = pq.read_table(tmp_path / "v.parquet")
     place = whole.schema.get_field_index("embedding")
     ragged = whole.set_column(
@@ -268,13 +272,13 @@ def test_vectors_of_several_lengths_in_a_file_are_refused(tmp_path: Path) -> Non
     )
     pq.write_table(ragged, tmp_path / "w.parquet", write_page_checksum=True)
     with pytest.raises(InputError, match="column embedding: lists of 1 and of 2 numbers"):
-        parquet.read_table(tmp_path / "w.parquet", Views)
+        read_table(tmp_path / "w.parquet", Views)
 
 
 def test_a_name_that_is_not_utf_8_is_a_name(tmp_path: Path) -> None:
     path = tmp_path / os.fsdecode(b"b\xff.parquet")
-    parquet.write_table(path, random_table(Bearings, 3).sorted(), PROVENANCE)
-    assert parquet.schema_name(path) == "bearings"
+    write_table(path, random_table(Bearings, 3).sorted(), PROVENANCE)
+    assert schema_name(path) == "bearings"
 
 
 @pytest.mark.parametrize("after", range(5))
@@ -290,7 +294,7 @@ def test_a_device_that_fails_at_any_write_leaves_no_table_and_is_one_error(
 
     monkeypatch.setattr(Summed, "_put", fails)
     with pytest.raises(OutputError, match=r"t\.parquet: cannot be written: Input/output error"):
-        parquet.write_table(tmp_path / "t.parquet", random_table(Bearings, 50).sorted(), PROVENANCE)
+        write_table(tmp_path / "t.parquet", random_table(Bearings, 50).sorted(), PROVENANCE)
     gc.collect()  # a writer that is not closed would complain
     assert not list(tmp_path.iterdir())
 
@@ -301,4 +305,4 @@ def test_names_that_are_not_there_are_damage(index: int) -> None:
     names = pa.DictionaryArray.from_arrays(pa.array([0, index], pa.int32()), pa.array(["a"]), safe=False)
     columns = {"t_ns": [1, 2], "target_id": [0, 0], "role": names, "x": [0.0, 0.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
     with pytest.raises(InputError, match=r"column role: .* refers to a text that is not there"):
-        parquet.from_arrow(pa.table(columns), Truth)
+        from_arrow(pa.table(columns), Truth)

@@ -16,11 +16,13 @@ from random_tables import random_table
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables import parquet
-from occlog.io.files.tables.parquet import TableWriter, read_provenance, read_table, write_table
+from occlog.io.files.tables import table_writer
+from occlog.io.files.tables.header import read_header, read_provenance
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.salvage.marks import GROUP, group_of, marks
 from occlog.io.files.tables.salvage.table import recover_table
 from occlog.io.files.tables.salvage.thrift import MalformedError, Reader, written
+from occlog.io.files.tables.table_writer import TableWriter, write_table
 from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
@@ -48,7 +50,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A table of five groups of rows."""
     path = tmp_path_factory.mktemp("whole") / "b.parquet"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(parquet, "ROWS_PER_GROUP", ROWS)
+        patch.setattr(table_writer, "ROWS_PER_GROUP", ROWS)
         with TableWriter(path, Bearings, Provenance("detect", {}, 1, (), (BEFORE,)), length_unit="ft") as out:
             for k in range(GROUPS):
                 out.write(rows(k))
@@ -146,7 +148,7 @@ def test_the_command_says_what_is_lost(whole: Path, tmp_path: Path, capsys: pyte
     told = capsys.readouterr()
     assert json.loads(told.out)["rows"] == 2 * ROWS
     assert "cut.parquet: after 2023-11-14T22:13:27.990Z: rows up to its end, if there were more" in told.err
-    assert parquet.read_header(out).length_unit == "ft"
+    assert read_header(out).length_unit == "ft"
     assert run(["recover", str(cut), "-o", str(tmp_path / "x.parquet"), "--video", "a=b.avi"]) == ExitCode.USAGE
     (tmp_path / "foreign.parquet").write_bytes(b"PAR1" + bytes(1000))
     assert run(["recover", str(tmp_path / "foreign.parquet"), "-o", str(tmp_path / "x.parquet")]) == ExitCode.BAD_INPUT

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.foreign import source
 from occlog.io.open import check_unit, of_others, open_if_ours, open_input
 from occlog.records.columns import Table

@@ -10,7 +10,7 @@ from view_videos import SMALL, record_balls, small_balls
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.models.ellipses import FIRST, read_ellipses
 from occlog.records.tables import Bearings, Boxes, TruthBoxes
 from occlog.records.views import ViewTracks

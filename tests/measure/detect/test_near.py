@@ -11,7 +11,8 @@ from tracker_scenes import room100
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import read_table, write_table
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.detect.near import MOST_AGE_S, allowed, directions, limited, near_of

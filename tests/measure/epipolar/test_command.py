@@ -15,7 +15,7 @@ from occlog.core.sight.fundamental import epipolar_distances
 from occlog.errors import ExitCode
 from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.models.fundamental_matrices import read_epipolar
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter

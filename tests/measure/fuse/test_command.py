@@ -10,7 +10,9 @@ from tracker_scenes import room100
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.tables.parquet import read_provenance, read_table, write_table
+from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks

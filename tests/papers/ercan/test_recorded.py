@@ -13,7 +13,7 @@ from recorded_scenes import SCENE, rows, truth, walked
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.papers.ercan.recorded.detections import (

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks, Truth
 

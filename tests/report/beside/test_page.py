@@ -13,7 +13,7 @@ import numpy as np
 from two_runs import STEP, exchanged_at, lost, moved, tracks, truth, write_run
 
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
 from occlog.report.beside.config import BesideConfig

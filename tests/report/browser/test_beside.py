@@ -14,7 +14,7 @@ from two_runs import exchanged_at, moved, tracks, truth, write_run
 from docs.browser import CHROMIUM
 from occlog.cli.main import run
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.tables import PeopleTracks
 
 pytestmark = [

@@ -12,7 +12,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Camera, Scene, camera_rotation

@@ -14,7 +14,7 @@ from made_up import ring_scene, run
 from occlog.cli.main import run as occlog
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Scene

@@ -8,7 +8,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, OutputError
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.tables import FusedTracks
 
 pytestmark = pytest.mark.jit

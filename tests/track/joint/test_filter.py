@@ -14,7 +14,8 @@ from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.visibility import behind_objects
 from occlog.errors import ExitCode, UsageError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import read_table, write_table
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.apf.selection_config import SelectConfig

@@ -14,7 +14,8 @@ from occlog.cli.main import run
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import read_table, write_table
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
 from occlog.settings import configure

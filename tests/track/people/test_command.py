@@ -14,7 +14,9 @@ from people_boxes import PEOPLE, STEP_NS, box, boxes, camera, hall, table, truth
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import read_provenance, read_table, write_table
+from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Camera, MicrophoneArray, Scene

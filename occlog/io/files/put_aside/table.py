@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from occlog.io.files.atomic import translate_write_errors
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import arrow_schema, from_arrow, to_arrow
+from occlog.io.files.tables.arrow_columns import arrow_schema, from_arrow, to_arrow
 from occlog.records.columns import Table
 
 T = TypeVar("T", bound=Table)

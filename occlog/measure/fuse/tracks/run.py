@@ -14,7 +14,7 @@ from occlog.cli import options
 from occlog.errors import InputError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import check_unit, losses_of, open_input
 from occlog.records.columns import Table
 from occlog.records.losses import Loss

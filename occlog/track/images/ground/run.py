@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
 from occlog.records.tables import FusedTracks
 from occlog.records.views import ViewTracks

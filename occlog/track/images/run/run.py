@@ -21,7 +21,7 @@ from occlog.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import TableWriter
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.measure.detect.one_camera import stretches
 from occlog.records.columns import Table
 from occlog.records.losses import Loss

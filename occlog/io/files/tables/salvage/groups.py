@@ -13,7 +13,8 @@ from collections.abc import Iterator
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from occlog.io.files.tables.parquet import MAGIC, too_much
+from occlog.io.files.tables.header import MAGIC
+from occlog.io.files.tables.parquet import too_much
 from occlog.io.files.tables.salvage.marks import Group
 from occlog.io.files.tables.salvage.thrift import I32, I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
 

@@ -18,23 +18,13 @@ import pyarrow.parquet as pq
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.parquet import (
-    MAGIC,
-    WRITTEN,
-    Header,
-    TableWriter,
-    arrow_schema_of,
-    check_schema,
-    from_arrow,
-    groups_of,
-    header_by_footer,
-    header_of,
-    read_header,
-    translate_read_errors,
-)
+from occlog.io.files.tables.arrow_columns import check_schema, from_arrow
+from occlog.io.files.tables.header import MAGIC, Header, header_by_footer, header_of, read_header
+from occlog.io.files.tables.parquet import arrow_schema_of, groups_of, translate_read_errors
 from occlog.io.files.tables.salvage.groups import pattern_of, rows_of
 from occlog.io.files.tables.salvage.marks import GROUP, SCHEMA, Mark, group_of, marks
 from occlog.io.files.tables.salvage.thrift import MalformedError, Struct
+from occlog.io.files.tables.table_writer import WRITTEN, TableWriter
 from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table
 from occlog.records.losses import Loss

@@ -1,0 +1,139 @@
+"""Declared columns as Arrow has them: the schema of a table with its units, records to Arrow and back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from occlog.errors import InputError
+from occlog.io.files.guard import check_texts
+from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
+from occlog.io.files.tables.arrow_arrays import to_numpy
+from occlog.records.columns import ANY, Column, Table
+
+SCHEMA_KEY = "occlog.schema"
+T = TypeVar("T", bound=Table)
+_ARROW = {
+    "i8": pa.int64(),
+    "i4": pa.int32(),
+    "f8": pa.float64(),
+    "f4": pa.float32(),
+    "?": pa.bool_(),
+    "U": pa.dictionary(pa.int32(), pa.string()),
+}
+LENGTHS = ("m", "m^2", "m/s", "m^2/s", "m^2/s^2")
+"""Units in which m stands for the scene's unit of length."""
+
+
+def arrow_field(c: Column, unit: str) -> pa.Field:
+    """Arrow field of a column with its unit, meaning and the meaning of NaN as metadata."""
+    kind = _ARROW[c.kind]
+    if c.width:
+        kind = pa.list_(kind) if c.width == ANY else pa.list_(kind, c.width)
+    metadata = {"unit": unit, "doc": c.doc}
+    if c.nan is not None:
+        metadata["nan"] = c.nan
+    return pa.field(c.name, kind, nullable=False, metadata=metadata)
+
+
+def arrow_schema(table: type[Table], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
+    """Arrow schema of a table; `length_unit` replaces metres in the units."""
+    fields = [
+        arrow_field(c, c.unit.replace("m", length_unit) if c.unit in LENGTHS else c.unit) for c in table.columns()
+    ]
+    metadata = {
+        SCHEMA_KEY: f"{table.NAME}/{table.VERSION}",
+        "occlog.key": ",".join(table.KEY),
+        "occlog.length_unit": length_unit,
+        PROVENANCE_KEY: provenance.json(),
+    }
+    return pa.schema(fields).with_metadata(metadata)
+
+
+def to_arrow(table: Table, schema: pa.Schema) -> pa.Table:
+    """Arrow table of a record."""
+    arrays = []
+    for c, f in zip(table.columns(), schema, strict=True):
+        values = getattr(table, c.name)
+        if c.width:
+            flat = pa.array(np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False)
+            if c.width == ANY:
+                starts = pa.array(np.arange(len(values) + 1, dtype=np.int32) * values.shape[1], pa.int32())
+                arrays.append(pa.ListArray.from_arrays(starts, flat, type=f.type))
+            else:
+                arrays.append(pa.FixedSizeListArray.from_arrays(flat, c.width))
+        elif c.kind == "U":
+            names, codes = np.unique(values, return_inverse=True)
+            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), pa.array(names, pa.string())))
+        else:
+            arrays.append(pa.array(values, type=f.type, from_pandas=False))
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
+    """Record of an Arrow batch whose columns have been checked; optional ones may be left out."""
+    told = [c for c in table.columns() if c.name in batch.schema.names]
+    return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in told})
+
+
+def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray[np.generic]:
+    if isinstance(values, pa.ChunkedArray):
+        values = values.combine_chunks()
+    if values.null_count:
+        raise InputError(f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)")
+    if c.width == ANY:
+        return vectors(c, values)
+    if c.width:
+        return np.array(to_numpy(values.flatten()), c.dtype).reshape(-1, c.width)
+    if c.kind == "U":
+        if pa.types.is_dictionary(values.type):
+            texts = values.dictionary.to_pylist() or [""]
+            check_texts(texts, len(values), f"column {c.name}")
+            which = to_numpy(values.indices)
+            if len(which) and not 0 <= int(which.min()) <= int(which.max()) < len(texts):
+                raise InputError(f"column {c.name}: the file is damaged: it refers to a text that is not there")
+            return np.asarray(np.asarray(texts, dtype=np.str_)[which])
+        texts = values.to_pylist()
+        check_texts(texts, len(values), f"column {c.name}")
+        return np.asarray(texts, dtype=np.str_) if texts else np.empty(0, "U1")
+    return np.array(to_numpy(values), dtype=c.dtype)
+
+
+def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
+    """(n, K) numbers of lists, all of K numbers or of none; NaN where a list is empty."""
+    lengths, numbers = to_numpy(values.value_lengths()).astype(np.int64), values.flatten()
+    (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
+    if others or numbers.null_count:
+        fault = f"lists of {length} and of {others[0]} numbers; all must be alike" if others else "numbers are missing"
+        raise InputError(f"column {c.name}: {fault}")
+    out = np.full((len(values), length), np.nan, dtype=c.dtype)
+    out[lengths > 0] = to_numpy(numbers).reshape(-1, max(length, 1))
+    return out
+
+
+def check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
+    """InputError unless a schema is that of a table in its version of today, but for optional columns."""
+    found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
+    name, _, version = found.partition("/")
+    if name != table.NAME:
+        raise InputError(f"{path}: holds {found or 'no occlog table'}, want {table.NAME}/{table.VERSION}")
+    if not version.isdigit() or int(version) > table.VERSION:
+        raise InputError(f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog")
+    for c in table.columns():
+        if schema.get_field_index(c.name) < 0:
+            if c.optional:  # a file of an older version
+                continue
+            raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")
+        have, kind = schema.field(c.name).type, _ARROW[c.kind]
+        if c.width == ANY:
+            if not (pa.types.is_list(have) and have.value_type == kind):
+                raise InputError(f"{path}: column {c.name} is {have}, want lists of {kind}")
+            continue
+        kind = pa.list_(kind, c.width) if c.width else kind
+        same = have == kind or (c.kind == "U" and (pa.types.is_string(have) or pa.types.is_large_string(have)))
+        if not same and not (pa.types.is_dictionary(have) and c.kind == "U"):
+            raise InputError(f"{path}: column {c.name} is {have}, want {kind}")

@@ -1,0 +1,155 @@
+"""Writes tables as Parquet, chunk by chunk, with check sums of every byte and a mark behind each group of rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from occlog.errors import UsageError
+from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
+from occlog.io.files.tables.arrow_columns import arrow_schema, to_arrow
+from occlog.io.files.tables.check_sums import Summed
+from occlog.io.files.tables.salvage.marks import mark_of_group, mark_of_schema
+from occlog.records.columns import Table
+
+ROWS_PER_GROUP = 65_536
+BYTES_PER_GROUP = 4 * 1024 * 1024
+WRITTEN: dict[str, Any] = {
+    "version": "2.6",
+    "compression": "zstd",
+    "compression_level": 3,
+    "write_page_checksum": True,
+}
+"""How pages are written."""
+NAMED_OTHERWISE = (
+    *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
+    *(".yaml", ".yml", ".html", ".png", ".svg", ".mcap", ".mp4", ".gz"),
+)
+"""Endings of names that promise another format than that of tables."""
+
+
+def check_table_name(path: Path) -> None:
+    """UsageError for an output whose name promises another format than Parquet."""
+    suffix = Path(path).suffix.lower()
+    if suffix in NAMED_OTHERWISE:
+        raise UsageError(f"{path}: tables are written as Parquet, not {suffix}; name it {Path(path).stem}.parquet")
+
+
+class TableWriter:
+    """Writes a table chunk by chunk; the file appears when the block ends without an error."""
+
+    def __init__(
+        self,
+        path: Path,
+        table: type[Table],
+        provenance: Provenance,
+        *,
+        overwrite: bool = False,
+        length_unit: str = "m",
+        together: Together | None = None,
+    ) -> None:
+        """Prepare to write `table` to `path`; OutputExistsError if it is there and may not be replaced.
+
+        With `together` the file appears at its end.  UsageError for a name that promises another format.
+        """
+        check_table_name(path)
+        self.rows = 0
+        self._table = table
+        self._schema = arrow_schema(table, provenance, length_unit)
+        self._pending: list[Table] = []
+        self._pending_rows = self._pending_bytes = 0
+        self._output = open_output(Path(path), overwrite, together)
+        self._writer: pq.ParquetWriter | None = None
+        self._begun = False
+
+    def __enter__(self) -> Self:
+        """Open the output."""
+        self._summed = Summed(self._output.__enter__())
+        self._sink = pa.PythonFile(self._summed, "w")
+        try:
+            self._writer = pq.ParquetWriter(
+                self._sink, self._schema, write_page_index=True, sorting_columns=[pq.SortingColumn(0)], **WRITTEN
+            )
+        except BaseException as failure:
+            self._output.__exit__(type(failure), failure, failure.__traceback__)
+            raise
+        return self
+
+    def write(self, table: Table) -> None:
+        """Append rows; they are written in groups, so many small chunks cost no space."""
+        self.rows += len(table)
+        self._pending.append(table)
+        self._pending_rows += len(table)
+        self._pending_bytes += sum(getattr(table, c.name).nbytes for c in table.columns())
+        if self._pending_rows >= ROWS_PER_GROUP or self._pending_bytes >= BYTES_PER_GROUP:
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._writer is not None and not self._begun:
+            self._sink.write(mark_of_schema(self._schema.serialize().to_pybytes()))
+            self._begun = True
+        if self._pending_rows and self._writer is not None:
+            whole = to_arrow(self._table.concat(self._pending), self._schema)
+            for start in range(0, len(whole), ROWS_PER_GROUP):
+                self._write_group(self._writer, whole.slice(start, ROWS_PER_GROUP))
+        self._pending, self._pending_rows, self._pending_bytes = [], 0, 0
+
+    def _write_group(self, writer: pq.ParquetWriter, rows: pa.Table) -> None:
+        """Write a group of rows, and behind it the mark by which it is found if the end of the file is lost."""
+        at = self._summed.begin_span()
+        writer.write_table(rows, row_group_size=ROWS_PER_GROUP)
+        values = [_numbers(column) for column in rows.columns]
+        self._sink.write(mark_of_group(at, len(rows), values, self._summed.end_span()))
+
+    def annotate(self, provenance: Provenance) -> None:
+        """Replace the provenance by one that is known only after the last row (for example what was lost)."""
+        if self._writer is not None:
+            self._writer.add_key_value_metadata({PROVENANCE_KEY: provenance.json()})
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        """Complete the file, or drop it after an error."""
+        try:
+            if kind is None:
+                self._flush()
+            self._summed.begin_end()
+            self._close(kind is not None)
+            if kind is None:
+                self._summed.finish()
+        except BaseException as failure:
+            self._close(True)
+            if not self._output.__exit__(type(failure), failure, failure.__traceback__):
+                raise
+        return self._output.__exit__(kind, error, trace)
+
+    def _close(self, abandon: bool) -> None:
+        """Close the library's writer; an abandoned one must not try again when it is collected."""
+        if self._writer is None:
+            return
+        try:
+            self._writer.close()
+        except (pa.ArrowException, OSError, ValueError):
+            self._writer.is_open = False
+            if not abandon:
+                raise
+
+
+def _numbers(column: pa.ChunkedArray) -> int:
+    """How many numbers the pages of a column have: an empty list counts as one."""
+    if not pa.types.is_nested(column.type):
+        return len(column)
+    return max(sum(len(part.flatten()) for part in column.chunks), len(column))
+
+
+def write_table(
+    path: Path, table: Table, provenance: Provenance, *, overwrite: bool = False, length_unit: str = "m"
+) -> None:
+    """Write a whole table, sorted by its key."""
+    with TableWriter(path, type(table), provenance, overwrite=overwrite, length_unit=length_unit) as writer:
+        writer.write(table.sorted())
