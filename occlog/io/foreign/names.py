@@ -173,8 +173,11 @@ def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
     """
     there = {name.strip().lower(): name for name in reversed(names)}
     found, missing = [], []
-    for column, known, wanted in _sought(table):  # type: ignore[arg-type]  # a type is hashable
-        spelled = _find(column, there, known)
+    # Most columns are in most files under no name
+    columns = _columns_by_name(table)  # type: ignore[arg-type]  # a type is hashable
+    named = {number for name in there for number in columns.get(name, ())}
+    for number, (column, known, wanted) in enumerate(_sought(table)):  # type: ignore[arg-type]
+        spelled = _find(column, there, known) if number in named else None
         if spelled is not None:
             said = said_unit(table, column, spelled.name)
             unit = STATED.get().unit_of(spelled.name, kind_of(column), said) or spelled.unit
@@ -185,7 +188,8 @@ def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
     if one_of and not any(s.column.name in one_of for s in found):
         missing += one_of
     layout = Layout(table, tuple(found), tuple(missing))
-    _check_case(layout, names)
+    if len(there) < len(names):
+        _check_case(layout, names)
     _check_angles(layout, there)
     _check_lengths(layout)
     return layout
@@ -278,10 +282,19 @@ def _sought(table: type[Table]) -> tuple[tuple[Column, Mapping[str, str], bool],
     return tuple((c, _spellings(c, table.NAME), _is_wanted(c, table.NAME)) for c in table.columns())
 
 
+@cache
+def _columns_by_name(table: type[Table]) -> Mapping[str, tuple[int, ...]]:
+    """Numbers of the columns of a table that a name may say, or the far edge of them."""
+    out: dict[str, tuple[int, ...]] = {}
+    for number, (column, known, _) in enumerate(_sought(table)):  # type: ignore[arg-type]
+        edge, others = EDGES.get(column.name, ("", ()))
+        for name in {*known, edge, *others}:
+            out[name] = (*out.get(name, ()), number)
+    return out
+
+
 def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) -> Spelling | None:
-    found = []
-    if not known.keys().isdisjoint(there):
-        found = [Spelling(column, there[name], unit) for name, unit in known.items() if name in there]
+    found = [Spelling(column, there[name], unit) for name, unit in known.items() if name in there]
     if len(found) > 1:
         # The table's own name says it, whatever else could
         own = [s for s in found if s.name.strip().lower() == column.name]
