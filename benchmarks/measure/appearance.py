@@ -39,7 +39,7 @@ from occlog.measure.appearance.identities import EvidenceTally, identities
 from occlog.measure.appearance.inputs import SightingFiles, SightingInput
 from occlog.measure.appearance.sightings import Sighting, SightingTally, sightings
 from occlog.measure.appearance.stage import learn, match, sides_of
-from occlog.records.gallery import SAME
+from occlog.records.declared.gallery import SAME
 from occlog.records.tables import AppearanceMatches, Gallery
 from occlog.settings import configure
 

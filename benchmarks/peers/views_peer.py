@@ -29,8 +29,8 @@ from benchmarks.images._views_cases import Case
 from benchmarks.images._views_score import FIGURES, LabelledBoxes, around, figures, inside
 from benchmarks.peers._environments import environment, output_of
 from occlog.io.files.tables.parquet import read_table
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Views
-from occlog.records.views import ViewTracks
 
 VARIABLE = "OCCLOG_VIEW_PEERS"
 PACKAGES = {"norfair": "norfair==2.3.0", "trackers": "trackers==2.6.1"}

@@ -24,7 +24,7 @@ from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import read_scene
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.people import PeopleTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from docs.browser import browser
 from occlog.core.sight.camera import rotation_from_angles
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.people import PeopleTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors, Truth
 from occlog.report.content.model import ReportInput

@@ -19,7 +19,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import MeasuredFeed, make_stations, pack
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth
 from occlog.settings import configure

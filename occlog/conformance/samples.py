@@ -10,9 +10,9 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.plugins.interface import Compared
 from occlog.records.columns import Table
+from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings, Boxes, Errors, Tracks, Truth, Views
-from occlog.records.views import ViewTracks
 
 T = TypeVar("T", bound=Table)
 START_NS = 1_790_000_000 * NS + 123_456_000

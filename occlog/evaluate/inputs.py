@@ -19,9 +19,9 @@ from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import Radio, measurements_of_reads
 from occlog.measure.scans.shadowing import Shadowing
 from occlog.records.columns import Table
+from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.people import PeopleTracks
 from occlog.records.losses import Loss
-from occlog.records.measurements import Measurements
-from occlog.records.people import PeopleTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import (
     Bearings,

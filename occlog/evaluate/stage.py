@@ -32,11 +32,11 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import Radio
-from occlog.records.measurements import Measurements
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.people import PeopleTracks
+from occlog.records.declared.views import Counts, Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Boxes, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
-from occlog.records.views import Counts, Failures
 from occlog.track.plausibility.verdict import Finding, figures
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.core.navigation.steering import STATES, Steering
-from occlog.records.robots import PATH_STATES
+from occlog.records.declared.robots import PATH_STATES
 from occlog.records.tables import RobotPath
 
 from .stage import Step

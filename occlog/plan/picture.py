@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from occlog.array_types import Bools, Floats
-from occlog.records.plans import PlanMap
+from occlog.records.declared.plans import PlanMap
 from occlog.records.scene import Camera, Scene
 from occlog.report.drawing.style import COLOURS, house_style, label, new_figure, to_png
 from occlog.report.plots.planscene import draw_scene, frame_plan

@@ -17,7 +17,7 @@ from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
-from occlog.records.plans import PlanMap
+from occlog.records.declared.plans import PlanMap
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import configure

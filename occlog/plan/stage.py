@@ -11,7 +11,7 @@ from occlog.array_types import Floats
 from occlog.core.bounds.in_plane import polygon_covariance
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError
-from occlog.records.plans import PlanMap
+from occlog.records.declared.plans import PlanMap
 from occlog.records.scene import Scene
 
 from .config import PlanConfig

@@ -17,13 +17,13 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from .columns import Table
-from .gallery import AppearanceMatches, Gallery
-from .measurements import Measurements
-from .people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
-from .plans import PlanMap
-from .robots import RobotPath
-from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Reads, TruthBoxes, Views
-from .tracks import (
+from .declared.gallery import AppearanceMatches, Gallery
+from .declared.measurements import Measurements
+from .declared.people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
+from .declared.plans import PlanMap
+from .declared.robots import RobotPath
+from .declared.sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Reads, TruthBoxes, Views
+from .declared.tracks import (
     Bound,
     Calibration,
     Cooperation,
@@ -36,9 +36,9 @@ from .tracks import (
     Tracks,
     VirtualSensors,
 )
-from .traffic import Delays
-from .views import Counts, Failures, ViewTracks
-from .world import Hulls, Occluders, Truth
+from .declared.traffic import Delays
+from .declared.views import Counts, Failures, ViewTracks
+from .declared.world import Hulls, Occluders, Truth
 
 TABLES: dict[str, type[Table]] = {
     table.NAME: table

@@ -24,8 +24,8 @@ from occlog.measure.scans.measured import MeasuredFeed, Radio
 from occlog.measure.scans.scan import sensor_names
 from occlog.measure.scans.shadowing import Shadowing
 from occlog.measure.scans.sources import in_turn, only_measured
+from occlog.records.declared.traffic import END_TO_END
 from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Particles, Residuals, Tracks
-from occlog.records.traffic import END_TO_END
 from occlog.settings import METRES, Settings, configure
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.network_cost import Messages

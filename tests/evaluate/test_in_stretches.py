@@ -21,9 +21,9 @@ from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table, read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.records.declared.views import Counts, Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Errors
-from occlog.records.views import Counts, Failures
 
 WAYS: tuple[tuple[EvaluateConfig, ManyConfig, list[str]], ...] = (
     (EvaluateConfig(), ManyConfig(match_distance=1.0, moda_distance=0.5, own="label"), []),

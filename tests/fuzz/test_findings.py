@@ -22,8 +22,8 @@ from occlog.io.frames.codec import image_size
 from occlog.io.models.fundamental_matrices import read_epipolar
 from occlog.io.models.motion_models import read_motion
 from occlog.io.truth.calibration_board import read_sync_times
-from occlog.records.tracks import Cooperation
-from occlog.records.world import Occluders
+from occlog.records.declared.tracks import Cooperation
+from occlog.records.declared.world import Occluders
 
 from . import seeds
 from .readers import READERS

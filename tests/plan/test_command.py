@@ -15,7 +15,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.header import describe, read_provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.records.plans import PlanMap
+from occlog.records.declared.plans import PlanMap
 from occlog.records.tables import Tracks
 
 ROOM = EXAMPLES / "room.yaml"

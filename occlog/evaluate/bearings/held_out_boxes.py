@@ -17,7 +17,7 @@ from occlog.core.metrics.errors import pair_within, quantile, ratio
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.people import PeopleTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Boxes, Views
 from occlog.settings import METRES

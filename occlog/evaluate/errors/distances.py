@@ -10,7 +10,7 @@ from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.impossible import Differences
 from occlog.measure.scans.measured import Radio, make_stations, pack, with_strengths
 from occlog.measure.scans.shadowing import LastReads
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import Scene
 
 from .bound import Measured

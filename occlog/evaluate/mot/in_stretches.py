@@ -16,9 +16,9 @@ from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.evaluate.stage import Evaluation
 from occlog.io.open import Opened
+from occlog.records.declared.views import Failures, ViewTracks, boxes_of_ellipses
 from occlog.records.pieces import windows
 from occlog.records.tables import Boxes, TruthBoxes
-from occlog.records.views import Failures, ViewTracks, boxes_of_ellipses
 
 from .config import ManyConfig
 from .stage import ViewFigures, keys_of, left_out_note

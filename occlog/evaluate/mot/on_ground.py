@@ -24,8 +24,8 @@ from occlog.evaluate.errors.sums import Consistency, Spread
 from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.evaluate.stage import Evaluation
 from occlog.io.files.put_aside.spool import IN_MEMORY
+from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Tracks, Truth
-from occlog.records.views import Counts, Failures
 
 from .config import ManyConfig
 from .figures import FailureCounts, Metrics, MotFigures, power_of

@@ -27,9 +27,9 @@ from occlog.io.files.texts.csv_rows import first_line, is_header
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
+from occlog.records.declared.views import Failures, ViewTracks, boxes_of_ellipses
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
-from occlog.records.views import Failures, ViewTracks, boxes_of_ellipses
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 

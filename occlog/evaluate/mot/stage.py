@@ -20,7 +20,7 @@ from occlog.core.metrics.failure_rates import NONE
 from occlog.core.metrics.frame_pairs import Frames, Objects, numbered, of_boxes, of_points
 from occlog.core.metrics.idf1 import IdentityCounts
 from occlog.evaluate.stage import Evaluation
-from occlog.records.views import Failures
+from occlog.records.declared.views import Failures
 
 from .config import ManyConfig
 from .figures import FailureCounts, GospaFigures, Metrics, MotFigures, centres, of_view

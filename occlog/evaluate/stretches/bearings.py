@@ -26,7 +26,7 @@ from occlog.evaluate.stage import no_meeting
 from occlog.evaluate.stretches.evidence import SightStreams, in_rows_of
 from occlog.evaluate.stretches.sources import Sources
 from occlog.evaluate.verdict import Made
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 from occlog.records.pieces import LAST, Side
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors

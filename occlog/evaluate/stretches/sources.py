@@ -17,7 +17,7 @@ from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import Radio
 from occlog.measure.scans.sources import bearings_of_doa, in_time
 from occlog.records.columns import Table
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 from occlog.records.pieces import times, whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Doa, Reads, Tracks, Truth, TruthBoxes, Views

@@ -24,9 +24,9 @@ from occlog.evaluate.stretches.sources import Sources
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import Table
+from occlog.records.declared.views import Counts, Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors, Tracks
-from occlog.records.views import Counts, Failures
 from occlog.track.images.run.provenance import own_notes
 from occlog.track.plausibility.verdict import Evidence
 

@@ -22,11 +22,11 @@ from occlog.io.trajectories.earth import FARTHEST, Origin
 from occlog.plugins.chosen import Chosen
 from occlog.plugins.interface import World
 from occlog.records.columns import Table
+from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.pieces import whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views, table_with
-from occlog.records.views import ViewTracks
 
 from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
 from .columns import write_csv, write_parquet

@@ -15,7 +15,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.put_aside.spool import Spool
 from occlog.io.trajectories.earth import Origin, degrees_of
 from occlog.io.trajectories.geojson import COLLECTION, KEYS, ORIGIN
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
 

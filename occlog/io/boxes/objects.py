@@ -21,7 +21,7 @@ from occlog.io.files.inputs import check_input
 from occlog.io.files.last_number import last_number
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.texts.json_file import parse_json
-from occlog.records.sensors import MAX_FRAMES
+from occlog.records.declared.sensors import MAX_FRAMES
 
 from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns, rows_of
 

@@ -12,7 +12,7 @@ from occlog.array_types import Floats, Ints, Uints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.times.frame_times import FrameTimes
-from occlog.records.sensors import MAX_EDGE_PX
+from occlog.records.declared.sensors import MAX_EDGE_PX
 from occlog.records.tables import Boxes
 
 B = TypeVar("B", bound=Boxes)

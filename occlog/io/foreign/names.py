@@ -22,7 +22,7 @@ from occlog.io.sound.csv_log import COLUMNS as DIRECTIONS
 from occlog.io.tags.reads import COLUMNS as READS
 from occlog.io.truth.reader import COLUMNS as POSITIONS
 from occlog.records.columns import Column, Table
-from occlog.records.measurements import VALUES, Measurements
+from occlog.records.declared.measurements import VALUES, Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 

@@ -13,7 +13,7 @@ from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.boxes.columns import both_sizes, disagree
 from occlog.records.columns import Table
-from occlog.records.measurements import VALUES, Measurements
+from occlog.records.declared.measurements import VALUES, Measurements
 from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 

@@ -48,7 +48,7 @@ def list_images(folder: Path) -> list[Path]:
 
 def numbers_of(files: list[Path]) -> list[int]:
     """The last number in each name, strictly rising; InputError where a name has none or two are equal."""
-    from occlog.records.sensors import MAX_FRAMES  # which the process that decodes does not want
+    from occlog.records.declared.sensors import MAX_FRAMES  # which the process that decodes does not want
 
     numbers: list[int] = []
     for file in files:

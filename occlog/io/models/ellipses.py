@@ -26,8 +26,8 @@ from occlog.errors import InputError
 from occlog.io.files.sensor_names import match_sensor
 from occlog.io.files.texts.csv_rows import Rows, read_rows
 from occlog.io.open import Opened, open_if_ours
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, TruthBoxes
-from occlog.records.views import ViewTracks
 
 WHAT = "a table of ellipses"
 COLUMNS: dict[str, Sequence[str]] = {

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
-from occlog.records.gallery import SUSPENDED, AppearanceMatches
+from occlog.records.declared.gallery import SUSPENDED, AppearanceMatches
 from occlog.records.tables import Tracks
 
 from .sightings import NOBODY

@@ -9,7 +9,7 @@ from occlog.cli import options
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import write_table
-from occlog.records.gallery import Gallery
+from occlog.records.declared.gallery import Gallery
 from occlog.records.losses import Loss
 from occlog.settings import configure
 

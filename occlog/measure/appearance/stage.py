@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.image.colour_density import bins_of, corrected
 from occlog.errors import InputError
-from occlog.records.gallery import MOST_BINS, OTHER, SAME, SUSPENDED, AppearanceMatches, Gallery
+from occlog.records.declared.gallery import MOST_BINS, OTHER, SAME, SUSPENDED, AppearanceMatches, Gallery
 
 from .config import LearnConfig, MatchConfig, SightingConfig
 from .sightings import NOBODY, Sighting

@@ -9,9 +9,9 @@ from itertools import combinations
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TruthBoxes
 from occlog.records.view_pairs import Matches
-from occlog.records.views import ViewTracks
 
 MOST = 2_000
 """Matches of a pair that are used; of more, those of moments drawn at random, of each all targets and both ends."""

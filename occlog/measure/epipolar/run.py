@@ -21,9 +21,9 @@ from occlog.io.models.matches import read_matches
 from occlog.io.open import names_recording, open_input
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import Recording, open_recording
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TruthBoxes
 from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
-from occlog.records.views import ViewTracks
 
 from .config import EpipolarConfig
 from .matches_of_targets import matches_of_tracks

@@ -20,7 +20,7 @@ from occlog.measure.appearance.identities import EvidenceTally, identities, rena
 from occlog.measure.appearance.inputs import SightingFiles, SightingInput
 from occlog.measure.appearance.sightings import SightingTally, sightings
 from occlog.measure.appearance.stage import match, sides_of
-from occlog.records.gallery import SAME, AppearanceMatches, Gallery
+from occlog.records.declared.gallery import SAME, AppearanceMatches, Gallery
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
 from occlog.settings import configure

@@ -7,7 +7,7 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances
 from occlog.errors import InputError
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 
 BELOW = 5.0
 """Standard deviations by which noise may bring a range below 0, or a difference beyond the distance of its stations."""

@@ -10,7 +10,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, check_unit, losses_of, open_input
 from occlog.records.columns import Table
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Truth
 
 from .measured import measurements_of_reads

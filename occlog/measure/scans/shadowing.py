@@ -16,7 +16,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.sight.usual_radio import NOISE_DB, SHADOW_DB, SHADOW_S
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 
 SHORTEST = 1e-3
 """Shares of the time of shadowing below which no time between two reads counts."""

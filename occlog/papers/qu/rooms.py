@@ -18,8 +18,8 @@ from occlog.core.metrics.frame_pairs import Objects
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording
 from occlog.pipeline.sweep.trial import Spec, Values
+from occlog.records.declared.views import EVENTS, ViewTracks
 from occlog.records.tables import TruthBoxes
-from occlog.records.views import EVENTS, ViewTracks
 from occlog.simulate.run import SimulateRequest, people_setup, run_simulate
 from occlog.track.images.interface import MODES
 from occlog.track.images.run.inputs import ViewsRequest

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import ratio
 from occlog.core.metrics.sums import Sum
-from occlog.records.people import has_word
+from occlog.records.declared.people import has_word
 from occlog.records.tables import PeopleTracks, Truth
 
 from .looks import CELLS, Sightings

@@ -20,10 +20,10 @@ from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.epipolar.views import View
 from occlog.records.columns import Table
+from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, TruthBoxes
-from occlog.records.views import Failures, ViewTracks
 from occlog.settings import METRES
 
 from .draw import BAR, Shot, Way, draw_shot, tile

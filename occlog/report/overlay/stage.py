@@ -12,10 +12,10 @@ from occlog.core.sight.camera import distort
 from occlog.core.sight.fundamental import epipolar_lines
 from occlog.measure.epipolar.of_scene import ideal_pixels
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.records.people import FLOOR
+from occlog.records.declared.people import FLOOR
+from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Camera
 from occlog.records.tables import TruthBoxes
-from occlog.records.views import Failures, ViewTracks
 from occlog.track.images.births.loop_distances import anchors
 
 from .draw import Outline, Place, Shot

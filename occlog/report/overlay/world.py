@@ -23,11 +23,11 @@ from occlog.examine.viewers.drawings.people import (
 from occlog.examine.viewers.inputs import alike
 from occlog.io.open import open_in_unit, open_input
 from occlog.records.columns import Table
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.people import PeopleTracks
+from occlog.records.declared.views import ViewTracks
 from occlog.records.pieces import whole_times
 from occlog.records.scene import Camera
 from occlog.records.tables import Diagnostics, Tracks, Truth
-from occlog.records.views import ViewTracks
 from occlog.track.images.births.loop_distances import anchors
 
 from .draw import Way

@@ -11,7 +11,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.numerics.time_grid import Grid, SensorFrames, looks
 from occlog.core.sight.path_loss import received_power
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import Reader, Scene
 from occlog.records.tables import Truth
 from occlog.settings import METRES

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from occlog.records.declared.traffic import END_TO_END
 from occlog.records.tables import Delays
-from occlog.records.traffic import END_TO_END
 
 from .config import TrafficConfig
 from .network import Network

@@ -26,9 +26,9 @@ TrackerKey = tuple[int, int]
 MODES = ("mipf", "idmot", "bmct", "cmct", "mcmc")
 """`Outlines.mode` counts in this order."""
 NONE, BAD, GOOD = 1, 2, 3
-"""`Outlines.counterpart`, places in `occlog.records.views.COUNTERPARTS`; 0: not checked."""
+"""`Outlines.counterpart`, places in `occlog.records.declared.views.COUNTERPARTS`; 0: not checked."""
 START, LEFT, LOST = 1, 2, 3
-"""`Outlines.event`, places in `occlog.records.views.EVENTS`; 0: none."""
+"""`Outlines.event`, places in `occlog.records.declared.views.EVENTS`; 0: none."""
 
 
 class Birth(NamedTuple):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.records.people import BOX, EXCHANGE, FLOOR, ONE_VIEW, UNSEEN, words_of
+from occlog.records.declared.people import BOX, EXCHANGE, FLOOR, ONE_VIEW, UNSEEN, words_of
 from occlog.records.scene import Camera
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y

@@ -15,8 +15,8 @@ from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import Table
+from occlog.records.declared.people import UNSEEN
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
-from occlog.records.people import UNSEEN
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.catalogue import METHODS, load
 from occlog.track.plausibility.verdict import Finding, figures

@@ -16,7 +16,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Boxes
 
 NS = 1_000_000_000

@@ -20,8 +20,8 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
+from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
-from occlog.records.views import Failures, ViewTracks
 
 NS = 40_000_000
 FRAMES = 10

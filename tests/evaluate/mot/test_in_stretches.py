@@ -19,8 +19,8 @@ from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table, read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.records.declared.views import Failures
 from occlog.records.tables import Boxes
-from occlog.records.views import Failures
 
 
 @pytest.mark.jit

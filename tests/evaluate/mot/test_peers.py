@@ -12,8 +12,8 @@ from mot_environment import ask
 from occlog.cli.main import run
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TruthBoxes
-from occlog.records.views import ViewTracks
 
 pytestmark = pytest.mark.slow
 FRAMES, TARGETS, CAMERAS = 60, 5, ("east", "north")

@@ -13,8 +13,8 @@ from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.stage import evaluate_views
 from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames
 from occlog.evaluate.stage import Evaluation
+from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
 from occlog.records.tables import Boxes, TruthBoxes
-from occlog.records.views import ViewTracks, boxes_of_ellipses
 
 NS = 1_000_000_000
 FRAMES = 10

@@ -12,8 +12,8 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.records.declared.tracks import FusedTracks
 from occlog.records.tables import Calibration, Truth
-from occlog.records.tracks import FusedTracks
 
 ROWS = "1000,0,1.25,2\n2000,0,1.5,2\n"
 

@@ -18,9 +18,9 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import open_input
 from occlog.records.columns import Table
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.people import PeopleTracks
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TABLES, Boxes, Tracks, Truth
-from occlog.records.views import ViewTracks
 
 MADE = Provenance("test")
 NARROW = [table for table in TABLES.values() if not any(c.width and c.nan is None for c in table.columns())]

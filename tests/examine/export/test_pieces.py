@@ -18,8 +18,8 @@ from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.trajectories.earth import Origin
 from occlog.records.columns import Table
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth
-from occlog.records.views import ViewTracks
 
 STEPS, TARGETS = 7, 3
 T_NS = np.repeat(np.arange(STEPS) * 10**8, TARGETS)

@@ -12,8 +12,8 @@ from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.models.ellipses import FIRST, read_ellipses
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Bearings, Boxes, TruthBoxes
-from occlog.records.views import ViewTracks
 
 SIZES = {"view1": (160, 120), "view2": (160, 120)}
 CAMERAS = ("view1", "view2")

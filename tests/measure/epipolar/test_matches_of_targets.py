@@ -8,9 +8,9 @@ from view_scenes import TICK, view_tracks, walks
 from occlog.core.sight.fundamental import epipolar_distances
 from occlog.measure.epipolar.matches_of_targets import MOST, matches_of_tracks
 from occlog.measure.epipolar.stage import estimated_pairs
+from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import TruthBoxes
-from occlog.records.views import ViewTracks
 
 CAMERAS = [looking(n, np.array(p), (0, 0, 1), 500.0) for n, p in (("a", [7.0, 0, 2.5]), ("b", [0, 7.0, 2.5]))]
 

@@ -13,7 +13,7 @@ from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import MeasuredFeed, Radio, make_stations, measurements_of_reads, pack
 from occlog.measure.scans.scan import Scan
 from occlog.measure.scans.shadowing import Shadowing
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene, camera_rotation
 from occlog.records.tables import Reads
 

@@ -7,7 +7,7 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.measure.scans.shadowing import Shadowing, sigmas, with_sigmas
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 
 
 def reads(t_s: np.ndarray, sensor: list[str], target: list[int], sigma: np.ndarray) -> Measurements:

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.records.columns import ANY
-from occlog.records.gallery import MOST_BINS, OTHER, AppearanceMatches, Gallery
-from occlog.records.measurements import Measurements
-from occlog.records.people import KINDS, Events
-from occlog.records.robots import PATH_STATES, RobotPath
+from occlog.records.declared.gallery import MOST_BINS, OTHER, AppearanceMatches, Gallery
+from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.people import KINDS, Events
+from occlog.records.declared.robots import PATH_STATES, RobotPath
+from occlog.records.declared.views import COUNTERPARTS, EVENTS, Failures, ViewTracks
 from occlog.records.tables import Hulls, Occluders, Tracks
-from occlog.records.views import COUNTERPARTS, EVENTS, Failures, ViewTracks
 
 WORDS = {
     (ViewTracks, "event"): EVENTS,

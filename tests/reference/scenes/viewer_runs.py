@@ -10,7 +10,7 @@ import numpy as np
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
-from occlog.records.people import Events, PeopleTracks, PeopleViews
+from occlog.records.declared.people import Events, PeopleTracks, PeopleViews
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Doa, Truth
 

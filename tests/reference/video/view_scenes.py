@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from occlog.records.views import ViewTracks
+from occlog.records.declared.views import ViewTracks
 
 TICK = 40_000_000
 

@@ -17,9 +17,9 @@ from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import SHOWN
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
+from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth, TruthBoxes
-from occlog.records.views import Failures, ViewTracks
 from occlog.report.overlay.draw import ALARM, BAR, colour_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras, ball_ellipses

@@ -9,9 +9,9 @@ from occlog.core.sight.camera import rotation_from_angles
 from occlog.core.sight.fundamental import epipolar_lines, line_distances
 from occlog.measure.epipolar.geometry import view_geometry
 from occlog.measure.epipolar.views import View
+from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import TruthBoxes
-from occlog.records.views import Failures, ViewTracks
 from occlog.report.overlay.stage import FrameRows, Rig, frame_shot, line_in_image
 
 POINTS = np.array([[0.0, 0.2, 0.9], [0.5, -0.4, 1.1], [-0.7, 0.3, 1.0]])

@@ -15,9 +15,9 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
+from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Diagnostics, Tracks, Truth
-from occlog.records.views import ViewTracks
 from occlog.report.drawing.style import DARK, TARGET_COLOURS
 from occlog.report.overlay.draw import BAR, WHITE, colour_of
 from occlog.report.overlay.world import Trails

@@ -12,7 +12,7 @@ import pytest
 from made_up import STEP_NS, ring_scene, run
 
 from occlog.core.sight.camera import rotation_from_angles
-from occlog.records.people import PeopleTracks
+from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Diagnostics, Hulls, Occluders, Tracks, Truth
 from occlog.report.content.model import ReportInput
 from occlog.report.replay import moments as rule

@@ -12,7 +12,7 @@ from occlog.cli.main import run
 from occlog.core.numerics.time_grid import Grid
 from occlog.errors import ExitCode
 from occlog.io.open import open_input
-from occlog.records.measurements import Measurements
+from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Truth
 from occlog.simulate.config import MeasureConfig, ReadConfig

@@ -19,8 +19,8 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.epipolar.geometry import view_geometry
 from occlog.measure.epipolar.views import View
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Bearings, Boxes, Tracks, TruthBoxes
-from occlog.records.views import ViewTracks
 from occlog.track.catalogue import METHODS
 from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.run.inputs import first_free

@@ -18,10 +18,10 @@ from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
+from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Boxes, Doa, Events, PeopleTracks, PeopleViews, Support, Tracks, TruthBoxes
-from occlog.records.views import ViewTracks
 from occlog.track.catalogue import smooths
 
 pytestmark = pytest.mark.jit

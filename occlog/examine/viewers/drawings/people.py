@@ -25,7 +25,7 @@ from occlog.examine.viewers.drawings.shapes import (
     faded,
     rim,
 )
-from occlog.records.people import FLOOR, PeopleTracks
+from occlog.records.declared.people import FLOOR, PeopleTracks
 from occlog.records.scene import Camera
 from occlog.records.tables import Boxes, Diagnostics, Tracks, Truth, TruthBoxes, Views, ViewTracks
 

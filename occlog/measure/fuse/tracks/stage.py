@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.records.people import CONTRADICTION, EXCHANGE, ONE_VIEW, UNSEEN, has_word, words_of
+from occlog.records.declared.people import CONTRADICTION, EXCHANGE, ONE_VIEW, UNSEEN, has_word, words_of
 from occlog.records.tables import Events, JoinedTracks, PeopleTracks
 
 from .config import TrackFusionConfig

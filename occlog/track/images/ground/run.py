@@ -13,8 +13,8 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import FusedTracks
-from occlog.records.views import ViewTracks
 from occlog.settings import configure
 
 from .config import STARTS, GroundConfig, in_scene

@@ -14,9 +14,9 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.measure.epipolar.of_scene import ideal_pixels_anywhere
+from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import FusedTracks
-from occlog.records.views import ViewTracks
 
 from .config import GroundConfig, in_scene
 from .contest import Contest, Odds, contest_places

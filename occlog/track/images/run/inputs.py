@@ -15,10 +15,10 @@ from occlog.io.open import Opened, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.scans.grouping import nearest
+from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, TruthBoxes, Views
-from occlog.records.views import ViewTracks
 from occlog.track.images.births.background import BackgroundModel, background_models
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.moving import moving_regions, with_cameras

@@ -24,9 +24,9 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.measure.detect.one_camera import stretches
 from occlog.records.columns import Table
+from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, FusedTracks
-from occlog.records.views import ViewTracks
 from occlog.settings import Settings, configure
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.records.views import COUNTERPARTS, EVENTS, ViewTracks
+from occlog.records.declared.views import COUNTERPARTS, EVENTS, ViewTracks
 from occlog.track.images.births.births import BirthCandidates, births_and_ends, no_candidates
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream

@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.measure.appearance.identities import Evidence, identities
-from occlog.records.people import EXCHANGE, has_word
+from occlog.records.declared.people import EXCHANGE, has_word
 from occlog.records.tables import Events, PeopleTracks
 from occlog.track.people.meetings import LEAST
 

@@ -18,10 +18,10 @@ from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Truth
-from occlog.records.views import ViewTracks
 
 PLACES = {"a": (7.0, 0, 2.5), "b": (0, 7.0, 2.5), "c": (-5.0, -5, 3)}
 SCENE = Scene(cameras=tuple(looking(n, np.array(p), (0, 0, 1), 500.0) for n, p in PLACES.items()))

@@ -8,7 +8,7 @@ from view_videos import STILL, STILL_TOGETHER, StillConfig
 
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.records.views import ViewTracks
+from occlog.records.declared.views import ViewTracks
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import Regions, RegionStream
 from occlog.track.images.interface import FrameSet

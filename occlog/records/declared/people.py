@@ -13,8 +13,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
+from occlog.records.columns import Table, check_order, column, first_row
 
-from .columns import Table, check_order, column, first_row
 from .tracks import Tracks
 from .views import ViewTracks
 

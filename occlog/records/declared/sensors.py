@@ -10,8 +10,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Floats32, Ints, Ints32, Strings
 from occlog.errors import InputError
-
-from .columns import ANY, Table, check_order, column, first_row
+from occlog.records.columns import ANY, Table, check_order, column, first_row
 
 APPEARANCE_BINS = 72
 """Length of an appearance histogram: 8 x 8 hue-saturation bins, then 8 brightness bins of grey pixels."""

@@ -10,8 +10,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.core.navigation.steering import STATES
 from occlog.errors import InputError
-
-from .columns import Table, check_order, column, first_row
+from occlog.records.columns import Table, check_order, column, first_row
 
 ENDED = "the path ends here"
 PATH_STATES = (*STATES, "end")

@@ -7,8 +7,7 @@ from typing import ClassVar
 
 from occlog.array_types import Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-
-from .columns import Table, check_order, column, first_row
+from occlog.records.columns import Table, check_order, column, first_row
 
 END_TO_END = "end-to-end"
 """Kind of the rows that are of a router."""

@@ -9,8 +9,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-
-from .columns import Table, check_order, column, first_row
+from occlog.records.columns import Table, check_order, column, first_row
 
 VALUES = ("range", "rssi", "tdoa", "range_difference")
 """Columns of which each row has at least one."""

@@ -12,8 +12,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-
-from .columns import Table, check_order, column, first_row
+from occlog.records.columns import Table, check_order, column, first_row
 
 MOST_BINS = 256
 """Greatest number m of bins of a histogram of colours ([Lee] Sec. 5.2.1)."""

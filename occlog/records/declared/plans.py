@@ -9,8 +9,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import InputError
-
-from .columns import Table, check_order, column, first_row
+from occlog.records.columns import Table, check_order, column, first_row
 
 
 @dataclass(frozen=True, slots=True, eq=False)

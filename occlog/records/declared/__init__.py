@@ -1,0 +1,1 @@
+"""The tables, declared: what stages pass on, by what they are about.  `occlog.records.tables` names them all."""
