@@ -197,10 +197,9 @@ class Table:
 
     def _repr_html_(self) -> str:
         """The first rows, with units, for a notebook."""
-        from occlog.io.files.tables.parquet import open_parquet
+        from occlog.io.files.tables.parquet import arrow_batches
 
-        with open_parquet(self.path) as file:
-            first = next(file.iter_batches(batch_size=SHOWN), None)
+        first = next(arrow_batches(self.path, SHOWN), None)
         rows = [] if first is None else first.to_pylist()
         units = self.units
         head = "".join(f"<th>{escape(c)}<br><small>{escape(units[c])}</small></th>" for c in self.columns)

@@ -159,8 +159,10 @@ def test_a_long_text_does_not_make_every_row_as_long(tmp_path: Path, capfd: pyte
     pq.write_table(pa.table(columns), path)
     assert run(["track", str(path), "--scene", SCENE, "-o", str(tmp_path / "x.parquet")]) == ExitCode.BAD_INPUT
     (line,) = capfd.readouterr().err.splitlines()
-    assert f"a text of {len(LONG)} characters in {ROWS} rows" in line
+    assert f"a text of {len(LONG)} characters; shorten it to {MAX_CELL}" in line
     check_texts([LONG], ROWS - 1, "x")
+    with pytest.raises(InputError, match=f"x: a text of {len(LONG)} characters in {ROWS} rows"):
+        check_texts([LONG], ROWS, "x")
     check_texts([LONG[:LONG_TEXT]], 10**9, "x")
 
 

@@ -306,7 +306,9 @@ BORDER = {
     "cv2.imdecode": {"frames/codec.py"},
     "cv2.imread": set(),
     "cv2.FileStorage": set(),
-    "pq.ParquetFile": {"files/tables/header.py", "files/tables/parquet.py", "files/tables/salvage/groups.py"},
+    "pq.ParquetFile": {"files/tables/header.py", "files/tables/salvage/groups.py"},
+    "pq.read_metadata": {"files/tables/parquet.py"},
+    "PagedFile": {"files/tables/parquet.py"},
     "open_parquet": {"files/tables/parquet.py", "foreign/source.py"},
     "sqlite3.connect": {"messages/sqlite_file.py"},
 }

@@ -11,7 +11,8 @@ from pathlib import Path
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, Content, content_of
 from occlog.io.files.tables.parquet import is_ours
-from occlog.io.foreign.source import ARROW_MAGIC, STREAM_MAGIC, find_source
+from occlog.io.foreign.arrow_messages import FILE_MAGIC, STREAM_MAGIC
+from occlog.io.foreign.source import find_source
 from occlog.io.frames.codec import image_kind
 from occlog.io.messages.bag import METADATA
 from occlog.io.recording.reader import open_recording
@@ -121,7 +122,7 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
         _mcap(path, findings, seen)
     elif head.startswith((SQLITE_MAGIC, ZSTD_MAGIC)):
         look_at_bag(path, findings)
-    elif content is Content.TABLE or head.startswith((ARROW_MAGIC, STREAM_MAGIC)):
+    elif content is Content.TABLE or head.startswith((FILE_MAGIC, STREAM_MAGIC)):
         if content is Content.TABLE and is_ours(path):
             look_at_table(path, findings)
         elif (source := find_source(path)) is not None:

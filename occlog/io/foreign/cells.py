@@ -11,9 +11,8 @@ import pyarrow.compute as pc
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.guard import check_texts
-from occlog.io.files.tables.arrow_arrays import to_numpy
-from occlog.io.files.texts.csv_rows import Rows, plain_text
+from occlog.io.files.tables.arrow_arrays import to_numpy, to_texts
+from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, plain_text
 from occlog.io.files.times.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
 from occlog.records.columns import ANY
 
@@ -126,7 +125,12 @@ class ArrowCells:
 
     def raw(self, name: str) -> list[object]:
         """(n,) values as the file has them; None for cells that are null."""
-        return list(self._column(name).to_pylist())
+        column = self._column(name)
+        if not pa.types.is_dictionary(column.type):
+            return list(column.to_pylist())
+        # Rows that have the same text have the same object
+        values = column.dictionary.to_pylist()
+        return [None if place is None else values[place] for place in column.indices.to_pylist()]
 
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the number of a row, from 0."""
@@ -185,16 +189,10 @@ class ArrowCells:
         column = self._column(name)
         if column.null_count and not blank:
             raise self.fail(_first_null(column), f"{name} is null; a text was expected")
-        if pa.types.is_dictionary(column.type):
-            column = pc.cast(column, column.type.value_type)
-        if not (_is_text(column.type) or pa.types.is_integer(column.type)):
-            raise self._unfit(name, column.type, "texts were expected")
-        return self._texts(name, column)
-
-    def _texts(self, name: str, column: pa.Array) -> Strings:
-        texts = ["" if value is None else str(value) for value in column.to_pylist()]
-        check_texts(texts, len(texts), f"{self._path}: column {name}")
-        return np.asarray(texts, dtype=np.str_)
+        kind = _plain(column.type)
+        if not (_is_text(kind) or pa.types.is_integer(kind)):
+            raise self._unfit(name, kind, "texts were expected")
+        return to_texts(column, f"{self._path}: column {name}", MAX_CELL)
 
     def lists(self, name: str, width: int) -> Floats:
         """(n, width) numbers, or as many as the first cell has (`ANY`); NaN for cells that are null."""
@@ -202,17 +200,20 @@ class ArrowCells:
         if not (pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or _is_row(column.type)):
             wanted = "numbers" if width == ANY else f"{width} numbers"
             raise self._unfit(name, column.type, f"lists of {wanted} were expected")
-        cells: list[list[float | None] | None] = column.to_pylist()
+        if not _is_number(column.type.value_type):
+            raise self._unfit(name, column.type, "lists of numbers were expected")
+        lengths: Ints = to_numpy(pc.fill_null(pc.cast(pc.list_value_length(column), pa.int64()), 0)).astype(np.int64)
+        there = to_numpy(column.is_valid())
         if width == ANY:
-            width = next((len(values) for values in cells if values), 0)
-            cells = [values or None for values in cells]
+            there = lengths > 0
+            width = int(lengths[there][0]) if there.any() else 0
+        bad = there & (lengths != width)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise self.fail(row, f"{name} has {lengths[row]} numbers; {width} were expected")
         out = np.full((len(self), width), np.nan)
-        for row, values in enumerate(cells):
-            if values is None:
-                continue
-            if len(values) != width:
-                raise self.fail(row, f"{name} has {len(values)} numbers; {width} were expected")
-            out[row] = [np.nan if value is None else value for value in values]
+        numbers = pc.fill_null(pc.cast(column.flatten(), pa.float64()), np.nan)
+        out[there] = to_numpy(numbers).reshape(-1, max(width, 1))
         return out
 
     def bools(self, name: str) -> Bools:
@@ -222,7 +223,10 @@ class ArrowCells:
             raise self.fail(_first_null(column), f"{name} is null; true or false was expected")
         if pa.types.is_boolean(column.type):
             return np.asarray(to_numpy(column), dtype=np.bool_)
-        return _yes_or_no(self, name, self._texts(name, column))
+        kind = _plain(column.type)
+        if not (_is_text(kind) or _is_number(kind)):
+            raise self._unfit(name, kind, "true or false was expected")
+        return _yes_or_no(self, name, to_texts(column, f"{self._path}: column {name}", MAX_CELL))
 
     def times(self, name: str, unit: str) -> Ints:
         """(n,) times [ns since the Unix epoch]: of times, whole numbers, fractions of a second, or texts."""
@@ -275,7 +279,7 @@ class ArrowCells:
         return self.fail(row, f"{name} is {values[row]}; too large for seconds; name the column t_ms, t_us or t_ns")
 
     def _unfit(self, name: str, kind: pa.DataType, wanted: str) -> InputError:
-        return InputError(f"{self._path}: column {name} holds {kind}; {wanted}")
+        return InputError(f"{self._path}: column {name} holds {_plain(kind)}; {wanted}")
 
     def _column(self, name: str) -> pa.Array:
         column = self._batch.column(name)
@@ -290,6 +294,11 @@ def _yes_or_no(cells: Cells, name: str, texts: Strings) -> Bools:
         row = int(np.flatnonzero(bad)[0])
         raise cells.fail(row, f"{name} is {str(texts[row])[:60]!r}; true or false was expected")
     return np.asarray(yes)
+
+
+def _plain(kind: pa.DataType) -> pa.DataType:
+    """The type of values, which a dictionary may hold once for many rows."""
+    return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 
 def _is_number(kind: pa.DataType) -> bool:

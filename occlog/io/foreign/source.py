@@ -14,14 +14,15 @@ from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.inputs import STANDARD_INPUT, check_input
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, open_parquet
+from occlog.io.files.tables.promises import check_promise
 from occlog.io.files.texts.by_reader import table_of
 from occlog.io.files.texts.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.times.timestamps import TIME_COLUMNS
 from occlog.io.trajectories.reader import Trajectories, find_trajectories
 
+from .arrow_messages import FILE_MAGIC, STREAM_MAGIC, messages
 from .cells import ArrowCells, Cells, TextCells
 
-ARROW_MAGIC, STREAM_MAGIC = b"ARROW1", b"\xff\xff\xff\xff"
 TABULAR = (".csv", ".tsv", ".csv.gz", ".tsv.gz")
 """Endings of names by which a file wants to be a table, whatever it holds."""
 ROWS = 65_536
@@ -76,7 +77,7 @@ def find_source(path: Path) -> Source | None:
         with _translated(path, "Parquet"), open_parquet(path) as file:
             schema = file.schema_arrow
         return None if SCHEMA_KEY.encode() in (schema.metadata or {}) else Source(path, "Parquet", tuple(schema.names))
-    if head.startswith(ARROW_MAGIC) or head.startswith(STREAM_MAGIC):
+    if head.startswith(FILE_MAGIC) or head.startswith(STREAM_MAGIC):
         with _translated(path, "Arrow"):
             return Source(path, "Arrow", tuple(_open_arrow(path).schema.names))
     if _may_be_text(head) and (found := find_trajectories(path)) is not None:
@@ -102,7 +103,7 @@ def _may_be_text(head: bytes) -> bool:
 
 def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatchStreamReader:
     with path.open("rb") as file:
-        of_file = file.read(len(ARROW_MAGIC)) == ARROW_MAGIC
+        of_file = file.read(len(FILE_MAGIC)) == FILE_MAGIC
     source = pa.memory_map(str(path))
     return pa.ipc.open_file(source) if of_file else pa.ipc.open_stream(source)
 
@@ -113,6 +114,7 @@ def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch
         with open_parquet(path) as file:
             yield from batches(file, ROWS, names)
         return
+    _check_messages(path)
     reader = _open_arrow(path)
     several = (
         (reader.get_batch(n) for n in range(reader.num_record_batches))
@@ -122,6 +124,15 @@ def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch
     for batch in several:
         for start in range(0, batch.num_rows, ROWS):
             yield batch.select(names).slice(start, ROWS)
+
+
+def _check_messages(path: Path) -> None:
+    """InputError for an Arrow file whose messages promise more than a file of its size can hold."""
+    size, rows, kept = path.stat().st_size, 0, 0
+    for message in messages(path):
+        rows += message.rows
+        check_promise(path, size, rows, kept + message.unpacked)
+        kept += 0 if message.rows else message.unpacked  # dictionaries stay, batches go
 
 
 @contextmanager

@@ -21,8 +21,8 @@ from occlog.io.files.tables.header import read_header, read_provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.salvage.marks import GROUP, group_of, marks
 from occlog.io.files.tables.salvage.table import recover_table
-from occlog.io.files.tables.salvage.thrift import MalformedError, Reader, written
 from occlog.io.files.tables.table_writer import TableWriter, write_table
+from occlog.io.files.tables.thrift import MalformedError, Reader, written
 from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table
 from occlog.records.losses import Loss

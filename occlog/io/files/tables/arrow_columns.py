@@ -10,9 +10,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from occlog.errors import InputError
-from occlog.io.files.guard import check_texts
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
-from occlog.io.files.tables.arrow_arrays import to_numpy
+from occlog.io.files.tables.arrow_arrays import to_numpy, to_texts
 from occlog.records.columns import ANY, Column, Table
 
 SCHEMA_KEY = "occlog.schema"
@@ -90,16 +89,7 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
     if c.width:
         return np.array(to_numpy(values.flatten()), c.dtype).reshape(-1, c.width)
     if c.kind == "U":
-        if pa.types.is_dictionary(values.type):
-            texts = values.dictionary.to_pylist() or [""]
-            check_texts(texts, len(values), f"column {c.name}")
-            which = to_numpy(values.indices)
-            if len(which) and not 0 <= int(which.min()) <= int(which.max()) < len(texts):
-                raise InputError(f"column {c.name}: the file is damaged: it refers to a text that is not there")
-            return np.asarray(np.asarray(texts, dtype=np.str_)[which])
-        texts = values.to_pylist()
-        check_texts(texts, len(values), f"column {c.name}")
-        return np.asarray(texts, dtype=np.str_) if texts else np.empty(0, "U1")
+        return to_texts(values, f"column {c.name}")
     return np.array(to_numpy(values), dtype=c.dtype)
 
 

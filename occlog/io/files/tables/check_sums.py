@@ -121,7 +121,7 @@ class Checked:
             InputError: they are wrong.
             OSError: it cannot be read.
         """
-        self._path = path
+        self.path = path
         self._file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)  # by bytes: names that are not UTF-8, too
         self._at = 0
         self.closed = False
@@ -163,7 +163,7 @@ class Checked:
 
     def _wrong(self, what: str, at: int) -> InputError:
         return InputError(
-            f"{self._path}: damaged: {what} at byte {at} of {self.size} changed since it was written (wrong check "
+            f"{self.path}: damaged: {what} at byte {at} of {self.size} changed since it was written (wrong check "
             "sum); copy it again, make it again, or salvage the rest by `occlog recover`"
         )
 
@@ -171,18 +171,27 @@ class Checked:
         """The next bytes, whose blocks are right; InputError for a block that is not."""
         size = max(self.size - self._at, 0) if size < 0 else size
         begin, self._at = self._at, min(self._at + size, self.size)
-        blocks = range(begin // BLOCK, -(-min(self._at, self.trailer.end) // BLOCK)) if self.trailer else range(0)
+        return self.read_at(begin, size)
+
+    def peek(self, begin: int, size: int) -> bytes:
+        """Bytes from a place on, as many as there are of `size`, whether they are right or not."""
+        return os.pread(self._file, size, begin)
+
+    def read_at(self, begin: int, size: int) -> bytes | memoryview:
+        """Bytes from a place on, as many as there are of `size`; InputError for a block that is not right."""
+        end = min(begin + size, self.size)
+        blocks = range(begin // BLOCK, -(-min(end, self.trailer.end) // BLOCK)) if self.trailer else range(0)
         if all(self._tried[block] for block in blocks):
             return os.pread(self._file, size, begin)
         assert self.trailer is not None
-        low, high = blocks.start * BLOCK, max(min(blocks.stop * BLOCK, self.trailer.end), self._at)
+        low, high = blocks.start * BLOCK, max(min(blocks.stop * BLOCK, self.trailer.end), end)
         data = memoryview(self._read_all(low, high))
         for block in blocks:
             at = block * BLOCK
             if zlib.crc32(data[at - low : min(at + BLOCK, self.trailer.end) - low]) != self.trailer.sums[block]:
                 raise self._wrong("a block", at)
             self._tried[block] = 1
-        return data[begin - low : self._at - low]
+        return data[begin - low : end - low]
 
     def _read_all(self, low: int, high: int) -> bytes:
         data = os.pread(self._file, high - low, low)

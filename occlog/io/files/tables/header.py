@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
 from occlog.io.files.tables.check_sums import Checked
-from occlog.io.files.tables.parquet import opened_table, schema_name_of, translate_read_errors
+from occlog.io.files.tables.parquet import batches, opened_table, schema_name_of, translate_read_errors
 
 MAGIC = b"PAR1"
 
@@ -104,7 +104,7 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
     """The first rows of a Parquet file: values of each column that is no list, as Python has them."""
     with opened_table(path) as file:
         names = [f.name for f in file.schema_arrow if not pa.types.is_nested(f.type)]
-        batch = next(file.iter_batches(batch_size=rows, columns=names), None)
+        batch = next(batches(file, rows, names), None)
         return {} if batch is None else {name: batch.column(name).to_pylist() for name in names}
 
 

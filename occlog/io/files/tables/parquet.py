@@ -18,15 +18,11 @@ from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, from_arrow
 from occlog.io.files.tables.check_sums import Checked
+from occlog.io.files.tables.pages import PagedFile
+from occlog.io.files.tables.promises import check_promise
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 from occlog.records.columns import Table, check_copies
 from occlog.records.tables import TABLES
-
-FREE_ROWS, MAX_ROWS_PER_BYTE = 1_000_000, 20
-"""Rows that any file may promise, and above that for each of its bytes: a row of measured numbers takes 2 bytes or
-more, however well it is packed."""
-FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
-"""Unpacked bytes of a group of rows that any file may promise, and above that for each of its bytes."""
 
 
 @contextmanager
@@ -59,23 +55,21 @@ def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
         pyarrow.ArrowException, OSError: it is damaged.
     """
     with Checked(path) as source:
-        file = pq.ParquetFile(source, page_checksum_verification=source.trailer is None)
-        _check_size(path, source.size, file.metadata)
-        yield file
+        told = pq.read_metadata(source)
+        check_promise(path, source.size, *promised(told))
+        # Of texts each is unpacked once, not for every row that refers to it
+        texts = [field.name for field in told.schema.to_arrow_schema() if _is_text(field.type)]
+        yield PagedFile(source, metadata=told, read_dictionary=texts, page_checksum_verification=source.trailer is None)
 
 
-def _check_size(path: Path, size: int, told: pq.FileMetaData) -> None:
-    fault = too_much(size, told)
-    if fault:
-        raise InputError(f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into")
+def _is_text(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
-def too_much(size: int, told: pq.FileMetaData) -> str:
-    """What a footer promises that no file of so many bytes can hold; empty: nothing."""
+def promised(told: pq.FileMetaData) -> tuple[int, int]:
+    """How many rows a footer promises, and what the largest group of them unpacks to [bytes]."""
     groups = [told.row_group(number) for number in range(told.num_row_groups)]
-    rows, large = max(FREE_ROWS, MAX_ROWS_PER_BYTE * size), max(FREE_BYTES, MAX_GROWTH * size)
-    unpacked = max((group.total_byte_size for group in groups), default=0)
-    return f"{told.num_rows} rows" if told.num_rows > rows else f"{unpacked} bytes at once" if unpacked > large else ""
+    return told.num_rows, max((group.total_byte_size for group in groups), default=0)
 
 
 def is_ours(path: Path) -> bool:
@@ -116,8 +110,8 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
             yield chunk
 
 
-def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
-    """Rows of some columns in file order, at most `rows` at a time, in memory that does not grow with the file.
+def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
+    """Rows of some columns (None: all) in file order, at most `rows` at a time; memory does not grow with the file.
 
     The library keeps all that it has read for one call until that ends, so that each call is of a few groups of rows:
     as many as have `rows` rows together.
@@ -183,4 +177,4 @@ def arrow_schema_of(path: Path) -> pa.Schema:
 def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordBatch]:
     """Chunks of a Parquet file as Arrow has them, unchecked but for its check sums, at most `rows` rows each."""
     with opened_table(path) as file:
-        yield from file.iter_batches(batch_size=rows)
+        yield from batches(file, rows)

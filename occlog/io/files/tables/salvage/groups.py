@@ -14,9 +14,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.io.files.tables.header import MAGIC
-from occlog.io.files.tables.parquet import too_much
+from occlog.io.files.tables.pages import DICTIONARY, Page, read_head
+from occlog.io.files.tables.parquet import promised
+from occlog.io.files.tables.promises import too_much
 from occlog.io.files.tables.salvage.marks import Group
-from occlog.io.files.tables.salvage.thrift import I32, I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
+from occlog.io.files.tables.thrift import I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
 
 # Fields of Parquet's structures, by the numbers of its definition
 NUM_ROWS, ROW_GROUPS = 3, 4  # of the footer
@@ -24,9 +26,6 @@ COLUMNS, GROUP_BYTES, GROUP_ROWS = 1, 2, 3  # of a group of rows
 PLACE, CHUNK = 2, 3  # of a column of a group
 VALUES, UNPACKED, PACKED, DATA_PAGE, DICTIONARY_PAGE = 5, 6, 7, 9, 11  # of its description
 NEEDED = (1, 2, 3, 4)  # type, encodings, path and codec, which are those of the pattern
-PAGE_KIND, PAGE_UNPACKED, PAGE_PACKED, DATA_HEAD, DATA_HEAD_2 = 1, 2, 3, 5, 8  # of the head of a page
-DICTIONARY = 2
-HEAD_VALUES = 1
 
 
 def pattern_of(file: bytes) -> Struct:
@@ -64,7 +63,7 @@ def rows_of(data: memoryview, group: Group, pattern: Struct) -> pa.Table:
     footer = written({**pattern, NUM_ROWS: Field(I64, group.rows), ROW_GROUPS: Field(LIST, (STRUCT, [own]))})
     whole = b"".join([MAGIC, data, footer, struct.pack("<I", len(footer)), MAGIC])
     file = pq.ParquetFile(io.BytesIO(whole), page_checksum_verification=True)
-    if fault := too_much(len(whole), file.metadata):
+    if fault := too_much(len(whole), *promised(file.metadata)):
         raise MalformedError(fault)
     return file.read()
 
@@ -72,12 +71,12 @@ def rows_of(data: memoryview, group: Group, pattern: Struct) -> pa.Table:
 def _chunk(data: memoryview, begin: int, values: int, pattern: Struct) -> tuple[Struct, int]:
     """The description of a column of a group that begins at a byte, and where it ends."""
     dictionary, first, unpacked, found, at = None, begin, 0, 0, begin
-    for stop, head, count in _pages(data, begin):
-        if head[PAGE_KIND].value == DICTIONARY:
+    for stop, page in _pages(data, begin):
+        if page.kind == DICTIONARY:
             dictionary, first = at, stop
-        unpacked += head[PAGE_UNPACKED].value + (stop - at - head[PAGE_PACKED].value)
-        found, at = found + count, stop
-        if found >= values and count:
+        unpacked += page.unpacked + (stop - at - page.packed)
+        found, at = found + page.values, stop
+        if found >= values and page.values:
             break
     if found != values:
         raise MalformedError(f"{found} numbers in a column that should have {values}")
@@ -93,22 +92,11 @@ def _chunk(data: memoryview, begin: int, values: int, pattern: Struct) -> tuple[
     return {PLACE: Field(I64, 0), CHUNK: Field(STRUCT, told)}, at
 
 
-def _pages(data: memoryview, at: int) -> Iterator[tuple[int, Struct, int]]:
-    """Where each page from a byte on ends, its head, and how many numbers it has."""
+def _pages(data: memoryview, at: int) -> Iterator[tuple[int, Page]]:
+    """Where each page from a byte on ends, and its head."""
     while at < len(data):
-        reader = Reader(data, at)
-        head = reader.struct()
-        sizes = [_number(head, field) for field in (PAGE_KIND, PAGE_UNPACKED, PAGE_PACKED)]
-        told = head.get(DATA_HEAD) or head.get(DATA_HEAD_2)
-        count = _number(told.value, HEAD_VALUES) if told and told.kind == STRUCT else 0
-        at = reader.at + sizes[-1]
-        if not (at <= len(data) and min(*sizes, count) >= 0):
+        page = read_head(data, at)
+        at = page.begin + page.packed
+        if at > len(data):
             raise MalformedError("a page that is longer than its group")
-        yield at, head, count
-
-
-def _number(fields: Struct, number: int) -> int:
-    found = fields.get(number)
-    if found is None or found.kind != I32:
-        raise MalformedError("the head of a page without its sizes")
-    return int(found.value)
+        yield at, page

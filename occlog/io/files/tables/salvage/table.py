@@ -23,8 +23,8 @@ from occlog.io.files.tables.header import MAGIC, Header, header_by_footer, heade
 from occlog.io.files.tables.parquet import arrow_schema_of, groups_of, translate_read_errors
 from occlog.io.files.tables.salvage.groups import pattern_of, rows_of
 from occlog.io.files.tables.salvage.marks import GROUP, SCHEMA, Mark, group_of, marks
-from occlog.io.files.tables.salvage.thrift import MalformedError, Struct
 from occlog.io.files.tables.table_writer import WRITTEN, TableWriter
+from occlog.io.files.tables.thrift import MalformedError, Struct
 from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table
 from occlog.records.losses import Loss

@@ -1,0 +1,137 @@
+"""Pages of Parquet by their heads: what they unpack to is looked at before anything is unpacked.
+
+The footer says how large groups of rows are, but the library believes the head of each page, so that a small file with
+a modest footer may unpack to gigabytes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from typing import NamedTuple
+
+import pyarrow.parquet as pq
+
+from occlog.errors import InputError
+
+from .check_sums import Checked
+from .promises import most_unpacked
+from .thrift import I32, STRUCT, MalformedError, Reader, Struct
+
+DICTIONARY = 2
+"""The kind of a page that has no rows, but what they refer to."""
+BYTES_PER_VALUE = 8
+KIND, UNPACKED, PACKED, DATA_HEAD, DATA_HEAD_2, VALUES = 1, 2, 3, 5, 8, 1  # fields, by the numbers of the format
+WINDOWS = (128, 1 << 16, 1 << 24)
+"""Bytes that a head is looked for in: most are of 40, some have long statistics."""
+_VARINT = rb"[\x80-\xff]{0,4}[\x00-\x7f]"
+_USUAL = re.compile(
+    rb"\x15(%b)\x15(%b)\x15(%b)(?:\x15%b)?[\x1c\x2c]\x15(%b)(?:\x15%b){3}\0\0" % ((_VARINT,) * 6), re.DOTALL
+)
+"""The head of a page of data without statistics: kind, sizes, perhaps a check sum, number of values, encodings."""
+
+
+class Page(NamedTuple):
+    """What the head of a page says.
+
+    Attributes:
+        kind: of the format's numbers.
+        unpacked: size of what follows, unpacked [bytes].
+        packed: size of what follows [bytes].
+        values: how many numbers or texts it has, null ones included.
+        begin: where what follows begins, from the begin of the data.
+    """
+
+    kind: int
+    unpacked: int
+    packed: int
+    values: int
+    begin: int
+
+
+def read_head(data: bytes | memoryview, at: int = 0) -> Page:
+    """The head of the page that begins at a byte; MalformedError if there is none."""
+    usual = _USUAL.match(data, at)
+    if usual is not None:  # a tenth of the time
+        kind, unpacked, packed, values = map(_zigzag, usual.groups())
+        end = usual.end()
+    else:
+        reader = Reader(data, at)
+        head = reader.struct()
+        kind, unpacked, packed = (_number(head, field) for field in (KIND, UNPACKED, PACKED))
+        told = head.get(DATA_HEAD) or head.get(DATA_HEAD_2)
+        values = _number(told.value, VALUES) if told is not None and told.kind == STRUCT else 0
+        end = reader.at
+    if min(unpacked, packed, values) < 0:
+        raise MalformedError("the head of a page with a size below 0")
+    return Page(kind, unpacked, packed, values, end)
+
+
+def _zigzag(varint: bytes) -> int:
+    value = 0
+    for byte in reversed(varint):
+        value = value << 7 | byte & 127
+    return value >> 1 ^ -(value & 1)
+
+
+def _number(fields: Struct, number: int) -> int:
+    found = fields.get(number)
+    if found is None or found.kind != I32:
+        raise MalformedError("the head of a page without its sizes")
+    return int(found.value)
+
+
+class PagedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no types
+    """A Parquet file whose pages are unpacked only after a look at the heads of all of them."""
+
+    def __init__(self, source: Checked, **options: object) -> None:
+        """Open `source`; `options` are those of the library."""
+        super().__init__(source, **options)
+        self._checked = source
+
+    def iter_batches(  # noqa: D102 - as the library's own
+        self, batch_size: int, row_groups: Collection[int] | None = None, columns: Collection[str] | None = None
+    ) -> object:
+        for number in range(self.num_row_groups) if row_groups is None else row_groups:
+            self._check(number, columns)
+        return super().iter_batches(batch_size=batch_size, row_groups=row_groups, columns=columns)
+
+    def read(self, columns: Collection[str] | None = None) -> object:  # noqa: D102 - as the library's own
+        for number in range(self.num_row_groups):
+            self._check(number, columns)
+        return super().read(columns=columns)
+
+    def _check(self, number: int, columns: Collection[str] | None) -> None:
+        """InputError for a group of rows whose pages unpack to more than a file of its size can hold."""
+        group, most, unpacked = self.metadata.row_group(number), most_unpacked(self._checked.size), 0
+        for place in range(group.num_columns):
+            column = group.column(place)
+            if columns is not None and column.path_in_schema.partition(".")[0] not in columns:
+                continue
+            values, at = 0, column.data_page_offset
+            if column.has_dictionary_page and 0 < column.dictionary_page_offset < at:
+                at = column.dictionary_page_offset
+            begin, end = at, at + column.total_compressed_size
+            while at < end:
+                page = self._head(at, end)
+                unpacked, values, at = unpacked + page.unpacked, values + page.values, at + page.begin + page.packed
+                if max(unpacked, BYTES_PER_VALUE * values) > most:
+                    self._checked.read_at(begin, at - begin)  # a damaged head is told as that
+                    raise InputError(
+                        f"{self._checked.path}: column {column.path_in_schema} unpacks to more than {most} bytes in a "
+                        f"file of {self._checked.size} bytes, which no measurements fit into"
+                    )
+
+    def _head(self, at: int, end: int) -> Page:
+        """The head at a byte of a column that goes on up to `end`.
+
+        Its check sums are tried when the column is read: here only where it is no head, since damage is told as such.
+        """
+        for window in WINDOWS:
+            try:
+                return read_head(self._checked.peek(at, window))
+            except MalformedError:
+                if window == WINDOWS[-1] or at + window >= end:
+                    self._checked.read_at(at, window)
+                    raise
+        raise AssertionError

@@ -1,0 +1,180 @@
+"""Small Parquet and Arrow files that unpack to gigabytes: each is refused in one line, and memory stays as it was."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode, InputError
+from occlog.io.files.tables.promises import FREE_BYTES, FREE_ROWS, check_promise
+from occlog.io.files.tables.thrift import I32, I64, Field, Reader, written
+from occlog.io.foreign.arrow_messages import Message, messages
+
+BIG = 1 << 30
+ROWS = 50
+
+
+def columns(rows: int) -> dict[str, np.ndarray]:
+    zeros = np.zeros(rows)
+    return {"t_ns": zeros.astype(np.int64), "target_id": zeros.astype(np.int32), "x": zeros, "y": zeros}
+
+
+def tracks(rows: int) -> pa.Table:
+    return pa.table(columns(rows) | {"t_ns": np.arange(rows)})
+
+
+def bearings(names: pa.Array) -> pa.Table:
+    rows = len(names)
+    return pa.table({"t_ns": np.arange(rows), "sensor": names, "azimuth_rad": np.zeros(rows)})
+
+
+def long_name(rows: int, characters: int) -> pa.Array:
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int32)), pa.array(["a" * characters]))
+
+
+def with_large_pages(table: pa.Table, size: int) -> bytes:
+    """A table as Parquet whose pages, but for those of times, unpack to `size` zeros; its footer does not say so."""
+    out = io.BytesIO()
+    pq.write_table(table, out, compression="zstd", use_dictionary=False, write_statistics=False)
+    data = out.getvalue()
+    length = int.from_bytes(data[-8:-4], "little")
+    footer = Reader(data[-8 - length : -8]).struct()
+    zeros = pa.Codec("zstd").compress(bytes(size), asbytes=True)
+    made = bytearray(b"PAR1")
+    for column in footer[4].value[1][0][1].value[1]:
+        told = column[3].value
+        reader = Reader(data, told[9].value)
+        head = reader.struct()
+        body = data[reader.at : reader.at + head[3].value]
+        if told[3].value[1] != [b"t_ns"]:
+            head[2], head[3], body = Field(I32, size), Field(I32, len(zeros)), zeros
+        page = written(head) + body
+        told[9], told[7], column[2] = Field(I64, len(made)), Field(I64, len(page)), Field(I64, len(made))
+        made += page
+    end = written(footer)
+    return bytes(made) + end + len(end).to_bytes(4, "little") + b"PAR1"
+
+
+def as_parquet(table: pa.Table) -> bytes:
+    out = io.BytesIO()
+    pq.write_table(table, out, compression="zstd", write_statistics=False, dictionary_pagesize_limit=BIG)
+    return out.getvalue()
+
+
+def as_arrow(table: pa.Table, *, stream: bool = False) -> bytes:
+    out = io.BytesIO()
+    options = pa.ipc.IpcWriteOptions(compression="zstd")
+    with (pa.ipc.new_stream if stream else pa.ipc.new_file)(out, table.schema, options=options) as writer:
+        writer.write_table(table)
+    return out.getvalue()
+
+
+LONG = 2_000_000
+CASES: dict[str, tuple[str, Callable[[], bytes], str]] = {
+    "pages": ("t.parquet", lambda: with_large_pages(tracks(ROWS), BIG), "unpacks to more than 134217728 bytes"),
+    "text for every row": ("t.parquet", lambda: as_parquet(bearings(long_name(1000, LONG))), f"a text of {LONG}"),
+    "Arrow": ("t.arrow", lambda: as_arrow(pa.table(columns(10_000_000))), "promises 10000000 rows in a file of"),
+    "Arrow stream": (
+        "t.arrow",
+        lambda: as_arrow(pa.table(columns(10_000_000)), stream=True),
+        "promises 10000000 rows in a file",
+    ),
+    "Arrow, text for every row": ("t.arrow", lambda: as_arrow(bearings(long_name(1000, LONG))), f"a text of {LONG}"),
+    "Arrow, rows of nothing": (
+        "t.arrow",
+        lambda: as_arrow(pa.table({name: pa.nulls(2 * 10**9) for name in ("t_ns", "target_id", "x", "y")})),
+        "promises 2000000000 rows in a file of",
+    ),
+    "Arrow, columns that nobody needs": (
+        "t.arrow",
+        lambda: as_arrow(pa.table({f"unused{n}": np.zeros(FREE_ROWS) for n in range(15)} | columns(FREE_ROWS))),
+        "bytes at once in a file of",
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "make", "words"), CASES.values(), ids=CASES)
+@pytest.mark.parametrize("command", ["export", "doctor"])
+def test_memory_stays_as_it_was(tmp_path: Path, name: str, make: Callable[[], bytes], words: str, command: str) -> None:
+    path, out = tmp_path / name, tmp_path / "out.csv"
+    path.write_bytes(make())
+    assert path.stat().st_size < 400_000
+    arguments = [command, str(path), *(["-o", str(out)] if command == "export" else [])]
+    program = (
+        "import sys; from occlog.cli.main import run; code = run(sys.argv[1:]);"
+        "print(*[line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')]); sys.exit(code)"
+    )
+    told = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, timeout=100)
+    assert told.returncode == ExitCode.BAD_INPUT
+    assert words in told.stdout + told.stderr
+    assert "Traceback" not in told.stderr
+    assert int(told.stdout.split()[-1]) < 512 * 1024  # KiB
+    assert not out.exists()
+
+
+def test_pages_as_large_as_their_file_may_have_are_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path, table = tmp_path / "t.parquet", tracks(200_000)
+    pq.write_table(table, path, compression="zstd", row_group_size=200_000, data_page_size=1 << 26)
+    assert run(["export", str(path), "-o", str(tmp_path / "t.csv")]) == ExitCode.DONE, capfd.readouterr().err
+    # A head of a page with long statistics is looked for in more bytes
+    words = pa.array([f"{n:03}" + "b" * 180 for n in range(200)])
+    pq.write_table(bearings(words), path, use_dictionary=False, store_schema=False)
+    assert run(["export", str(path), "-o", str(tmp_path / "b.csv")]) == ExitCode.DONE, capfd.readouterr().err
+
+
+def test_the_limits_of_promises() -> None:
+    path = Path("t.parquet")
+    check_promise(path, 10, FREE_ROWS, FREE_BYTES)
+    for rows, unpacked, words in ((FREE_ROWS + 1, 0, "1000001 rows"), (0, FREE_BYTES + 1, f"{FREE_BYTES + 1} bytes")):
+        with pytest.raises(InputError, match=f"t.parquet: promises {words}.* in a file of 10 bytes"):
+            check_promise(path, 10, rows, unpacked)
+    check_promise(path, 10**6, 20 * 10**6, 10**9)
+    with pytest.raises(InputError, match="20000001 rows"):
+        check_promise(path, 10**6, 20 * 10**6 + 1, 0)
+
+
+@pytest.mark.parametrize("compression", [None, "lz4", "zstd"])
+@pytest.mark.parametrize("kind", ["file", "stream"])
+def test_messages_say_what_the_library_unpacks(tmp_path: Path, kind: str, compression: str | None) -> None:
+    names = pa.array(["left", "right"] * 4000).dictionary_encode()
+    table = bearings(names)
+    path = tmp_path / "t.arrow"
+    options = pa.ipc.IpcWriteOptions(compression=compression)
+    with (pa.ipc.new_file if kind == "file" else pa.ipc.new_stream)(path, table.schema, options=options) as writer:
+        writer.write_table(table, max_chunksize=5000)
+    found = [one for one in messages(path) if one != Message(0, 0)]
+    assert [one.rows for one in found if one.rows] == [5000, 3000]
+    if compression is None:
+        assert {one.unpacked for one in found} == {0}
+        return
+    batches = [one.unpacked for one in found if one.rows]
+    assert batches == [5000 * (8 + 4 + 8), 3000 * (8 + 4 + 8)]
+    (dictionary,) = [one.unpacked for one in found if not one.rows]
+    assert dictionary == len("leftright") + 4 * 3
+
+
+def test_damaged_heads_of_messages_are_errors(tmp_path: Path) -> None:
+    path = tmp_path / "t.arrow"
+    for stream in (False, True):
+        data = as_arrow(bearings(long_name(100, 5)), stream=stream)
+        for at in range(len(data)):
+            path.write_bytes(data[:at] + bytes([data[at] ^ 0xFF]) + data[at + 1 :])
+            try:
+                list(messages(path))
+            except ValueError:
+                continue
+        for length in range(len(data)):
+            path.write_bytes(data[:length])
+            try:
+                list(messages(path))
+            except ValueError:
+                continue
