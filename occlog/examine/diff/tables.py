@@ -81,7 +81,7 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     schema = [Difference("schema", name, {}, each, a="column") for each in names_a if each not in names_b]
     schema += [Difference("schema", name, {}, each, b="column") for each in names_b if each not in names_a]
     both = frozenset(names_a) & frozenset(names_b)
-    found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both)
+    found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both, str(unit or "m"))
     if a.foreign is not None and b.foreign is not None:
         schema += _compare_unused(a.foreign, b.foreign, table, name)
     return replace(found, name=name, schema=tuple(schema))
@@ -140,7 +140,8 @@ def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[C
     else:
         # Tables of one name may have more columns than the one that it stands for
         table = table_with(said_a["schema"], [c["name"] for c in said_a["columns"]])
-        rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances)
+        unit = said_a["length_unit"] if said_a["length_unit"] == said_b["length_unit"] else ""
+        rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances, length_unit=unit)
         found = replace(rows, name=name, schema=schema)
     if not settings.provenance:
         return [found]
