@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from occlog.details import tell
 from occlog.errors import InputError, OcclogError, UsageError
@@ -20,10 +20,11 @@ from occlog.io.files.content import EXPECTED, SQLITE_MAGIC, Content, content_of,
 from occlog.io.files.inputs import FOREIGN_BAG
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
-from occlog.io.files.tables.header import read_header
+from occlog.io.files.tables.header import describe, read_header
 from occlog.io.files.tables.parquet import is_ours, iter_table
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
+from occlog.records.tables import table_with
 
 if TYPE_CHECKING:
     from occlog.io.foreign.source import Source
@@ -92,6 +93,14 @@ class Opened:
     def has(self, table: type[Table]) -> bool:
         """Whether the input holds rows of a table."""
         return self.table == table.NAME if self.recording is None else self.recording.has(table)
+
+    def widest(self, table: type[T]) -> type[T]:
+        """The table with all columns that the file has: tracks of people, for example, have more than others."""
+        if self.foreign is not None:
+            return self.foreign.widest(table)
+        if self.recording is not None:
+            return table
+        return cast("type[T]", table_with(table.NAME, [c["name"] for c in describe(self.path)["columns"]]))
 
     def rows(self, table: type[T], *, remedy: str = REMEDY, at_once: int | None = None) -> Iterator[T]:
         """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none.

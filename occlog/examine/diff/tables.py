@@ -67,8 +67,9 @@ def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
 def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> Comparison:
     """Compare two tables, of which others made one or both: by the columns that both have, in one unit of length."""
     first, second = (b, a) if b.foreign is None else (a, b)
-    table = TABLES[first.table]
-    second.require(table)
+    kind = TABLES[first.table]
+    second.require(kind)
+    table = max((each.widest(kind) for each in (first, second)), key=lambda wide: len(wide.columns()))
     # Of two tables of others one may state no unit: its lengths are metres, as everywhere without a scene
     units = {each.length_unit for each in (first, second) if each.length_unit is not None}
     one_says = len(units) == 1 and None in (first.length_unit, second.length_unit) and first.foreign is not None

@@ -16,7 +16,6 @@ from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.mot_challenge import SEQUENCE_INFO, mot_text
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.tables.header import describe
 from occlog.io.open import Opened, open_input
 from occlog.io.trajectories.earth import FARTHEST, Origin
 from occlog.plugins.chosen import Chosen
@@ -26,7 +25,7 @@ from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.pieces import whole_times
 from occlog.records.scene import Scene
-from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views, table_with
+from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views
 
 from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
 from .columns import write_csv, write_parquet
@@ -161,14 +160,7 @@ def _table(opened: Opened, form: Format, name: str, wanted: str | None) -> type[
         raise UsageError(f"table: format {name} takes {', '.join(takes)}, not {wanted}")
     asked = [TABLES[each] for each in ([wanted] if wanted is not None else takes)]
     opened.require(*asked, remedy=f"format {name} takes {', '.join(takes)}")
-    return _widest(opened, next((table for table in asked if opened.has(table)), asked[0]))
-
-
-def _widest(opened: Opened, table: type[Table]) -> type[Table]:
-    """The table with all columns that a file of ours has: tracks of people, for example, have more than others."""
-    if opened.recording is not None or opened.foreign is not None:
-        return table
-    return table_with(table.NAME, [c["name"] for c in describe(opened.path)["columns"]])
+    return opened.widest(next((table for table in asked if opened.has(table)), asked[0]))
 
 
 def _write_text(

@@ -106,6 +106,24 @@ def test_columns_that_only_a_wider_table_has_are_compared(tmp_path: Path, capsys
     assert "doubt is '' in A, 'one-view' in B" in capsys.readouterr().out
 
 
+def test_an_export_of_a_wider_table_is_the_same_and_read_as_wide(tmp_path: Path, capsys: Any) -> None:
+    """The columns that tracks of several views have more were not read from text."""
+    nothing = {key: [0.0, 0.0] for key in ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy")}
+    rows = FusedTracks.of(t_ns=[1, 2], target_id=[0, 0], **nothing, seen_by=["a", "b"], doubt=["", "one-view"])
+    ours, exported, again = (str(tmp_path / name) for name in ("a.parquet", "b.csv", "c.csv"))
+    write_table(tmp_path / "a.parquet", rows, Provenance("test"))
+    assert run(["export", ours, "-o", exported]) == run(["export", exported, "-o", again]) == ExitCode.DONE
+    assert Path(again).read_text() == Path(exported).read_text()
+    assert run(["diff", ours, exported]) == run(["diff", exported, ours]) == ExitCode.DONE
+    Path(again).write_text(Path(exported).read_text().replace("one-view", "exchange"))
+    assert run(["diff", ours, again]) == run(["diff", exported, again]) == ExitCode.DIFFERENT
+    capsys.readouterr()
+    assert run(["info", exported]) == ExitCode.DONE
+    told = capsys.readouterr().out
+    assert "vx_m_s: vx [m/s]" in told
+    assert "doubt: doubt\n" in told
+
+
 def test_a_standard_deviation_is_no_angle_that_a_turn_leaves_alone(tmp_path: Path) -> None:
     def poses(name: str, yaw: float, deviation: float) -> str:
         values = {"dx": [0.0], "dy": [0.0], "dyaw": [yaw], "sd_dx": [0.1], "sd_dy": [0.1], "sd_dyaw": [deviation]}
