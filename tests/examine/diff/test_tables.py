@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -122,6 +123,20 @@ def test_an_export_of_a_wider_table_is_the_same_and_read_as_wide(tmp_path: Path,
     told = capsys.readouterr().out
     assert "vx_m_s: vx [m/s]" in told
     assert "doubt: doubt\n" in told
+
+
+def test_trajectories_are_compared_with_tables(tmp_path: Path, capsys: Any) -> None:
+    """Their names kept them apart: two files of different kinds, or text that was compared byte by byte."""
+    rows = Truth.of(t_ns=[1000, 2000], target_id=[0, 0], x=[1.25, 1.5], y=[2.0, 2.0], z=[0, 0], role=["target"] * 2)
+    write_table(tmp_path / "a.parquet", rows, Provenance("test"))
+    for name, origin in (("a.tum", ()), ("a.trc", ()), ("a.geojson", ("--origin", "52,13"))):
+        assert run(["export", str(tmp_path / "a.parquet"), "-o", str(tmp_path / name), "-q", *origin]) == ExitCode.DONE
+        capsys.readouterr()
+        assert run(["diff", str(tmp_path / "a.parquet"), str(tmp_path / name), "--json"]) == ExitCode.DIFFERENT
+        (part,) = json.loads(capsys.readouterr().out)["parts"]
+        assert (part["rows"]["a"], part["rows"]["b"]) == (2, 2)
+        assert "role" in {each["column"] for each in part["schema"]}
+    assert run(["diff", str(tmp_path / "a.tum"), str(tmp_path / "a.tum")]) == ExitCode.DONE
 
 
 def test_a_standard_deviation_is_no_angle_that_a_turn_leaves_alone(tmp_path: Path) -> None:
