@@ -297,6 +297,21 @@ def check_unit(
         )
 
 
+def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
+    """The unit of lengths of inputs that are used without a scene, and the file that decides it.
+
+    It is that of the first of ours.  Of tables of others it is that of the first, but metres where one of them has
+    lengths without a unit.
+    """
+    opened = [each for each in inputs if each is not None]
+    for each in opened:
+        if each.foreign is None and each.length_unit is not None:
+            return each.length_unit, str(each.path)
+    others = [each for each in opened if each.foreign is not None and each.foreign.has_lengths]
+    first = next((each for each in others if each.length_unit is None), next(iter(others), None))
+    return ("m", "") if first is None else (first.length_unit or "m", str(first.path))
+
+
 def open_in_unit(path: Path, length_unit: str | None, *wants: type[Table]) -> Opened:
     """Open an input that `check_unit` has let pass: a table of others gives lengths in this unit.
 

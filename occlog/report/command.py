@@ -331,18 +331,14 @@ def _read_occluders(path: Path | None, unit: str) -> Occluders | Hulls | None:
 
 def _unit(paths: Paths, scene: Scene | None) -> str:
     """The unit of lengths; InputError where a table has another than the scene or the tracks."""
-    from occlog.io.open import check_unit, open_input
+    from occlog.io.open import check_unit, common_unit, open_input
 
-    unit, source = (None, "") if scene is None else (scene.length_unit, "the scene")
-    for path in (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders):
-        opened = None if path is None else open_input(path)
-        if opened is None or opened.recording is not None:
-            continue
-        if unit is not None:
-            check_unit(opened, unit, source, InputError)
-        else:
-            unit, source = opened.length_unit, str(path)
-    return unit or "m"
+    named = (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders)
+    opened = [each for path in named if path is not None and (each := open_input(path)).recording is None]
+    unit, source = common_unit(opened) if scene is None else (scene.length_unit, "the scene")
+    for each in opened:
+        check_unit(each, unit, source, InputError)
+    return unit
 
 
 def _made(paths: Paths, title: str) -> tuple[dict[str, object], tuple[Loss, ...]]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.header import describe
 from occlog.io.files.tables.parquet import iter_table
-from occlog.io.open import Opened, check_unit, open_if_ours
+from occlog.io.open import Opened, check_unit, common_unit, open_if_ours
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES, table_with
 
@@ -70,19 +70,16 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     kind = TABLES[first.table]
     second.require(kind)
     table = max((each.widest(kind) for each in (first, second)), key=lambda wide: len(wide.columns()))
-    # Of two tables of others one may state no unit: its lengths are metres, as everywhere without a scene
-    units = {each.length_unit for each in (first, second) if each.length_unit is not None}
-    one_says = len(units) == 1 and None in (first.length_unit, second.length_unit) and first.foreign is not None
-    unit = "m" if one_says else first.length_unit
-    for each in (first, second) if unit is not None else ():
-        check_unit(each, str(unit), str(first.path), InputError)
+    unit, source = common_unit((first, second))
+    for each in (first, second):
+        check_unit(each, unit, source, InputError)
     names_a, names_b = _columns(a, table), _columns(b, table)
     if alone:
         _check_named(table.NAME, names_a, settings)
     schema = [Difference("schema", name, {}, each, a="column") for each in names_a if each not in names_b]
     schema += [Difference("schema", name, {}, each, b="column") for each in names_b if each not in names_a]
     both = frozenset(names_a) & frozenset(names_b)
-    found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both, str(unit or "m"))
+    found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both, unit)
     if a.foreign is not None and b.foreign is not None:
         schema += _compare_unused(a.foreign, b.foreign, table, name)
     return replace(found, name=name, schema=tuple(schema))

@@ -50,6 +50,11 @@ class ForeignTable:
         """Unit of its lengths; None: that of the scene that it is used with."""
         return self.wanted_unit if self.wanted_unit is not None else self.layout.length_unit
 
+    @property
+    def has_lengths(self) -> bool:
+        """Whether a column that is used is a length, or one of its powers or speeds."""
+        return any(s.column.unit in POWERS for s in self.layout.columns)
+
     def fits(self, table: type[Table]) -> bool:
         """Whether the file has what a table wants."""
         return not self.layout_of(table).missing
