@@ -229,7 +229,7 @@ def _images(paths: Paths, data: ReportInput) -> Thumbnails | None:
 
     drawn = None
     if data.tracks is not None and paths.tracks is not None:
-        drawn = Sources(paths.tracks, paths.diagnostics, unit=data.unit)
+        drawn = Sources(paths.tracks, paths.diagnostics)
     return thumbnails(paths.images, drawn, data.targets, round(paths.images_limit * 1e6))
 
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Ints
 from occlog.cli import options
-from occlog.errors import InputError, UsageError
+from occlog.errors import UsageError
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.frames.writer import SHOWN
-from occlog.io.open import check_unit, open_input
+from occlog.io.open import open_input
 from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.epipolar.views import View
@@ -223,8 +223,6 @@ def _world(
             raise UsageError(why)
         options.note(why, quiet)
         return None
-    opened = open_input(asked.world)
-    check_unit(opened, scene.length_unit, "the scene", InputError)
     without = [c.name for c in scene.cameras if c.name in recording.cameras and not c.has_height]
     if asked.tracks is None and without:
         options.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}", quiet)

@@ -68,18 +68,20 @@ class Thumbnails:
 
 
 def thumbnails(recording: Path, sources: Sources | None, targets: Sequence[int], limit: int) -> Thumbnails:
-    """Images of a recording, with tracks of the world drawn over those of cameras that stand in it.
+    """Images of a recording, with tracks of the world drawn over those of cameras that stand in it, in its unit.
 
     Args:
         recording: with images or videos.
-        sources: of the tracks; None: nothing is drawn.
+        sources: of the tracks, in any unit of lengths; None: nothing is drawn.
         targets: identities, in the order of their colours.
         limit: bytes that all images together may take in the page.
 
     Raises:
-        InputError: there are no images.
+        InputError: there are no images, or a table of ours has another unit of lengths than the recording's scene.
     """
     opened = open_recording(recording)
+    if sources is not None and opened.scene is not None:
+        sources = sources._replace(unit=opened.scene.length_unit)
     known: dict[str, list[int]] = {}
     for frame in opened.frames():
         known.setdefault(frame.sensor, []).append(frame.t_ns)
