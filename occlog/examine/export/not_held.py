@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from occlog.array_types import Ints
 from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table
+from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth
-from occlog.records.views import ViewTracks
 from occlog.words import counted
 
 T = TypeVar("T", bound=Table)

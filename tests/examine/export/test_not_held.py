@@ -12,7 +12,7 @@ from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.records.columns import Table
 from occlog.records.tables import Boxes, Tracks, Truth
 

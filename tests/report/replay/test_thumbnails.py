@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -109,6 +110,26 @@ def test_tracks_in_another_unit_are_drawn_at_the_same_places_or_refused(
     args = ["report", str(tmp_path / "ft.parquet"), "--images", str(recording), "-o", str(tmp_path / "no.html")]
     assert occlog(args) == ExitCode.BAD_INPUT
     assert "ft.parquet: lengths are in ft, but in m in the scene" in capsys.readouterr().err
+
+
+def test_images_that_are_damaged_are_dark_and_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One ended the command."""
+    path = tmp_path / "cut.mcap"
+    image = encode_image(np.full((480, 640), 200, np.uint8), "png", 0)
+    with RecordingWriter(path, scene(), Provenance("test")) as out:
+        for number in range(6):
+            out.image("cam1", number * STEP, number, image[: len(image) // 2] if number in (0, 3, 4) else image, "png")
+    found = thumbnails(path, None, [], 10**7)
+    assert [(loss.source, loss.place, loss.count) for loss in found.losses] == [
+        ("cam1", "frame 0", 1),
+        ("cam1", "frames 3 to 4", 2),
+    ]
+    assert [round(brightness(data), -2) for _, data in found.cameras["cam1"]] == [200, 200, 0, 0, 200]
+    page = tmp_path / "page.html"
+    args = ["report", "--scene", str(path), "--images", str(path), "-o", str(page), "--json"]
+    assert occlog(args) == ExitCode.LOSSY
+    assert [loss["count"] for loss in json.loads(capsys.readouterr().out)["losses"]] == [1, 2]
+    assert "frames 3 to 4" in page.read_text(encoding="utf-8")
 
 
 def test_recordings_without_images_are_refused(tmp_path: Path) -> None:
