@@ -21,6 +21,7 @@ from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 
+from .layout import PROGRAM
 from .metadata import add_metadata
 from .rows import message_schema, schema_of, table_to_messages
 
@@ -55,7 +56,7 @@ def begin_mcap(file: IO[bytes]) -> Writer:
         enable_crcs=True,
         enable_data_crcs=True,
     )
-    writer.start(profile="", library=f"occlog {__version__}")
+    writer.start(profile="", library=f"{PROGRAM}{__version__}")
     return writer
 
 
