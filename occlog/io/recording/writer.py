@@ -16,6 +16,7 @@ from occlog import __version__
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.output_names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
@@ -77,10 +78,13 @@ class RecordingWriter:
     ) -> None:
         """Prepare to write `path`; OutputExistsError if it is there and may not be replaced.
 
+        UsageError for a name that promises another format than MCAP.
+
         With `together` the file, and those written with the attribute of this name, appear at its end.
         """
         self.together = together
         self._path = Path(path)
+        check_output_name(self._path, RECORDING)
         self._output = open_output(self._path, overwrite, together)
         self._scene, self._provenance = scene, provenance
         self._videos: dict[str, dict[str, str]] = {}
