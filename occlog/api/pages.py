@@ -90,7 +90,7 @@ def report(
             overwrite=overwrite,
             **tables,
         )
-        data = run_report(paths, title)
+        data, _ = run_report(paths, title)
         findings = data.findings or ()
         told, rest = sentences(inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in findings)
     warn(told, data.losses, stacklevel=2)
@@ -199,11 +199,12 @@ def overlay(
             trail=trail,
             overwrite=overwrite,
         )
-        summary = run_overlay(asked, quiet=not progress)
+        summary, losses = run_overlay(asked, quiet=not progress)
         told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
-    warn(told, (), stacklevel=2)
+    warn(told, losses, stacklevel=2)
     return OverlayResult(
         summary=home.without_paths(summary),
+        losses=losses,
         warnings=told,
         notes=rest,
         png=None if picture is None else picture.read_bytes(),

@@ -168,6 +168,7 @@ class Table:
             origin=None,
             scene=None,
             overwrite=overwrite,
+            quiet=True,
         )
         run_export(request)
 

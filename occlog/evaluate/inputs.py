@@ -14,7 +14,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.stretches.sources import MeasuredSource, no_frames, no_true_box, streamed_bearings
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.open import Opened, check_unit, losses_of, open_if_ours, open_input
+from occlog.io.open import Opened, check_unit, common_unit, losses_of, open_if_ours, open_input
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import Radio, measurements_of_reads
 from occlog.measure.scans.shadowing import Shadowing
@@ -229,8 +229,7 @@ def _scene(paths: Paths, tracks: Opened | None, truth: Opened | None) -> Scene:
     """
     recorded = None if truth is None else truth.scene
     if paths.scene is None and recorded is None and paths.directions is None and paths.views is None:
-        units = [opened.length_unit for opened in (truth, tracks) if opened is not None]
-        return Scene(length_unit=next((unit for unit in units if unit is not None), "m"))
+        return Scene(length_unit=common_unit((truth, tracks))[0])
     if paths.tracks is None and paths.directions is None and paths.scene is None:
         return recorded or Scene()
     for path in (paths.bearings, paths.doa, paths.views):

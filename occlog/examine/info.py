@@ -16,6 +16,7 @@ from occlog.records.losses import Loss
 from occlog.words import counted
 
 if TYPE_CHECKING:
+    from occlog.io.foreign.names import Spelling
     from occlog.io.foreign.table import ForeignTable
     from occlog.io.recording.reader import Recording
     from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene
@@ -314,14 +315,14 @@ def _describe_table(path: Path, rows: int) -> Description:
 
 def _describe_foreign(table: ForeignTable) -> Description:
     """Describe a table of another program: what it is read as, and by which columns."""
-    source, layout = table.source, table.layout
+    source, layout = table.source, table.layout_of(table.widest(table.layout.table))
     used = {s.name: s for s in layout.columns}
     checked = {s.far: s.name for s in layout.columns if s.far}
     unit = table.length_unit or "the unit of the scene"
     lines = [f"{source.kind} of another program, read as {layout.table.NAME}, lengths in {unit}"]
     for name in source.names:
         spelled = used.get(name)
-        unit = "" if spelled is None or not spelled.unit else f" [{spelled.unit}]"
+        unit = "" if spelled is None or not spelled.unit else f" [{_unit_of(spelled)}]"
         idle = f"compared with {checked[name]}" if name in checked else "not used"
         lines.append(f"column    {name}: {idle if spelled is None else spelled.column.name + unit}")
     values = {
@@ -332,6 +333,13 @@ def _describe_foreign(table: ForeignTable) -> Description:
         "columns": {name: used[name].column.name if name in used else None for name in source.names},
     }
     return Description(values, lines)
+
+
+def _unit_of(spelled: Spelling) -> str:
+    """The unit of a column of another program: of a speed in cm/s the name says the length."""
+    from occlog.records.columns import LENGTHS, in_length_unit
+
+    return in_length_unit(spelled.column.unit, spelled.unit) if spelled.column.unit in LENGTHS else spelled.unit
 
 
 def _first_rows(path: Path, rows: int) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from occlog.cli import options
-from occlog.errors import UsageError
+from occlog.errors import InputError, UsageError
 
 
 @click.command(name="recover", short_help="Salvage what is whole in a file that was cut off or damaged.")
@@ -34,11 +34,15 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
       occlog recover tracks.parquet -o whole.parquet
       occlog recover hall.mcap -o whole.mcap --video cam1=hall.cam1.avi
     """
-    from occlog.io.files.content import Content, content_of
+    from occlog.io.files.content import Content, content_of, mistaken_for
 
     given = dict(map(_named, videos))
     options.check_outputs([file, *given.values()], [output], overwrite)
-    if content_of(file) is Content.TABLE:
+    content = content_of(file)
+    if content is Content.OTHER:
+        what = mistaken_for(file) or content.value
+        raise InputError(f"{file}: is {what}; nothing of it can be salvaged here: copy it again, or make it again")
+    if content is Content.TABLE:
         if given:
             raise UsageError("--video: belongs to recordings; a table links to no video")
         from occlog.io.files.tables.salvage.table import recover_table

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -41,6 +41,9 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
 def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
     """The scene with clocks that are off by what is to be added to the times [s]; drifts stay as they are.
 
+    The clocks of the scene stay, also those that an earlier offset has made (`cam2-offset`): the new ones have names of
+    their own.
+
     Raises:
         UsageError: the scene lacks a sensor.
     """
@@ -52,12 +55,14 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
         if name not in names:
             raise UsageError(f"--offset: no sensor {name!r}; {did_you_mean(name, names)}")
     clocks = {clock.name: clock for clock in scene.clocks}
-    own = {}
+    own, taken = {}, set(clocks)
     for sensor in scene.sensors:
         if sensor.name in offsets:
             before = clocks.get(sensor.clock or "", Clock(""))
             offset_ns = before.offset_ns - round(offsets[sensor.name] * NS)
-            own[sensor.name] = replace(before, name=f"{sensor.name}-offset", offset_ns=offset_ns)
+            name = _free_name(f"{sensor.name}-offset", taken)
+            taken.add(name)
+            own[sensor.name] = replace(before, name=name, offset_ns=offset_ns)
     return replace(
         scene,
         cameras=tuple(replace(c, clock=own[c.name].name) if c.name in own else c for c in scene.cameras),
@@ -65,3 +70,8 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
         readers=tuple(replace(r, clock=own[r.name].name) if r.name in own else r for r in scene.readers),
         clocks=(*scene.clocks, *own.values()),
     )
+
+
+def _free_name(name: str, taken: Collection[str]) -> str:
+    """The name, or with the first number from 2 behind it that nobody has."""
+    return next(each for each in (name, *(f"{name}-{n}" for n in range(2, len(taken) + 3))) if each not in taken)

@@ -26,6 +26,7 @@ from occlog.io.frames.camera_source import CameraSource
 from occlog.io.frames.process import Delivered
 from occlog.io.messages.bag import Bag, open_bag
 from occlog.io.messages.survey import BagSurvey
+from occlog.io.recording.layout import is_of_occlog
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
@@ -138,6 +139,12 @@ def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[
     """Open the bag and find out what is taken of it; None where there is none."""
     if not plan.bags:
         return None
+    for path in plan.bags:
+        if path.is_file() and is_of_occlog(path):
+            raise InputError(
+                f"{path}: was written by occlog: its times are right already, and its tables, numbers of frames and "
+                "losses would be left out; use it as it is, or ingest what it was made of"
+            )
     bag = stack.enter_context(open_bag(plan.bags))
     found = look_into(bag, plan, note)
     check_plan(plan, found, scene, note)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from occlog.details import tell
 from occlog.errors import InputError, OcclogError, UsageError
@@ -20,10 +20,11 @@ from occlog.io.files.content import EXPECTED, SQLITE_MAGIC, Content, content_of,
 from occlog.io.files.inputs import FOREIGN_BAG
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
-from occlog.io.files.tables.header import read_header
+from occlog.io.files.tables.header import describe, read_header
 from occlog.io.files.tables.parquet import is_ours, iter_table
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
+from occlog.records.tables import table_with
 
 if TYPE_CHECKING:
     from occlog.io.foreign.source import Source
@@ -92,6 +93,14 @@ class Opened:
     def has(self, table: type[Table]) -> bool:
         """Whether the input holds rows of a table."""
         return self.table == table.NAME if self.recording is None else self.recording.has(table)
+
+    def widest(self, table: type[T]) -> type[T]:
+        """The table with all columns that the file has: tracks of people, for example, have more than others."""
+        if self.foreign is not None:
+            return self.foreign.widest(table)
+        if self.recording is not None:
+            return table
+        return cast("type[T]", table_with(table.NAME, [c["name"] for c in describe(self.path)["columns"]]))
 
     def rows(self, table: type[T], *, remedy: str = REMEDY, at_once: int | None = None) -> Iterator[T]:
         """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none.
@@ -286,6 +295,21 @@ def check_unit(
             f"{opened.path}: lengths are in {opened.length_unit}, but in {length_unit} in {source}; "
             "use files of one scene"
         )
+
+
+def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
+    """The unit of lengths of inputs that are used without a scene, and the file that decides it.
+
+    It is that of the first of ours.  Of tables of others it is that of the first, but metres where one of them has
+    lengths without a unit.
+    """
+    opened = [each for each in inputs if each is not None]
+    for each in opened:
+        if each.foreign is None and each.length_unit is not None:
+            return each.length_unit, str(each.path)
+    others = [each for each in opened if each.foreign is not None and each.foreign.has_lengths]
+    first = next((each for each in others if each.length_unit is None), next(iter(others), None))
+    return ("m", "") if first is None else (first.length_unit or "m", str(first.path))
 
 
 def open_in_unit(path: Path, length_unit: str | None, *wants: type[Table]) -> Opened:

@@ -19,6 +19,15 @@ ANY = -1
 """Width of a column whose rows are vectors of one length, whatever it is; 0 where nobody gave any."""
 
 
+LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
+"""Units in which m stands for the scene's unit of length, and the power of it."""
+
+
+def in_length_unit(unit: str, length_unit: str) -> str:
+    """The unit of a column where lengths are in a unit: `cm^2/s` for `m^2/s` and `cm`."""
+    return unit.replace("m", length_unit) if unit in LENGTHS else unit
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """One column of a table: name, NumPy kind, width of a row (0 = a scalar, `ANY`), unit, meaning."""

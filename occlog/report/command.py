@@ -79,16 +79,17 @@ def command(**given: Any) -> int:
         from occlog.report.overlay.command import run_overlay
         from occlog.report.overlay.pictures import Asked
 
-        return options.finish(run_overlay(Asked(**given), quiet=quiet), (), as_json)
+        return options.finish(*run_overlay(Asked(**given), quiet=quiet), as_json)
     if "other" in given:
         return _beside(given, quiet=quiet, as_json=as_json)
     title, strict = given.pop("title"), given.pop("strict")
     if given["output"] is None:
         raise UsageError("no output: give -o (the page), or --recording with --video or --frame")
     paths = from_folder(Paths(**given))
-    data = run_report(paths, title)
+    data, unseen = run_report(paths, title)
     for loss in data.losses:
-        options.note(f"lost earlier: {loss}", quiet)
+        if loss not in unseen:
+            options.note(f"lost earlier: {loss}", quiet)
     findings = data.findings
     options.note_findings(findings or (), quiet)
     summary: dict[str, object] = {
@@ -99,7 +100,7 @@ def command(**given: Any) -> int:
     }
     summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {} if findings is None else figures(findings)
-    code = options.finish({k: v for k, v in summary.items() if v is not None}, (), as_json)
+    code = options.finish({k: v for k, v in summary.items() if v is not None}, unseen, as_json)
     return options.strict_code(code, findings is None or plausible(findings), strict)
 
 
@@ -192,8 +193,8 @@ def _has_truth(recording: Path) -> bool:
     return open_recording(recording).has(Truth)
 
 
-def run_report(paths: Paths, title: str) -> ReportInput:
-    """Read everything, draw, write the page and the picture; what was shown."""
+def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]:
+    """Read everything, draw, write the page and the picture; what was shown, and which images were lost now."""
     from occlog.io.files.atomic import Together, open_output
     from occlog.io.files.content import Content, content_of
 
@@ -208,7 +209,10 @@ def run_report(paths: Paths, title: str) -> ReportInput:
     options.check_outputs(paths.inputs, paths.outputs, paths.overwrite)
     data = read_input(paths, title)
     begin_work()
-    made = {paths.output: build_page(data, _images(paths, data)).encode()}
+    images = _images(paths, data)
+    unseen = () if images is None else images.losses
+    data = replace(data, losses=tuple(dict.fromkeys((*data.losses, *unseen))))
+    made = {paths.output: build_page(data, images).encode()}
     if paths.png is not None:
         made[paths.png] = build_picture(data)
     if paths.markdown is not None:
@@ -217,7 +221,7 @@ def run_report(paths: Paths, title: str) -> ReportInput:
         for path, content in made.items():
             with open_output(path, paths.overwrite, together) as file:
                 file.write(content)
-    return data
+    return data, unseen
 
 
 def _images(paths: Paths, data: ReportInput) -> Thumbnails | None:
@@ -229,7 +233,7 @@ def _images(paths: Paths, data: ReportInput) -> Thumbnails | None:
 
     drawn = None
     if data.tracks is not None and paths.tracks is not None:
-        drawn = Sources(paths.tracks, paths.diagnostics, unit=data.unit)
+        drawn = Sources(paths.tracks, paths.diagnostics)
     return thumbnails(paths.images, drawn, data.targets, round(paths.images_limit * 1e6))
 
 
@@ -331,18 +335,14 @@ def _read_occluders(path: Path | None, unit: str) -> Occluders | Hulls | None:
 
 def _unit(paths: Paths, scene: Scene | None) -> str:
     """The unit of lengths; InputError where a table has another than the scene or the tracks."""
-    from occlog.io.open import check_unit, open_input
+    from occlog.io.open import check_unit, common_unit, open_input
 
-    unit, source = (None, "") if scene is None else (scene.length_unit, "the scene")
-    for path in (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders):
-        opened = None if path is None else open_input(path)
-        if opened is None or opened.recording is not None:
-            continue
-        if unit is not None:
-            check_unit(opened, unit, source, InputError)
-        else:
-            unit, source = opened.length_unit, str(path)
-    return unit or "m"
+    named = (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders)
+    opened = [each for path in named if path is not None and (each := open_input(path)).recording is None]
+    unit, source = common_unit(opened) if scene is None else (scene.length_unit, "the scene")
+    for each in opened:
+        check_unit(each, unit, source, InputError)
+    return unit
 
 
 def _made(paths: Paths, title: str) -> tuple[dict[str, object], tuple[Loss, ...]]:

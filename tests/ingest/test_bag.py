@@ -431,3 +431,18 @@ def test_other_commands_say_that_a_bag_is_ingested_first(tmp_path: Path, capsys:
         out, scene = tmp_path / "out.parquet", str(tmp_path / "scene.yaml")
         assert run(["track", str(source), "--scene", scene, "-o", str(out)]) == ExitCode.BAD_INPUT
         assert "of a bag of another program `occlog ingest` makes a recording" in capsys.readouterr().err
+
+
+def test_a_recording_of_occlog_is_no_bag(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its offset was taken out a second time, by the scene that it holds; its tables and losses were left out."""
+    scene = bag.parent / "scene.yaml"
+    scene.write_text(SCENE)
+    once, again = bag.parent / "once.mcap", bag.parent / "again.mcap"
+    offset = ["--offset", "cam_front=0.5s"]
+    assert run(["ingest", str(bag), "-o", str(once), "-q", *offset]) == ExitCode.DONE, capsys.readouterr().err
+    cut = bag.parent / "cut.mcap"
+    cut.write_bytes(once.read_bytes()[:-100])
+    for path in (once, cut):
+        assert run(["ingest", str(path), "--scene", str(once), "-o", str(again)]) == ExitCode.BAD_INPUT
+        assert f"{path.name}: was written by occlog: its times are right already" in capsys.readouterr().err
+    assert not again.exists()

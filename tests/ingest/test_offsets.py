@@ -91,6 +91,17 @@ def test_an_offset_adds_to_the_clock_of_the_scene() -> None:
     assert named["late"].offset_ns == 5
 
 
+def test_an_offset_adds_to_one_that_the_scene_of_a_recording_has(place: Path) -> None:
+    """The clock of the earlier offset had the same name, and it alone was taken out."""
+    assert ingest(place, "cam2=-0.4s") == ExitCode.DONE
+    given = ["--scene", str(place / "out.mcap"), "--boxes", str(place / "b.csv"), "--fps", "10", "--start-time", "1"]
+    for name, offset, first in (("twice.mcap", "cam2=-0.1s", 500_000_000), ("third.mcap", "cam1=0.1s", 600_000_000)):
+        assert run(["ingest", "-o", str(place / name), "-q", *given, "--offset", offset]) == ExitCode.DONE
+        boxes = open_recording(place / name).read(Boxes)
+        assert boxes.t_ns[boxes.sensor == "cam2"][0] == first
+    assert boxes.t_ns[boxes.sensor == "cam1"][0] == 1_100_000_000
+
+
 @pytest.mark.parametrize(
     ("text", "seconds"),
     [("a=1", 1.0), ("a=-.5", -0.5), ("a=2ms", 2e-3), ("a=3us", 3e-6), (f"a={MOST_S:g}", MOST_S)],

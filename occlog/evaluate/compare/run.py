@@ -20,7 +20,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
-from occlog.io.open import check_unit, losses_of, open_if_ours, open_in_unit, open_input
+from occlog.io.open import check_unit, common_unit, losses_of, open_if_ours, open_in_unit, open_input
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
@@ -123,8 +123,7 @@ def run_compare(
         if name not in FIGURES:
             raise UsageError(f"--figure {name}: there is no such figure; there are {', '.join(FIGURES)}")
     names, runs = paired(methods, truth)
-    units = {_unit(run, runs[0][names[0]]) for own in runs for run in own.values()}
-    unit = units.pop()
+    unit = _unit([run for own in runs for run in own.values()])
     if match_distance is None and unit not in METRES:
         raise UsageError(f"lengths are in {unit!r}: give --match-distance, how near a track is that meets a target")
     limit = MATCH_M / METRES[unit] if match_distance is None else match_distance
@@ -153,15 +152,13 @@ def run_compare(
     return Comparison(rows, tuple(names), sum(len(each) for each in sums[0]), unit, failed, losses)
 
 
-def _unit(run: Run, first: Run) -> str:
-    """Unit of lengths of a run's tracks; InputError where it is another than that of the first run or of the truth."""
-    unit = open_input(first.tracks).length_unit or "m"
-    check_unit(open_input(run.tracks), unit, str(first.tracks), InputError)
-    opened = open_input(run.truth)
-    if opened.recording is None:
-        check_unit(opened, unit, str(first.tracks), InputError)
-    elif opened.scene is not None and opened.scene.length_unit != unit:
-        raise InputError(f"{run.truth}: lengths are in {opened.scene.length_unit}, those of {first.tracks} in {unit}")
+def _unit(runs: Sequence[Run]) -> str:
+    """Unit of lengths of all tracks and truths; InputError where one of ours has another."""
+    tracks = [open_input(run.tracks) for run in runs]
+    truths = [open_input(path) for path in dict.fromkeys(run.truth for run in runs)]
+    unit, source = common_unit([*tracks, *truths])
+    for each in (*tracks, *truths):
+        check_unit(each, unit, source, InputError)
     return unit
 
 

@@ -43,7 +43,7 @@ DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
     "--tol-unit",
     multiple=True,
     metavar="UNIT=ATOL[:RTOL]",
-    help="Tolerance of all columns in a unit (rad, m, px, m^2, ...) instead; may be repeated.",
+    help="Tolerance of all columns in a unit (rad, m, cm, px, m^2, ...) instead; may be repeated.",
 )
 @click.option(
     "--time-tol",
@@ -103,9 +103,12 @@ def make_tolerances(
     columns = dict(_limit("--tol", text) for text in tol)
     units = dict(_limit("--tol-unit", text) for text in tol_unit)
     if units:
+        from occlog.records.columns import in_length_unit
         from occlog.records.tables import TABLES
+        from occlog.settings import METRES
 
-        known = {c.unit for table in TABLES.values() for c in table.columns()}
+        of_columns = {c.unit for table in TABLES.values() for c in table.columns()}
+        known = {in_length_unit(unit, length) for unit in of_columns for length in (*METRES, "unit")}
         for unit in set(units) - known:
             raise UsageError(f"--tol-unit {unit}: no column has this unit; units: {', '.join(sorted(known))}")
     return Tolerances(Limit(atol, rtol), columns, units, _duration(time_tol))

@@ -49,9 +49,11 @@ def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> l
             diff_tables(RecordedMessages, _frames(left, settings), _frames(right, settings)), name=f"{name}: frames"
         )
     )
+    units = {"m" if each.scene is None else each.scene.length_unit for each in (left, right)}
+    unit = units.pop() if len(units) == 1 else ""
     for table in RECORDED:
         if left.has(table) or right.has(table):
-            rows = diff_tables(table, left.tables(table), right.tables(table), settings.tolerances)
+            rows = diff_tables(table, left.tables(table), right.tables(table), settings.tolerances, length_unit=unit)
             out.append(replace(rows, name=f"{name}: {table.NAME}"))
     if settings.provenance:
         out.append(compare_provenance(name, left.provenance.as_dict(), right.provenance.as_dict()))

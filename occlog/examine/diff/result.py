@@ -32,7 +32,7 @@ class Tolerances:
     Attributes:
         default: for every fractional number that no other entry names.
         columns: by `column` or `table.column` (or the last key of a JSON path).
-        units: by unit, e.g. `rad` or `m`.
+        units: by unit, e.g. `rad` or `m`; those of lengths hold for tables in any unit whose length is known.
         time_ns: rows whose times differ by at most this are the same row.
     """
 

@@ -35,7 +35,7 @@ RUN_STATE = "run.json"
 """State of `occlog run`: hashes of everything, so it counts as provenance."""
 NAMED = {".mcap": Content.RECORDING, ".parquet": Content.TABLE}
 """What a file is thought to be whose content has no signature: its reader says what is wrong with it."""
-OTHERS = (".csv", ".tsv", ".gz", ".txt", ".arrow", ".feather")
+OTHERS = (".csv", ".tsv", ".gz", ".txt", ".arrow", ".feather", ".tum", ".trc", ".geojson")
 """Endings of names of tables that other programs make; those of Parquet are known by their content."""
 
 

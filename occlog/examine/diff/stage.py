@@ -8,15 +8,16 @@ length.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.records.columns import ANY, Column, Table
+from occlog.records.columns import ANY, LENGTHS, Column, Table, in_length_unit
 from occlog.records.pieces import FIRST, LAST, Side, times
+from occlog.settings import METRES
 
 from .join import Join, join
 from .result import ColumnDifference, Comparison, Difference, Limit, Tolerances
@@ -149,6 +150,7 @@ def diff_tables(
     b: Iterable[T],
     tolerances: Tolerances | None = None,
     only: frozenset[str] | None = None,
+    length_unit: str = "m",
 ) -> Comparison:
     """Compare two tables of one kind, given in chunks ordered by time.
 
@@ -161,16 +163,31 @@ def diff_tables(
         b: chunks of the second table.
         tolerances: limits of differences.
         only: columns that are compared; None: all.
+        length_unit: of both tables; empty: they have different ones.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.
     """
-    limits = tolerances or Tolerances()
+    limits = _in_unit(tolerances or Tolerances(), length_unit)
     compared = [c for c in kind.columns() if c.name not in kind.KEY and (only is None or c.name in only)]
-    tally = _Tally(kind, limits, compared)
+    tally = _Tally(kind, limits, compared, length_unit)
     for piece_a, piece_b in side_by_side(kind, a, b, limits.time_ns):
         tally.add(piece_a, piece_b)
     return tally.result()
+
+
+def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
+    """Tolerances of lengths in the unit of two tables, under the units of columns (m for any); empty: they have two."""
+    units = {unit: limit for unit, limit in tolerances.units.items() if unit not in LENGTHS}
+    for unit, power in LENGTHS.items():
+        for stated in (length_unit, *METRES):
+            limit = tolerances.units.get(in_length_unit(unit, stated))
+            if limit is None or (stated != length_unit and length_unit not in METRES):
+                continue
+            scale = 1.0 if stated == length_unit else (METRES[stated] / METRES[length_unit]) ** power
+            units[unit] = Limit(limit.atol * scale, limit.rtol)
+            break
+    return replace(tolerances, units=units)
 
 
 @dataclass
@@ -180,6 +197,7 @@ class _Tally:
     kind: type[Table]
     tolerances: Tolerances
     compared: Sequence[Column]
+    length_unit: str
     rows_a: int = 0
     rows_b: int = 0
     matched: int = 0
@@ -256,8 +274,14 @@ class _Tally:
             b=value_b.item(),
             difference=None if labels else float(values.difference[row]),
             limit=None if labels else float(values.limit[row]),
-            unit="" if c.unit == "1" else c.unit,
+            unit=self._unit(c),
         )
+
+    def _unit(self, c: Column) -> str:
+        """The unit of a column for messages; empty where it has none, or another one in each table."""
+        if c.unit == "1" or (c.unit in LENGTHS and not self.length_unit):
+            return ""
+        return in_length_unit(c.unit, self.length_unit)
 
     def result(self) -> Comparison:
         """Return the comparison of all pieces."""
@@ -315,5 +339,4 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
 def _swapped(unit: str | None, lengths: tuple[str, str]) -> str | None:
     """Return a unit with the second length unit in place of the first."""
     old, new = lengths
-    units = [f"{old}{rest}" for rest in ("", "^2", "/s", "^2/s", "^2/s^2")]
-    return unit.replace(old, new) if unit is not None and unit in units else unit
+    return next((in_length_unit(each, new) for each in LENGTHS if in_length_unit(each, old) == unit), unit)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.header import describe
 from occlog.io.files.tables.parquet import iter_table
-from occlog.io.open import Opened, check_unit, open_if_ours
+from occlog.io.open import Opened, check_unit, common_unit, open_if_ours
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES, table_with
 
@@ -67,21 +67,19 @@ def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
 def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> Comparison:
     """Compare two tables, of which others made one or both: by the columns that both have, in one unit of length."""
     first, second = (b, a) if b.foreign is None else (a, b)
-    table = TABLES[first.table]
-    second.require(table)
-    # Of two tables of others one may state no unit: its lengths are metres, as everywhere without a scene
-    units = {each.length_unit for each in (first, second) if each.length_unit is not None}
-    one_says = len(units) == 1 and None in (first.length_unit, second.length_unit) and first.foreign is not None
-    unit = "m" if one_says else first.length_unit
-    for each in (first, second) if unit is not None else ():
-        check_unit(each, str(unit), str(first.path), InputError)
+    kind = TABLES[first.table]
+    second.require(kind)
+    table = max((each.widest(kind) for each in (first, second)), key=lambda wide: len(wide.columns()))
+    unit, source = common_unit((first, second))
+    for each in (first, second):
+        check_unit(each, unit, source, InputError)
     names_a, names_b = _columns(a, table), _columns(b, table)
     if alone:
         _check_named(table.NAME, names_a, settings)
     schema = [Difference("schema", name, {}, each, a="column") for each in names_a if each not in names_b]
     schema += [Difference("schema", name, {}, each, b="column") for each in names_b if each not in names_a]
     both = frozenset(names_a) & frozenset(names_b)
-    found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both)
+    found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both, unit)
     if a.foreign is not None and b.foreign is not None:
         schema += _compare_unused(a.foreign, b.foreign, table, name)
     return replace(found, name=name, schema=tuple(schema))
@@ -140,7 +138,8 @@ def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[C
     else:
         # Tables of one name may have more columns than the one that it stands for
         table = table_with(said_a["schema"], [c["name"] for c in said_a["columns"]])
-        rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances)
+        unit = said_a["length_unit"] if said_a["length_unit"] == said_b["length_unit"] else ""
+        rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances, length_unit=unit)
         found = replace(rows, name=name, schema=schema)
     if not settings.provenance:
         return [found]

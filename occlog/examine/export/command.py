@@ -127,6 +127,7 @@ def command(
         scene=scene,
         overwrite=overwrite,
         exporter=next(iter(chosen_in(click.get_current_context(), values)), None),
+        quiet=quiet,
     )
     summary, losses = run_export(request)
     return options.finish({} if output == STANDARD else summary, losses, as_json and output != STANDARD)

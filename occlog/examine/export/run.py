@@ -16,7 +16,6 @@ from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.mot_challenge import SEQUENCE_INFO, mot_text
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.tables.header import describe
 from occlog.io.open import Opened, open_input
 from occlog.io.trajectories.earth import FARTHEST, Origin
 from occlog.plugins.chosen import Chosen
@@ -26,12 +25,13 @@ from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.pieces import whole_times
 from occlog.records.scene import Scene
-from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views, table_with
+from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views
 
 from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
 from .columns import write_csv, write_parquet
 from .formats import FORMATS, Format, format_of
 from .in_images import Cameras, boxes_of, chosen_camera, coco_texts, kitti_text, sequence_info, survey
+from .not_held import NotHeld
 from .trajectories import (
     Places,
     check_one_target,
@@ -60,6 +60,7 @@ class ExportRequest:
         origin: where the origin of the scene is on earth; None: not given.
         scene: scene file, for the sizes of images; None: that of the recording.
         exporter: the plug-in that `to` names; None: the format is one of ours.
+        quiet: true: nothing on standard error of what the format does not hold.
     """
 
     input: Path
@@ -72,6 +73,7 @@ class ExportRequest:
     scene: Path | None
     overwrite: bool
     exporter: Chosen | None = None
+    quiet: bool = False
 
 
 def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -93,6 +95,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
     unit = opened.length_unit or ("m" if scene is None else scene.length_unit)
     summary: dict[str, object] = {"output": str(request.output), "format": name, "table": table.NAME}
+    missed: tuple[str, ...] = ()
     begin_work()
     with Together() as together, _output(request.output, request.overwrite, together) as file:
         if request.exporter is not None:
@@ -102,11 +105,12 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
         elif name == "csv":
             summary["rows"], left = write_csv(opened.rows(table), table, file, unit)
             summary |= {"left_out": list(left)} if left else {}
+            missed = tuple(f"column {column}" for column in left)
         elif name == "parquet":
             summary["rows"] = write_parquet(opened.rows(table), table, file, unit)
         else:
             try:
-                summary["rows"], found = _write_text(name, opened, table, request, file, (unit, scene))
+                summary["rows"], found, missed = _write_text(name, opened, table, request, file, (unit, scene))
             except (InputError, UsageError) as error:
                 raise type(error)(f"{request.input}: {error}") from None
             if info is not None and found is not None:
@@ -118,6 +122,9 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
                     with open_output(info, request.overwrite, together) as beside:
                         beside.write(about.text().encode())
                     summary["sequence"] = str(info)
+    if missed:
+        options.note(f"{request.output}: not held by {name}: {'; '.join(missed)}", request.quiet)
+        summary |= {} if name == "csv" else {"not_held": list(missed)}
     return summary, opened.losses
 
 
@@ -161,14 +168,7 @@ def _table(opened: Opened, form: Format, name: str, wanted: str | None) -> type[
         raise UsageError(f"table: format {name} takes {', '.join(takes)}, not {wanted}")
     asked = [TABLES[each] for each in ([wanted] if wanted is not None else takes)]
     opened.require(*asked, remedy=f"format {name} takes {', '.join(takes)}")
-    return _widest(opened, next((table for table in asked if opened.has(table)), asked[0]))
-
-
-def _widest(opened: Opened, table: type[Table]) -> type[Table]:
-    """The table with all columns that a file of ours has: tracks of people, for example, have more than others."""
-    if opened.recording is not None or opened.foreign is not None:
-        return table
-    return table_with(table.NAME, [c["name"] for c in describe(opened.path)["columns"]])
+    return opened.widest(next((table for table in asked if opened.has(table)), asked[0]))
 
 
 def _write_text(
@@ -178,23 +178,30 @@ def _write_text(
     request: ExportRequest,
     file: IO[bytes],
     world: tuple[str, Scene | None],
-) -> tuple[int, Cameras | None]:
-    """Write a format that is no table: the rows that are in it, and of one in images what it holds.
+) -> tuple[int, Cameras | None, tuple[str, ...]]:
+    """Write a format that is no table: the rows in it, of one in images what the table holds, and what is not held.
 
     The rows are gone through twice: once for what a message or a head must know of all of them.
     """
+    missed = NotHeld(name, table, world[0], request.targets, request.camera)
     if issubclass(table, Tracks | Truth):
-        return _write_places(name, opened, table, request, file, world[0]), None
+        return _write_places(name, opened, table, request, file, world[0], missed), None, missed.words()
     if not issubclass(table, Boxes | Views | ViewTracks):
         raise InputError(f"format {name} takes no {table.NAME}")
-    return _write_boxes(name, opened, table, request, file, world[1])
+    return *_write_boxes(name, opened, table, request, file, world[1], missed), missed.words()
 
 
 def _write_places(
-    name: str, opened: Opened, table: type[Tracks] | type[Truth], request: ExportRequest, file: IO[bytes], unit: str
+    name: str,
+    opened: Opened,
+    table: type[Tracks] | type[Truth],
+    request: ExportRequest,
+    file: IO[bytes],
+    unit: str,
+    missed: NotHeld,
 ) -> int:
     """Write places of targets, piece by piece; the number of rows."""
-    targets = check_targets(opened.rows(table), request.targets)
+    targets = check_targets(missed.watched(opened.rows(table)), request.targets)
     if name == "tum":
         check_one_target(targets)
     count = 0
@@ -225,9 +232,10 @@ def _write_boxes(
     request: ExportRequest,
     file: IO[bytes],
     scene: Scene | None,
+    missed: NotHeld,
 ) -> tuple[int, Cameras]:
     """Write boxes, piece by piece where each line of the format is a box; their number, and what the table holds."""
-    found = survey(whole_times(opened.rows(table)))
+    found = survey(missed.watched(whole_times(opened.rows(table))))
     camera = request.camera
     if name != "coco" or camera is not None:
         camera = chosen_camera(found.boxed, camera)

@@ -159,17 +159,14 @@ def made_for(path: Path) -> str | None:
 
 def _unit(opened: list[Opened], scene: Scene | None) -> str:
     """The unit of lengths; InputError where a table has another."""
-    from occlog.io.open import check_unit
+    from occlog.io.open import check_unit, common_unit
 
-    unit, source = (None, "") if scene is None else (scene.length_unit, "the scene")
-    for each in opened:
-        if each.recording is not None:
-            continue
-        if unit is not None:
-            check_unit(each, unit, source, InputError)
-        elif each.made_in_a_scene:
-            unit, source = each.length_unit, str(each.path)
-    return unit or "m"
+    tables = [each for each in opened if each.recording is None]
+    telling = [each for each in tables if each.foreign is not None or each.made_in_a_scene]
+    unit, source = common_unit(telling) if scene is None else (scene.length_unit, "the scene")
+    for each in tables:
+        check_unit(each, unit, source, InputError)
+    return unit
 
 
 def _files(folder: Path) -> list[Path]:

@@ -14,7 +14,7 @@ from occlog.errors import InputError
 from occlog.io.boxes.columns import both_sizes, disagree
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import VALUES, Measurements
-from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Occluders, Reads, Tracks, Truth, TruthBoxes
+from occlog.records.tables import TABLES, WIDER, Bearings, Boxes, Doa, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 
 from .cells import Cells
@@ -50,9 +50,25 @@ class ForeignTable:
         """Unit of its lengths; None: that of the scene that it is used with."""
         return self.wanted_unit if self.wanted_unit is not None else self.layout.length_unit
 
+    @property
+    def has_lengths(self) -> bool:
+        """Whether a column that is used is a length, or one of its powers or speeds."""
+        return any(s.column.unit in POWERS for s in self.layout.columns)
+
     def fits(self, table: type[Table]) -> bool:
         """Whether the file has what a table wants."""
         return not self.layout_of(table).missing
+
+    def widest(self, table: type[T]) -> type[T]:
+        """Of the tables that have the name of one, and more columns, the widest all of whose columns the file has."""
+        found = table
+        for wider in WIDER:
+            if not issubclass(wider, table) or not fields_of(found) < fields_of(wider):
+                continue
+            there = {s.column.name for s in self.layout_of(wider).columns}
+            if fields_of(wider) - fields_of(table) <= there:
+                found = wider
+        return found
 
     def layout_of(self, table: type[Table]) -> Layout:
         """How a table lies in the file; an error names the file."""
@@ -181,6 +197,11 @@ class ForeignTable:
         if c.unit in POWERS and s.unit and self.wanted_unit is not None:
             values = values * (METRES[s.unit] / METRES[self.wanted_unit]) ** POWERS[c.unit][0]
         return values
+
+
+def fields_of(table: type[Table]) -> frozenset[str]:
+    """Names of the columns of a table."""
+    return frozenset(c.name for c in table.columns())
 
 
 def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:

@@ -9,6 +9,7 @@ from pathlib import Path
 from mcap.writer import Writer
 
 from occlog.io.files.atomic import open_output
+from occlog.io.files.output_names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 
 from .made_index_reader import McapMessages
@@ -38,6 +39,7 @@ def copy_recording(
         provenance: how the copy was made; a recording of another program stays one.
         overwrite: replace a file that exists.
     """
+    check_output_name(path, RECORDING)
     with open_output(path, overwrite) as file:
         writer = begin_mcap(file)
         with open_mcap(source.path) as (reader, summary):

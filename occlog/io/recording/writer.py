@@ -16,11 +16,13 @@ from occlog import __version__
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.output_names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 
+from .layout import PROGRAM
 from .metadata import add_metadata
 from .rows import message_schema, schema_of, table_to_messages
 
@@ -55,7 +57,7 @@ def begin_mcap(file: IO[bytes]) -> Writer:
         enable_crcs=True,
         enable_data_crcs=True,
     )
-    writer.start(profile="", library=f"occlog {__version__}")
+    writer.start(profile="", library=f"{PROGRAM}{__version__}")
     return writer
 
 
@@ -76,10 +78,13 @@ class RecordingWriter:
     ) -> None:
         """Prepare to write `path`; OutputExistsError if it is there and may not be replaced.
 
+        UsageError for a name that promises another format than MCAP.
+
         With `together` the file, and those written with the attribute of this name, appear at its end.
         """
         self.together = together
         self._path = Path(path)
+        check_output_name(self._path, RECORDING)
         self._output = open_output(self._path, overwrite, together)
         self._scene, self._provenance = scene, provenance
         self._videos: dict[str, dict[str, str]] = {}

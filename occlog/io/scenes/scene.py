@@ -225,6 +225,8 @@ def _build(spec: SceneSpec, source: str) -> Scene:
 def _check_names(scene: Scene, source: str) -> None:
     if (double := first_double([s.name for s in scene.sensors])) is not None:
         raise InputError(f"{source}: two sensors are named {double!r}; names must differ")
+    if (double := first_double([c.name for c in scene.clocks])) is not None:
+        raise InputError(f"{source}: two clocks are named {double!r}; names must differ")
     clocks = {c.name for c in scene.clocks}
     for sensor, clock in ((s.name, s.clock) for s in scene.sensors):
         if clock is not None and clock not in clocks:

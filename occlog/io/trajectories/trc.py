@@ -22,7 +22,7 @@ UNITS = ("m", "mm")
 HEADER = 5
 """Lines before the first time; an empty one may follow."""
 ROWS_PER_CHUNK = 16_384
-_MARKER = re.compile(r"^target_(\d{1,9})$")
+_MARKER = re.compile(r"^target_(\d{1,10})$")
 
 
 def names_of(path: Path) -> tuple[str, ...]:

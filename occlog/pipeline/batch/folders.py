@@ -21,6 +21,7 @@ from occlog.io.remote.cache import Cache
 from occlog.io.remote.store import check_output, fetch, names_in, put, remove
 from occlog.io.remote.urls import is_url, shown
 from occlog.pipeline.run.run import STATE
+from occlog.records.tables import TABLES
 
 MARK = "batch.json"
 """File that says that a folder is one of a batch."""
@@ -32,7 +33,7 @@ RUNS = "runs"
 def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[Path]:
     """Yield a folder on this machine for the results of a batch; those at a URL are written there at the end.
 
-    Results of an earlier command are removed, since runs change from here on.
+    Results of an earlier command are removed, since runs change from here on; also tables that this one does not join.
 
     Args:
         output: folder or URL.
@@ -43,9 +44,10 @@ def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[
         UsageError: the folder is of something else.
         OutputError: it cannot be made.
     """
+    older = dict.fromkeys((*results, *(f"{table}.parquet" for table in TABLES)))
     if not is_url(output):
         with _alone(_prepare(Path(output))) as folder:
-            for name in results:
+            for name in older:
                 with translate_write_errors(folder / name):
                     (folder / name).unlink(missing_ok=True)
             yield folder
@@ -57,7 +59,7 @@ def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[
     with cache.scratch() as folder:
         write_json(folder / MARK, _mark())
         put(folder / MARK, f"{output}/{MARK}")
-        remove(f"{output}/{name}" for name in results)
+        remove(f"{output}/{name}" for name in older if name in names)
         yield folder
         for name in results:
             if (folder / name).exists():

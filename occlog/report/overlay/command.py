@@ -13,14 +13,15 @@ from occlog.io.frames.writer import ShownVideo
 from occlog.io.open import open_input
 from occlog.io.recording.reader import IMAGE_SCHEMA, Recording, open_recording
 from occlog.io.recording.writer import VIDEO_FRAME
+from occlog.records.losses import Loss
 from occlog.records.tables import Tracks
 from occlog.track.images.run.provenance import other_video
 
 from .pictures import Asked, Pictures
 
 
-def run_overlay(asked: Asked, *, quiet: bool = False) -> dict[str, object]:
-    """Draw, write the video and the picture; what they show."""
+def run_overlay(asked: Asked, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Draw, write the video and the picture; what they show, and which of their frames were lost."""
     asked = sorted_out(asked)
     asked.check()
     recording = open_recording(asked.recording)
@@ -39,6 +40,7 @@ def run_overlay(asked: Asked, *, quiet: bool = False) -> dict[str, object]:
         for number, picture in options.progress(pictures, "draw", quiet=quiet):
             if number == asked.frame:
                 png = encode_image(picture, "png", 0)
+                pictures.keep()
                 if asked.video is None:
                     break
             if asked.video is not None and (asked.frames is None or asked.frames[0] <= number < asked.frames[1]):
@@ -46,11 +48,14 @@ def run_overlay(asked: Asked, *, quiet: bool = False) -> dict[str, object]:
                     size = (picture.shape[1], picture.shape[0])
                     video = stack.enter_context(ShownVideo(asked.video, size, rate, overwrite=asked.overwrite))
                 video.write(picture)
+                pictures.keep()
                 shown += 1
         _check_shown(asked, shown, png, pictures)
     if asked.png is not None:
         write_bytes(asked.png, png, asked.overwrite)
-    return _summary(asked, names, shown, rate, pictures)
+    for loss in recording.provenance.losses:
+        options.note(f"lost earlier: {loss}", quiet)
+    return _summary(asked, names, shown, rate, pictures), pictures.losses
 
 
 def sorted_out(asked: Asked) -> Asked:

@@ -15,18 +15,20 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.frames.writer import SHOWN
-from occlog.io.open import check_unit, open_input
+from occlog.io.open import open_input
 from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.epipolar.views import View
 from occlog.records.columns import Table
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.frames import Frame, Image
+from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, TruthBoxes
 from occlog.settings import METRES
 
 from .draw import BAR, Shot, Way, draw_shot, tile
+from .lost import NO_IMAGE, LostFrames
 from .plan import Plan
 from .stage import FrameRows, Rig, frame_shot
 from .world import Sources, Trails, World, targets_of
@@ -113,7 +115,7 @@ class Pictures:
     """Iterable of (number of the first camera's frame, picture of all views), one each time round.
 
     A picture shows the latest frame of every camera; the next one starts with the second
-    frame of any of them.
+    frame of any of them.  Of a frame that cannot be decoded it shows nothing but what is drawn over it.
     """
 
     def __init__(self, asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> None:
@@ -122,10 +124,12 @@ class Pictures:
         boxed = asked.truth is not None and (asked.world is None or open_input(asked.truth).has(TruthBoxes))
         self._truth = _rows(asked.truth, TruthBoxes) if boxed else None
         self._failures = _rows(asked.failures, Failures)
-        self._rig = _rig(asked, recording, names, scene, quiet)
+        self._lost = LostFrames()
+        self._rig = _rig(asked, recording, names, scene, self._lost, quiet)
         self._followed = {path: kind for path, kind in ((asked.tracks, ViewTracks), (asked.world, Tracks)) if path}
         self._ranks = targets_of(self._followed) if self._followed else {}
         self._trails = [Trails(asked.trail) for _ in names]
+        self._numbers = [-1] * len(names)
         self._world = _world(asked, recording, scene, self._ranks, quiet)
         shows_plan = asked.plan and self._world is not None and scene is not None
         self._columns = _columns(len(names) + shows_plan)
@@ -156,7 +160,7 @@ class Pictures:
 
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         images: list[Image] = [np.zeros((v.height, v.width, 3), dtype=np.uint8) for v in self._rig.views]
-        numbers = [-1] * len(self.names)
+        numbers = self._numbers = [-1] * len(self.names)
         rows = [FrameRows(None, None, None)] * len(self.names)
         ways: list[list[Way]] = [[] for _ in self.names]
         fresh: set[int] = set()
@@ -166,12 +170,24 @@ class Pictures:
             if view in fresh:
                 yield numbers[0], self._drawn(images, numbers, rows, ways, t_ns)
                 fresh.clear()
-            images[view], numbers[view], rows[view] = frame.decode(), frame.index, self._rows_of(frame)
+            image = self._lost.image(frame)
+            images[view] = np.zeros_like(images[view]) if image is None else image
+            numbers[view], rows[view] = frame.index, self._rows_of(frame)
             ways[view] = self._ways_of(view, frame, rows[view])
             t_ns = frame.t_ns
             fresh.add(view)
         if fresh:
             yield numbers[0], self._drawn(images, numbers, rows, ways, t_ns)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """Frames that cannot be seen in the pictures that were kept."""
+        return self._lost.losses
+
+    def keep(self) -> None:
+        """The last picture is kept: what cannot be seen in it is lost."""
+        for name, number in zip(self.names, self._numbers, strict=True):
+            self._lost.miss(name, number)
 
     def _rows_of(self, frame: Frame) -> FrameRows:
         """Rows of one frame of every table."""
@@ -191,6 +207,8 @@ class Pictures:
     def _shot(self, view: int, number: int, rows: list[FrameRows]) -> Shot:
         """What is drawn over one frame; true boxes only where no estimates are drawn as boxes."""
         shot = frame_shot(view, number, rows, self._rig)
+        if self._lost.is_lost(self.names[view], number):
+            shot = shot._replace(notes=[*shot.notes, NO_IMAGE])
         return shot._replace(boxed=shot.boxed and self._world is None)
 
     def _drawn(
@@ -223,8 +241,6 @@ def _world(
             raise UsageError(why)
         options.note(why, quiet)
         return None
-    opened = open_input(asked.world)
-    check_unit(opened, scene.length_unit, "the scene", InputError)
     without = [c.name for c in scene.cameras if c.name in recording.cameras and not c.has_height]
     if asked.tracks is None and without:
         options.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}", quiet)
@@ -232,10 +248,21 @@ def _world(
     return World(Sources(asked.world, asked.diagnostics, asked.truth, scene.length_unit), metres, ranks, asked.trail)
 
 
-def _rig(asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> Rig:
+def _first_image(recording: Recording, name: str, lost: LostFrames) -> Image:
+    """The first image of a camera that can be decoded; InputError where there is none."""
+    for frame in recording.frames([name]):
+        image = lost.image(frame)
+        if image is not None:
+            return image
+    raise InputError(f"{recording.path}: no image of camera {name} can be decoded; leave it out (camera)")
+
+
+def _rig(
+    asked: Asked, recording: Recording, names: list[str], scene: Scene | None, lost: LostFrames, quiet: bool
+) -> Rig:
     """The views, as large as their first images, and the geometry that the tracker had, as far as it is known."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
-    sizes = [next(recording.frames([name])).decode().shape for name in names]
+    sizes = [_first_image(recording, name, lost).shape for name in names]
     views = [View(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]
     if asked.tracks is None:
         return Rig(views, cameras, None)

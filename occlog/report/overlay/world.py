@@ -10,6 +10,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Floats
+from occlog.errors import InputError
 from occlog.examine.viewers.drawings.people import (
     Crowd,
     Palette,
@@ -21,7 +22,7 @@ from occlog.examine.viewers.drawings.people import (
     people_of,
 )
 from occlog.examine.viewers.inputs import alike
-from occlog.io.open import open_in_unit, open_input
+from occlog.io.open import check_unit, open_input
 from occlog.records.columns import Table
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.views import ViewTracks
@@ -39,8 +40,10 @@ class Latest(Generic[T]):
     """Rows of the latest time of a table that is gone through once."""
 
     def __init__(self, path: Path, table: type[T], unit: str | None) -> None:
-        """Open it; `unit`: of lengths, None: as the file has them."""
-        opened = open_in_unit(path, unit)
+        """Open it; `unit`: of lengths, None: as the file has them.  InputError where one of ours has another."""
+        opened = open_input(path)
+        if unit is not None:
+            check_unit(opened, unit, "the scene", InputError)
         self._pieces: Iterator[T] = (piece for rows in whole_times(opened.rows(table)) for piece in alike(rows))
         self._next = next(self._pieces, None)
         self.used = 0

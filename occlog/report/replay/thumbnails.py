@@ -18,7 +18,9 @@ from occlog.array_types import NS, Ints
 from occlog.errors import InputError
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import Recording, open_recording
+from occlog.records.losses import Loss
 from occlog.report.overlay.draw import Shot, Way, draw_shot
+from occlog.report.overlay.lost import NO_IMAGE, LostFrames
 from occlog.report.overlay.world import Sources, World
 from occlog.settings import METRES
 
@@ -43,11 +45,13 @@ class Thumbnails:
         cameras: names, with the times [ns] and the JPEG of each image.
         moments: moments that were asked for.
         of: times of frames there are.
+        losses: frames of these moments that cannot be decoded, of which there is no image.
     """
 
     cameras: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
     moments: int = 0
     of: int = 0
+    losses: tuple[Loss, ...] = ()
 
     @property
     def words(self) -> str:
@@ -68,33 +72,52 @@ class Thumbnails:
 
 
 def thumbnails(recording: Path, sources: Sources | None, targets: Sequence[int], limit: int) -> Thumbnails:
-    """Images of a recording, with tracks of the world drawn over those of cameras that stand in it.
+    """Images of a recording, with tracks of the world drawn over those of cameras that stand in it, in its unit.
 
     Args:
         recording: with images or videos.
-        sources: of the tracks; None: nothing is drawn.
+        sources: of the tracks, in any unit of lengths; None: nothing is drawn.
         targets: identities, in the order of their colours.
         limit: bytes that all images together may take in the page.
 
     Raises:
-        InputError: there are no images.
+        InputError: there are no images, or a table of ours has another unit of lengths than the recording's scene.
     """
     opened = open_recording(recording)
+    if sources is not None and opened.scene is not None:
+        sources = sources._replace(unit=opened.scene.length_unit)
     known: dict[str, list[int]] = {}
     for frame in opened.frames():
         known.setdefault(frame.sensor, []).append(frame.t_ns)
     if not known:
         raise InputError(f"{recording}: holds no images; leave out --images")
     times = np.unique(np.concatenate(list(known.values())))
-    first = {name: set(own[:1]) for name, own in known.items()}
-    size = sum(len(data) for _, _, data in _drawn(opened, first, sources, targets)) * BASE64
-    count = max(min(int(MARGIN * limit // max(size, 1)), MOST_MOMENTS, len(times)), 1)
+    size = _size(opened, known, sources, targets) * BASE64
+    if not size:
+        raise InputError(f"{recording}: no image of it can be decoded; leave out --images")
+    count = max(min(int(MARGIN * limit // size), MOST_MOMENTS, len(times)), 1)
     moments = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
     chosen = {name: _before(np.array(own, dtype=np.int64), moments) for name, own in known.items()}
     out = Thumbnails({name: [] for name in sorted(known)}, len(moments), len(times))
-    for name, t_ns, data in _drawn(opened, chosen, sources, targets):
+    lost = LostFrames()
+    for name, t_ns, data in _drawn(opened, chosen, sources, targets, lost):
         out.cameras[name].append((t_ns, data))
+    out.losses = lost.losses
     return out
+
+
+def _size(
+    opened: Recording, known: Mapping[str, Sequence[int]], sources: Sources | None, targets: Sequence[int]
+) -> int:
+    """Bytes of the first image of each camera that can be decoded."""
+    wanted = {name: set(own) for name, own in known.items()}
+    size = 0
+    for name, _, data in _drawn(opened, wanted, sources, targets, LostFrames()):
+        size += len(data)
+        wanted[name] = set()
+        if not any(wanted.values()):
+            break
+    return size
 
 
 def _before(times: Ints, moments: Ints) -> set[int]:
@@ -104,14 +127,19 @@ def _before(times: Ints, moments: Ints) -> set[int]:
 
 
 def _drawn(
-    opened: Recording, chosen: Mapping[str, set[int]], sources: Sources | None, targets: Sequence[int]
+    opened: Recording,
+    chosen: Mapping[str, set[int]],
+    sources: Sources | None,
+    targets: Sequence[int],
+    lost: LostFrames,
 ) -> Iterator[tuple[str, int, bytes]]:
-    """Camera, time and JPEG of each frame that was chosen."""
+    """Camera, time and JPEG of each frame that was chosen; dark where it cannot be decoded and there was another."""
     scene = opened.scene
     metres = 1.0 if scene is None else METRES.get(scene.length_unit, 1.0)
     ranks = {target: rank for rank, target in enumerate(targets)}
     world = None if sources is None else World(sources, metres, ranks, TRAIL_S)
     placed = {} if scene is None else {c.name: c for c in scene.cameras if c.placed}
+    shapes: dict[str, tuple[int, ...]] = {}
     for frame in opened.frames():
         if frame.t_ns not in chosen[frame.sensor]:
             continue
@@ -119,6 +147,13 @@ def _drawn(
         if world is not None and frame.sensor in placed:
             world.move(frame.t_ns)
             ways = world.ways(placed[frame.sensor], frame.t_ns)
-        image = frame.decode()
-        picture = draw_shot(image, Shot(frame.sensor, ways=ways, ranks=ranks), WIDTH / image.shape[1])
+        image, notes = lost.image(frame), []
+        if image is None:
+            lost.miss(frame.sensor, frame.index)
+            if frame.sensor not in shapes:
+                continue
+            image, notes = np.zeros(shapes[frame.sensor], dtype=np.uint8), [NO_IMAGE]
+        shapes[frame.sensor] = image.shape
+        shot = Shot(frame.sensor, ways=ways, ranks=ranks, notes=notes)
+        picture = draw_shot(image, shot, WIDTH / image.shape[1])
         yield frame.sensor, frame.t_ns, encode_image(picture, "jpeg", QUALITY)

@@ -168,6 +168,32 @@ def test_other_units_and_columns_are_said_first(folder: tuple[Path, Path], capsy
     assert out.splitlines()[1:] == ["    schema  length unit: m in A, ft in B"]
 
 
+@pytest.mark.parametrize(
+    ("units", "options", "code"),
+    [
+        (("mm", "mm"), ["--tol-unit", "m=0.01"], ExitCode.DONE),
+        (("mm", "mm"), ["--tol-unit", "m=0.006"], ExitCode.DIFFERENT),
+        (("mm", "mm"), ["--tol-unit", "mm=8"], ExitCode.DONE),
+        (("ft", "ft"), ["--tol-unit", "m=3"], ExitCode.DONE),
+        (("ft", "ft"), ["--tol-unit", "m=2"], ExitCode.DIFFERENT),
+        (("unit", "unit"), ["--tol-unit", "unit=8"], ExitCode.DONE),
+        (("unit", "unit"), ["--tol-unit", "m=8"], ExitCode.DIFFERENT),
+        (("mm", "ft"), ["--tol-unit", "m=8", "--tol-unit", "ft=8"], ExitCode.DIFFERENT),
+    ],
+)
+def test_tolerances_of_lengths_are_in_the_unit_that_they_name(
+    folder: tuple[Path, Path], capsys: Any, units: tuple[str, str], options: list[str], code: ExitCode
+) -> None:
+    """They were numbers in whatever unit the tables had, and differences were said to be in m."""
+    a, b = folder[0] / "tracks.parquet", folder[1] / "tracks.parquet"
+    write_table(a, tracks(), OTHER, overwrite=True, length_unit=units[0])
+    write_table(b, tracks(y=(0, 8.0)), OTHER, overwrite=True, length_unit=units[1])
+    found, out, _ = diff(capsys, a, b, *options)
+    assert found == code
+    if code == ExitCode.DIFFERENT:
+        assert f"(7{f' {units[0]}' if units[0] == units[1] else ''} apart, limit" in out
+
+
 def test_folders_are_the_same_whatever_their_provenance(folder: tuple[Path, Path], capsys: Any) -> None:
     code, out, err = diff(capsys, *folder)
     assert (code, err) == (ExitCode.DONE, "")

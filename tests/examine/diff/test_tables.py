@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,38 @@ def test_columns_that_only_a_wider_table_has_are_compared(tmp_path: Path, capsys
     assert run(["diff", a, fused("c.parquet", "")]) == ExitCode.DONE
     assert run(["diff", a, b]) == ExitCode.DIFFERENT
     assert "doubt is '' in A, 'one-view' in B" in capsys.readouterr().out
+
+
+def test_an_export_of_a_wider_table_is_the_same_and_read_as_wide(tmp_path: Path, capsys: Any) -> None:
+    """The columns that tracks of several views have more were not read from text."""
+    nothing = {key: [0.0, 0.0] for key in ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy")}
+    rows = FusedTracks.of(t_ns=[1, 2], target_id=[0, 0], **nothing, seen_by=["a", "b"], doubt=["", "one-view"])
+    ours, exported, again = (str(tmp_path / name) for name in ("a.parquet", "b.csv", "c.csv"))
+    write_table(tmp_path / "a.parquet", rows, Provenance("test"))
+    assert run(["export", ours, "-o", exported]) == run(["export", exported, "-o", again]) == ExitCode.DONE
+    assert Path(again).read_text() == Path(exported).read_text()
+    assert run(["diff", ours, exported]) == run(["diff", exported, ours]) == ExitCode.DONE
+    Path(again).write_text(Path(exported).read_text().replace("one-view", "exchange"))
+    assert run(["diff", ours, again]) == run(["diff", exported, again]) == ExitCode.DIFFERENT
+    capsys.readouterr()
+    assert run(["info", exported]) == ExitCode.DONE
+    told = capsys.readouterr().out
+    assert "vx_m_s: vx [m/s]" in told
+    assert "doubt: doubt\n" in told
+
+
+def test_trajectories_are_compared_with_tables(tmp_path: Path, capsys: Any) -> None:
+    """Their names kept them apart: two files of different kinds, or text that was compared byte by byte."""
+    rows = Truth.of(t_ns=[1000, 2000], target_id=[0, 0], x=[1.25, 1.5], y=[2.0, 2.0], z=[0, 0], role=["target"] * 2)
+    write_table(tmp_path / "a.parquet", rows, Provenance("test"))
+    for name, origin in (("a.tum", ()), ("a.trc", ()), ("a.geojson", ("--origin", "52,13"))):
+        assert run(["export", str(tmp_path / "a.parquet"), "-o", str(tmp_path / name), "-q", *origin]) == ExitCode.DONE
+        capsys.readouterr()
+        assert run(["diff", str(tmp_path / "a.parquet"), str(tmp_path / name), "--json"]) == ExitCode.DIFFERENT
+        (part,) = json.loads(capsys.readouterr().out)["parts"]
+        assert (part["rows"]["a"], part["rows"]["b"]) == (2, 2)
+        assert "role" in {each["column"] for each in part["schema"]}
+    assert run(["diff", str(tmp_path / "a.tum"), str(tmp_path / "a.tum")]) == ExitCode.DONE
 
 
 def test_a_standard_deviation_is_no_angle_that_a_turn_leaves_alone(tmp_path: Path) -> None:

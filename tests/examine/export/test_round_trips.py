@@ -219,6 +219,12 @@ def test_lengths_are_converted_to_the_unit_of_the_scene(tmp_path: Path) -> None:
         np.testing.assert_allclose(opened.read(Truth).x, truth.x, atol=0.01)
 
 
+def test_identities_of_all_numbers_that_tracks_hold_are_read_from_trc(tmp_path: Path) -> None:
+    """Those above 999,999,999 were refused."""
+    truth = truth_of([(0, name, 1.0, 2.0, 3.0) for name in (0, 10**9, 2**31 - 1)])
+    assert_same(open_input(exported(tmp_path, truth, "a.trc"), Truth).read(Truth), truth)
+
+
 def test_tracks_of_a_geojson_are_evaluated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = truth_of([(k * NS, 1, float(k), 0.5 * k, 0.0) for k in range(20)])
     path = exported(tmp_path, truth, "a.geojson", origin=Origin(52.5, 13.4))

@@ -116,6 +116,24 @@ def test_more_recordings_join_and_a_changed_one_is_done_again(
 
 
 @pytest.mark.usefixtures("here")
+def test_tables_of_an_earlier_command_do_not_stay_beside_newer_ones(simulated: Path, tmp_path: Path) -> None:
+    """Tables that the second command does not join were left, of runs that are no more."""
+    memory, out = pytest.importorskip("fsspec").filesystem("memory"), tmp_path / "out"
+    for place, more in ((str(out), ()), ("memory://old", ("--cache", str(tmp_path / "cache"), "--workers", "1"))):
+        for tables in ("tracks,bearings", "tracks"):
+            args = [str(simulated / "batch.yaml"), str(simulated / "hall.mcap"), "-o", place, "--tables", tables]
+            assert run(["batch", *args, "-q", "--json", *more]) == ExitCode.DONE
+    names = {path.name for path in out.iterdir()}
+    assert {Path(name).name for name in memory.ls("/old", detail=False)} == names
+    assert {name for name in names if name.endswith(".parquet")} == {
+        "runs.parquet",
+        "metrics.parquet",
+        "tracks.parquet",
+    }
+    memory.rm("/old", recursive=True)
+
+
+@pytest.mark.usefixtures("here")
 def test_all_that_fail_are_no_batch(simulated: Path, tmp_path: Path) -> None:
     do(simulated, tmp_path / "out", pattern="cut.mcap", code=ExitCode.BAD_INPUT)
     assert pq.read_table(tmp_path / "out" / "runs.parquet")["state"].to_pylist() == ["failed"]

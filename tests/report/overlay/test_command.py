@@ -218,6 +218,46 @@ def test_views_that_end_early_or_are_slower_keep_their_last_picture(tmp_path: Pa
     assert pictures[7][BAR:, 100:].min() > 60
 
 
+def cut_images(folder: Path, lost: tuple[int, ...]) -> Path:
+    """A recording of one camera, some of whose images are cut, and its true boxes."""
+    data = encode_image(np.full((64, 96, 3), 90, dtype=np.uint8), "png", 0)
+    nan, zero = [np.nan] * N, np.zeros(N, dtype=int)
+    edges = dict.fromkeys(("left_px", "top_px", "width_px", "height_px", "confidence"), nan)
+    with RecordingWriter(folder / "cut.mcap", Scene(), Provenance("ingest")) as writer:
+        for k in range(N):
+            writer.image("a", k * STEP, k, data[: len(data) // 2] if k in lost else data, "png")
+    times = np.arange(N) * STEP
+    boxes = TruthBoxes.of(t_ns=times, sensor=["a"] * N, frame=np.arange(N), box=zero - 1, target_id=zero - 1, **edges)
+    write_table(folder / "boxes.parquet", boxes, Provenance("ingest"), overwrite=True)
+    return folder / "cut.mcap"
+
+
+def test_an_image_that_is_damaged_is_lost_and_the_others_are_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One ended the command, and with it the run."""
+    recording = cut_images(tmp_path, (0, 3))
+    args = ["report", "--recording", str(recording), "--truth", str(tmp_path / "boxes.parquet"), "--json"]
+    out = tmp_path / "o.avi"
+    assert run([*args, "--scale", "2", "--video", str(out)]) == ExitCode.LOSSY
+    told = json.loads(capsys.readouterr().out)
+    assert told["frames"] == N
+    assert [(loss["place"], loss["count"]) for loss in told["losses"]] == [("frame 0", 1), ("frame 3", 1)]
+    pictures = frames_of(out)
+    assert len(pictures) == N
+    middles = [picture[BAR + 20 : BAR + 60].mean() for picture in pictures]
+    assert [middle > 60 for middle in middles] == [k not in (0, 3) for k in range(N)]
+    assert run([*args, "--video", str(out), "--frames", "1:3", "--overwrite"]) == ExitCode.DONE
+    picture = ["--png", str(tmp_path / "p.png")]
+    assert run([*args, *picture, "--frame", "3"]) == ExitCode.LOSSY
+    assert run([*args, *picture, "--frame", "4", "--overwrite"]) == ExitCode.DONE
+    capsys.readouterr()
+    recording.unlink()
+    cut_images(tmp_path, tuple(range(N)))
+    assert run([*args[:-1], "--video", str(tmp_path / "none.avi")]) == ExitCode.BAD_INPUT
+    assert "no image of camera a can be decoded" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("args", "code", "words"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Scene
 from occlog.report.overlay.world import Sources
 from occlog.report.replay.thumbnails import WIDTH, thumbnails
+from occlog.settings import METRES
 
 STEP = 100_000_000
 FRAMES = 20
@@ -83,6 +85,51 @@ def test_tracks_are_drawn_over_the_cameras_that_see_them(recording: Path, tmp_pa
     assert occlog(args) == ExitCode.DONE
     text = page.read_text(encoding="utf-8")
     assert 'id="replay-image-1" alt="Image of cam2' in text
+
+
+def test_tracks_in_another_unit_are_drawn_at_the_same_places_or_refused(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The unit of the tracks was taken for that of the recording: places in mm were drawn as if they were in m."""
+    tracks = run(steps=FRAMES, cameras=2).tracks
+    assert tracks is not None
+    metre = METRES[scene().length_unit]
+    shown = {}
+    for unit in METRES:
+        path = tmp_path / f"{unit}.csv"
+        rows = zip(
+            tracks.t_ns.tolist(), tracks.x * (metre / METRES[unit]), tracks.y * (metre / METRES[unit]), strict=True
+        )
+        path.write_text(f"t_ns,id,x_{unit},y_{unit}\n" + "".join(f"{t},0,{x:.9f},{y:.9f}\n" for t, x, y in rows))
+        shown[unit] = thumbnails(recording, Sources(path), [0], 10**7).cameras["cam1"]
+        page = str(tmp_path / "page.html")
+        assert occlog(["report", str(path), "--images", str(recording), "-o", page, "--overwrite"]) == ExitCode.DONE
+    assert all(images == shown["m"] for images in shown.values())
+    assert shown["m"] != thumbnails(recording, None, [0], 10**7).cameras["cam1"]
+    write_table(tmp_path / "ft.parquet", tracks, Provenance("track"), length_unit="ft")
+    args = ["report", str(tmp_path / "ft.parquet"), "--images", str(recording), "-o", str(tmp_path / "no.html")]
+    assert occlog(args) == ExitCode.BAD_INPUT
+    assert "ft.parquet: lengths are in ft, but in m in the scene" in capsys.readouterr().err
+
+
+def test_images_that_are_damaged_are_dark_and_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One ended the command."""
+    path = tmp_path / "cut.mcap"
+    image = encode_image(np.full((480, 640), 200, np.uint8), "png", 0)
+    with RecordingWriter(path, scene(), Provenance("test")) as out:
+        for number in range(6):
+            out.image("cam1", number * STEP, number, image[: len(image) // 2] if number in (0, 3, 4) else image, "png")
+    found = thumbnails(path, None, [], 10**7)
+    assert [(loss.source, loss.place, loss.count) for loss in found.losses] == [
+        ("cam1", "frame 0", 1),
+        ("cam1", "frames 3 to 4", 2),
+    ]
+    assert [round(brightness(data), -2) for _, data in found.cameras["cam1"]] == [200, 200, 0, 0, 200]
+    page = tmp_path / "page.html"
+    args = ["report", "--scene", str(path), "--images", str(path), "-o", str(page), "--json"]
+    assert occlog(args) == ExitCode.LOSSY
+    assert [loss["count"] for loss in json.loads(capsys.readouterr().out)["losses"]] == [1, 2]
+    assert "frames 3 to 4" in page.read_text(encoding="utf-8")
 
 
 def test_recordings_without_images_are_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from occlog.errors import InputError
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
 from occlog.io.files.tables.arrow_arrays import to_numpy, to_texts
-from occlog.records.columns import ANY, Column, Table
+from occlog.records.columns import ANY, Column, Table, in_length_unit
 
 SCHEMA_KEY = "occlog.schema"
 T = TypeVar("T", bound=Table)
@@ -24,8 +24,6 @@ _ARROW = {
     "?": pa.bool_(),
     "U": pa.dictionary(pa.int32(), pa.string()),
 }
-LENGTHS = ("m", "m^2", "m/s", "m^2/s", "m^2/s^2")
-"""Units in which m stands for the scene's unit of length."""
 
 
 def arrow_field(c: Column, unit: str) -> pa.Field:
@@ -41,9 +39,7 @@ def arrow_field(c: Column, unit: str) -> pa.Field:
 
 def arrow_schema(table: type[Table], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
     """Arrow schema of a table; `length_unit` replaces metres in the units."""
-    fields = [
-        arrow_field(c, c.unit.replace("m", length_unit) if c.unit in LENGTHS else c.unit) for c in table.columns()
-    ]
+    fields = [arrow_field(c, in_length_unit(c.unit, length_unit)) for c in table.columns()]
     metadata = {
         SCHEMA_KEY: f"{table.NAME}/{table.VERSION}",
         "occlog.key": ",".join(table.KEY),

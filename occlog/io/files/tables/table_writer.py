@@ -9,8 +9,8 @@ from typing import Any, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from occlog.errors import UsageError
 from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.output_names import TABLE, check_output_name
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
 from occlog.io.files.tables.arrow_columns import arrow_schema, to_arrow
 from occlog.io.files.tables.check_sums import Summed
@@ -26,18 +26,6 @@ WRITTEN: dict[str, Any] = {
     "write_page_checksum": True,
 }
 """How pages are written."""
-NAMED_OTHERWISE = (
-    *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
-    *(".yaml", ".yml", ".html", ".png", ".svg", ".mcap", ".mp4", ".gz"),
-)
-"""Endings of names that promise another format than that of tables."""
-
-
-def check_table_name(path: Path) -> None:
-    """UsageError for an output whose name promises another format than Parquet."""
-    suffix = Path(path).suffix.lower()
-    if suffix in NAMED_OTHERWISE:
-        raise UsageError(f"{path}: tables are written as Parquet, not {suffix}; name it {Path(path).stem}.parquet")
 
 
 class TableWriter:
@@ -57,7 +45,7 @@ class TableWriter:
 
         With `together` the file appears at its end.  UsageError for a name that promises another format.
         """
-        check_table_name(path)
+        check_output_name(path, TABLE)
         self.rows = 0
         self._table = table
         self._schema = arrow_schema(table, provenance, length_unit)

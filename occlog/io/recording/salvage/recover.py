@@ -17,6 +17,7 @@ from mcap.opcode import Opcode
 
 from occlog.errors import InputError
 from occlog.io.files.atomic import open_output
+from occlog.io.files.output_names import RECORDING, check_output_name
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inputs, provenance_from_json
 from occlog.io.recording.copy import moved_metadata
 from occlog.io.recording.layout import MESSAGE_HEAD
@@ -67,8 +68,10 @@ def recover_recording(
 
     Raises:
         InputError: `source` is no recording of occlog, nothing in it is whole, or the link to a video is lost.
+        UsageError: the name of `path` promises another format.
     """
     videos = videos or {}
+    check_output_name(path, RECORDING)
     with open_output(path, overwrite) as file:
         found = _Salvage(source, path, file)
         for record in whole_records(source, found.damaged):

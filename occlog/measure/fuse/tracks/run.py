@@ -15,7 +15,7 @@ from occlog.errors import InputError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.open import check_unit, losses_of, open_input
+from occlog.io.open import check_unit, common_unit, losses_of, open_input
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
@@ -49,9 +49,9 @@ def run_fuse_tracks(
         quiet: no notes.
     """
     opened = [open_input(path, PeopleTracks) for path in files.tracks]
-    unit = opened[0].length_unit or "m"
-    for each in opened[1:]:
-        check_unit(each, unit, str(opened[0].path), InputError)
+    unit, source = common_unit(opened)
+    for each in opened:
+        check_unit(each, unit, source, InputError)
     config = configure(TrackFusionConfig.in_unit(unit), values)
     groups = [each.read(PeopleTracks) for each in opened]
     fused = fuse_tracks(groups, config)

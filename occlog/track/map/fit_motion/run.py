@@ -13,7 +13,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.motion_models import MotionModel, write_motion
-from occlog.io.open import check_unit, losses_of, open_input
+from occlog.io.open import check_unit, common_unit, losses_of, open_input
 from occlog.records.tables import Tracks, Truth
 
 from .config import COVARIANCE, ESTIMATED, FitConfig
@@ -151,9 +151,9 @@ def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
     """Positions of each object and file, the unit of length, and what had been lost before."""
     paths: list[Path] = []
     inputs = [open_input(file, Truth, Tracks) for file in request.positions]
-    unit = inputs[0].length_unit or "m"
-    for opened in inputs[1:]:
-        check_unit(opened, unit, str(inputs[0].path), InputError)
+    unit, source = common_unit(inputs)
+    for opened in inputs:
+        check_unit(opened, unit, source, InputError)
     for opened in inputs:
         table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
         if request.config.noise == COVARIANCE and not isinstance(table, Tracks):
