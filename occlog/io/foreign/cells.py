@@ -13,7 +13,16 @@ from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.tables.arrow_arrays import to_numpy, to_texts
 from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, plain_text
-from occlog.io.files.times.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
+from occlog.io.files.times.timestamps import (
+    COARSEST_NS,
+    LATEST_S,
+    MAX_NS,
+    UNITS,
+    coarse,
+    last_place,
+    parse_time,
+    parse_times,
+)
 from occlog.records.columns import ANY
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
@@ -44,6 +53,9 @@ class Cells(Protocol):
 
     def times(self, name: str, unit: str) -> Ints:
         """(n,) times [ns since the Unix epoch]."""
+
+    def steps(self, name: str) -> Floats:
+        """(n,) what the last digit, or bit, of each number stands for, where that may be much; else 0."""
 
     def raw(self, name: str) -> list[object]:
         """(n,) values as the file has them."""
@@ -99,6 +111,13 @@ class TextCells:
         """(n,) times [ns since the Unix epoch]."""
         return parse_times(self._rows, name, unit)
 
+    def steps(self, name: str) -> Floats:
+        """(n,) what the last digit of each number with an exponent above 0 stands for; else 0."""
+        out, cells = np.zeros(len(self)), self._rows.cells[name]
+        for row in np.flatnonzero(np.char.find(np.char.lower(cells), "e") >= 0).tolist():
+            out[row] = last_place(str(cells[row]))
+        return out
+
     def raw(self, name: str) -> list[object]:
         """(n,) texts as the file has them."""
         return list(self._rows.cells[name].tolist())
@@ -122,6 +141,14 @@ class ArrowCells:
     def __len__(self) -> int:
         """Number of rows."""
         return int(self._batch.num_rows)
+
+    def steps(self, name: str) -> Floats:
+        """(n,) distances from the numbers of a column of floats of 16 or 32 bits to the next ones; else 0."""
+        kind = self._column(name).type
+        if not (pa.types.is_float16(kind) or pa.types.is_float32(kind)):
+            return np.zeros(len(self))
+        values = self.floats(name, blank=True).astype(np.float16 if pa.types.is_float16(kind) else np.float32)
+        return np.spacing(np.abs(np.nan_to_num(values))).astype(np.float64)
 
     def raw(self, name: str) -> list[object]:
         """(n,) values as the file has them; None for cells that are null."""
@@ -248,6 +275,7 @@ class ArrowCells:
             if unit == "s" and (np.abs(values) > LATEST_S).any():
                 raise self._too_large(name, values)
             self._check_range(name, values, unit)
+            self._check_steps(name, unit)
             # The whole part and the rest apart, since float64 cannot hold ns since 1970
             whole = np.floor(values)
             rest = np.round((values - whole) * UNITS[unit]).astype(np.int64)
@@ -273,6 +301,16 @@ class ArrowCells:
         limit = MAX_NS // UNITS[unit]
         if not ((values >= -limit) & (values <= limit)).all():
             raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}")
+
+    def _check_steps(self, name: str, unit: str) -> None:
+        """InputError for times in floats too short for them: float32 has every 128th second since 1970 alone."""
+        steps = self.steps(name) * UNITS[unit]
+        if (steps > COARSEST_NS).any():
+            row = int(np.flatnonzero(steps > COARSEST_NS)[0])
+            value, kind = self._column(name)[row].as_py(), self._column(name).type
+            raise self.fail(
+                row, f"{name} is {value:.12g} in {kind}: {coarse(steps[row])}; write it in float64, or t_ns in int64"
+            )
 
     def _too_large(self, name: str, values: Floats | Ints) -> InputError:
         row = int(np.argmax(np.abs(values)))

@@ -29,6 +29,8 @@ OF_READS = {"reader", "anchor", "gateway", "tag", "beacon", "epc", "rssi", "rssi
 """Names that reads of tags alone have."""
 FARTHEST_RAD = 4 * np.pi
 """Larger angles are not in radians."""
+COARSEST_M = 0.01
+"""Lengths that are held or written to less than this have been rounded; where no unit is known, in the scene's."""
 
 
 @dataclass
@@ -186,6 +188,8 @@ class ForeignTable:
                 raise cells.fail(row, f"{s.name} is {whole[row]}; it must be {low} to {high}; renumber it")
             return whole
         values = cells.floats(s.name, blank=c.nan is not None or c.optional)
+        if POWERS.get(c.unit) == (1, 0):
+            _check_steps(cells, s)
         if s.unit == "deg":
             values = np.radians(values)
         elif c.unit == "rad":
@@ -368,6 +372,14 @@ def _check_far_edge(cells: Cells, s: Spelling, sizes: Floats, near: Floats) -> N
     if apart.any():
         row = int(np.flatnonzero(apart)[0])
         raise cells.fail(row, both_sizes(s.name, float(sizes[row]), s.far, f"{far[row]:g}", float(near[row])))
+
+
+def _check_steps(cells: Cells, s: Spelling) -> None:
+    """InputError for lengths in floats too short for them, as float32 for northings of 5,000,000 m."""
+    steps, unit = cells.steps(s.name), s.unit if s.unit in METRES else ""
+    told = f" {unit} only, and {COARSEST_M / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST_M}"
+    bad = steps * (METRES[unit] if unit else 1.0) > COARSEST_M
+    _refuse(cells, steps, bad, f"{s.name} is known to", f"{told} is the limit; write all digits (float64)")
 
 
 def _refuse(cells: Cells, values: Floats, bad: Bools, before: str, after: str) -> None:

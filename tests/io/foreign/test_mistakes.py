@@ -127,3 +127,66 @@ def test_columns_of_one_name_in_other_letters_are_refused(tmp_path: Path) -> Non
 def test_times_that_cannot_be_are_refused(tmp_path: Path, cells: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         open_input(text(tmp_path / "t.csv", *cells.split("/"))).read(Truth)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kind", "said"),
+    [
+        ("t", 1_714_562_800.25, pa.float32(), "t is 1714562816 in float: known to 128 s only, and 1 ms is the limit"),
+        ("t_ns", 1.7e18, pa.float32(), "known to 137.439 s only"),
+        ("t", 20_000.5, pa.float32(), "known to 0.00195312 s only"),
+        ("t", 9.0, pa.float16(), "in halffloat: known to 0.0078125 s only"),
+        ("t", "1.7145628e+09", pa.string(), "known to 100 s only"),
+    ],
+)
+def test_times_in_floats_that_are_too_short_are_refused(
+    tmp_path: Path, name: str, value: object, kind: pa.DataType, said: str
+) -> None:
+    """They collapsed to every 128th second without a word."""
+    numbers = [np.float16(value)] if kind == pa.float16() else [value]
+    path = parquet(tmp_path, **{name: pa.array(numbers, kind), "x": pa.array([1.0]), "y": pa.array([1.0])})
+    with pytest.raises(InputError, match=f"row 0: .*{said}"):
+        open_input(path).read(Truth)
+
+
+def test_times_in_floats_that_are_long_enough_are_read(tmp_path: Path) -> None:
+    path = parquet(tmp_path, t=pa.array([0.0, 8000.5], pa.float32()), x=pa.array([1.0, 1]), y=pa.array([1.0, 1]))
+    assert open_input(path).read(Truth).t_ns.tolist() == [0, 8_000_500_000_000]
+
+
+def test_times_in_text_that_lost_digits_are_refused(tmp_path: Path) -> None:
+    """So pandas writes float32, and MATLAB all but the first five digits."""
+    path = text(tmp_path / "t.csv", "t,x,y", "1.7145628e+09,1,1")
+    with pytest.raises(InputError, match=r"line 2: time '1\.7145628e\+09': known to 100 s only.*write all digits"):
+        open_input(path).read(Truth)
+    path.write_text("t,x,y\n1.714562800250000000e+09,1,1\n")
+    assert open_input(path).read(Truth).t_ns.tolist() == [1_714_562_800_250_000_000]
+
+
+@pytest.mark.parametrize(
+    ("name", "x", "said"),
+    [
+        ("x", pa.array([5_500_000.3], pa.float32()), "x is known to 0.5 only, and 0.01 is the limit"),
+        ("x_cm", pa.array([2e7], pa.float32()), "x_cm is known to 2 cm only, and 1 cm is the limit"),
+        ("x", pa.array([100.0], pa.float16()), "x is known to 0.0625 only"),
+        ("x", "5.50031e+06", "line 2: x is known to 10 only"),
+    ],
+)
+def test_places_in_floats_that_are_too_short_are_refused(
+    tmp_path: Path, name: str, x: pa.Array | str, said: str
+) -> None:
+    """Northings of UTM in float32 lie half a metre apart."""
+    y = "y_cm" if name == "x_cm" else "y"
+    if isinstance(x, str):
+        path = text(tmp_path / "t.csv", "t,x,y", f"0,{x},1")
+    else:
+        path = parquet(tmp_path, **{"t_ns": pa.array([0]), name: x, y: pa.array([1.0])})
+    with pytest.raises(InputError, match=said):
+        open_input(path).read(Truth)
+
+
+def test_places_in_short_floats_that_are_near_are_read(tmp_path: Path) -> None:
+    near = pa.array([1000.5], pa.float32())
+    for columns in ({"x": near, "y": near}, {"x_mm": near, "y_mm": near}):
+        path = parquet(tmp_path, t_ns=pa.array([0]), **columns)
+        assert open_input(path).read(Truth).x.tolist() == [1000.5]

@@ -21,6 +21,8 @@ UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 MAX_NS = 2**62
 LATEST_S = 10**11
 """A larger number of seconds (year 5138) is taken for another unit."""
+COARSEST_NS = 10**6
+"""Times that are held or written to less than this (1 ms) have been rounded by whoever wrote them."""
 
 TIME_COLUMNS = {
     "ns": ("t_ns", "time_ns", "timestamp_ns", "frame_time_ns"),
@@ -40,8 +42,10 @@ _ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))
 def parse_time(text: str, unit: str = "s") -> int:
     """Time [ns since the Unix epoch] of a number in `unit` or of an ISO 8601 date and time (UTC unless it says).
 
-    Exact to the nanosecond.  Raises InputError for anything else, and for a number of
-    seconds beyond the year 5138, which must have been meant in another unit.
+    Exact to the nanosecond.  Raises InputError for anything else, for a number of
+    seconds beyond the year 5138, which must have been meant in another unit, and for a
+    number with an exponent whose last digit stands for more than `COARSEST_NS`: float32 and
+    six digits of 1.71456e+09 are a minute or more away from the time that was meant.
     """
     iso = _ISO.match(text.strip())
     if iso:
@@ -60,7 +64,25 @@ def parse_time(text: str, unit: str = "s") -> int:
     ns = int((value * UNITS[unit]).to_integral_value())
     if abs(ns) > MAX_NS:
         raise InputError(f"time {text!r}: out of range for {unit}")
+    step = last_place(text) * UNITS[unit]
+    if step > COARSEST_NS:
+        raise InputError(f"time {text!r}: {coarse(step)}; write all digits, or t_ns in whole numbers")
     return ns
+
+
+def last_place(text: str) -> float:
+    """What the last digit of a number stands for, if that is above 1, as it is with an exponent alone; else 0."""
+    try:
+        value = Decimal(text.strip())
+    except InvalidOperation:
+        return 0.0
+    last = value.as_tuple().exponent
+    return 10.0**last if value and isinstance(last, int) and last > 0 else 0.0
+
+
+def coarse(ns: float) -> str:
+    """What is wrong with times that are held to some nanoseconds only."""
+    return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
 
 
 def _iso_ns(iso: re.Match[str], text: str) -> int:
