@@ -61,6 +61,12 @@ def open_json(path: Path, camera: str | None, *, ignore_extra: bool) -> BoxSourc
                 f"{path}: COCO results do not name their camera; give CAMERA={path.name}, or COCO with its images"
             )
         given = [(record, {"frame": _image_number(path, n, record)}) for n, record in enumerate(value, start=1)]
+        folders = [str(Path(record["image_id"]).parent) for record, _ in given if isinstance(record["image_id"], str)]
+        if len(set(folders)) > 1:
+            raise InputError(
+                f"{path}: images of the folders {' and '.join(sorted(set(folders))[:2])}, which are not one camera; "
+                "give COCO with its images, or a file for each"
+            )
         return BoxSource(_rows(path, given, camera, ignore_extra, skip=("image_id", "id")), "COCO results")
     return BoxSource(_rows(path, [(record, {}) for record in value], camera, ignore_extra), "JSON records")
 
@@ -158,18 +164,14 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
     """COCO's data set: frames and cameras are those of its images."""
     images: dict[object, dict[str, str]] = {}
     seen: dict[tuple[str, str], object] = {}
+    origins: dict[str, str] = {}
     timed = all(isinstance(image, dict) and isinstance(image.get("t_ns"), int) for image in value["images"])
     for n, image in enumerate(value["images"], start=1):
         cells = _image(path, n, image, camera) | ({"ns": str(image["t_ns"])} if timed else {})
+        _check_origin(path, n, image, camera, origins.setdefault(cells.get("camera", ""), _origin(image)))
         key = (cells.get("camera", ""), cells["frame"])
         if image.get("id") in images or key in seen:
             other = image["id"] if image["id"] in images else seen[key]
-            several = sorted({_camera_of(each) for each in value["images"] if isinstance(each, dict)} - {""})
-            if camera is not None and len(several) > 1:
-                raise InputError(
-                    f"{path}: image {n}: has the number of image {other}, since the file holds images of several "
-                    f"cameras ({', '.join(several[:4])}); leave out {camera}=, so that each has its own"
-                )
             raise InputError(f"{path}: image {n}: is the same image or frame as image {other}; keep one")
         images[image["id"]], seen[key] = cells, image["id"]
     annotations = value.get("annotations")
@@ -233,8 +235,31 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
 
 def _camera_of(image: Record) -> str:
     """The camera that an image of COCO names, or the folder that it lies in; empty: neither."""
-    folder = Path(str(image.get("file_name", "")).replace("\\", "/")).parent.name
-    return str(image.get("camera") or folder)
+    return str(image.get("camera") or _folder(image).name)
+
+
+def _folder(image: Record) -> Path:
+    return Path(str(image.get("file_name", "")).replace("\\", "/")).parent
+
+
+def _origin(image: Record) -> str:
+    """The camera that an image of COCO names, or else the folder and the video that it is of."""
+    if image.get("camera"):
+        return f"camera {image['camera']}"
+    video = f", video {image['video_id']}" if "video_id" in image else ""
+    return f"folder {_folder(image)}{video}"
+
+
+def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: str) -> None:
+    """InputError where an image comes from elsewhere than the first one of its camera."""
+    if _origin(image) == first:
+        return
+    whose = f"camera {camera or _camera_of(image)}"
+    raise InputError(
+        f"{path}: image {n}: is of {_origin(image)}, and the first image of {whose} of {first}; "
+        + (f"leave out {camera}=, so that each has its own, or " if camera is not None else "")
+        + "give every image a key camera"
+    )
 
 
 def _annotation(path: Path, n: int, annotation: Record, names: Mapping[object, str]) -> dict[str, str]:

@@ -209,12 +209,40 @@ def test_coco_images_name_frame_and_camera_and_may_be_empty(tmp_path: Path) -> N
     assert survey.classes == {("1", "person"): 2}
 
 
-def test_coco_of_several_cameras_is_not_one_camera_s(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        ({"file_name": "b/000001.jpg"}, "is of folder b, and the first image of camera cam1 of folder a"),
+        ({"file_name": "b/000002.jpg"}, "leave out cam1=, so that each has its own"),
+        (
+            {"file_name": "a/000002.jpg", "camera": "b"},
+            "is of camera b, and the first image of camera cam1",
+        ),
+        ({"file_name": "a/000002.jpg", "video_id": 2}, "is of folder a, video 2, and the first"),
+    ],
+)
+def test_coco_of_several_cameras_is_not_one_camera_s(tmp_path: Path, second: dict[str, object], said: str) -> None:
+    """Where the numbers of frames differed, they became one camera."""
+    images = [{"id": 0, "file_name": "a/000001.jpg"}, {"id": 1, **second}]
+    path = saved(tmp_path / "c.json", {**COCO, "images": images, "annotations": []})
+    with pytest.raises(InputError, match=f"image 2: .*{said}"):
+        read(BoxFile(path, "cam1"))
+
+
+def test_coco_of_several_cameras_has_each_by_its_own_name(tmp_path: Path) -> None:
     images = [{"id": n, "file_name": f"{camera}/000001.jpg"} for n, camera in enumerate("ab")]
     path = saved(tmp_path / "c.json", {**COCO, "images": images, "annotations": []})
-    with pytest.raises(InputError, match=r"image 2: .* holds images of several cameras \(a, b\); leave out cam1="):
-        read(BoxFile(path, "cam1"))
     assert read(BoxFile(path, None))[1].cameras == ("a", "b")
+    images = [{"id": n, "file_name": f"{part}/00000{n}.jpg", "camera": "a"} for n, part in enumerate(("train", "val"))]
+    path = saved(tmp_path / "c.json", {**COCO, "images": images, "annotations": []})
+    assert read(BoxFile(path, "cam1"))[0].frame.tolist() == [0, 1]
+
+
+def test_folders_of_one_last_name_are_not_one_camera(tmp_path: Path) -> None:
+    images = [{"id": n, "file_name": f"{seq}/img1/00000{n}.jpg"} for n, seq in enumerate("ab")]
+    path = saved(tmp_path / "c.json", {**COCO, "images": images, "annotations": []})
+    with pytest.raises(InputError, match="is of folder b/img1, and the first image of camera img1 of folder a/img1"):
+        read(BoxFile(path, None))
 
 
 def test_coco_results_take_the_image_for_the_frame(tmp_path: Path) -> None:
@@ -223,6 +251,9 @@ def test_coco_results_take_the_image_for_the_frame(tmp_path: Path) -> None:
     assert boxes.frame[boxes.box >= 0].tolist() == [4, 7]
     with pytest.raises(InputError, match="do not name their camera"):
         read(BoxFile(tmp_path / "r.json", None))
+    results = [{"image_id": f"{camera}/{n}", "bbox": [1, 2, 3, 4]} for n, camera in enumerate("ab")]
+    with pytest.raises(InputError, match="images of the folders a and b, which are not one camera"):
+        read(BoxFile(saved(tmp_path / "r.json", results), "a"))
 
 
 @pytest.mark.parametrize(
