@@ -283,7 +283,7 @@ def _write_tables(
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
         tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses))
     sync = sync_times(plan) if plan.truth else None
-    targets: dict[int, list[tuple[Path, Span]]] = {}
+    seen: dict[int | str, list[tuple[Path, Span]]] = {}
     for camera, path in plan.truth:
         how = TruthOptions(
             format=plan.truth_format,
@@ -293,7 +293,7 @@ def _write_tables(
             sync_ns=sync,
             boxes=truth_options(plan, scene),
         )
-        true = _apart(_truth(path, how, plan, turn), path, targets)
+        true = _apart(_truth(path, how, plan, turn), path, seen)
         true = within_frames(true, plan, survey, times, note)
         tables.append(checked(true, scene, path, note))
     empty = 0
@@ -360,26 +360,33 @@ def _truth(path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None) -
 
 
 def _apart(
-    tables: Iterator[Truth | TruthBoxes], path: Path, targets: dict[int, list[tuple[Path, Span]]]
+    tables: Iterator[Truth | TruthBoxes], path: Path, known: dict[int | str, list[tuple[Path, Span]]]
 ) -> Iterator[Truth | TruthBoxes]:
-    """The tables of a file; InputError where it has a target of a file before, at the times of that one.
+    """The tables of a file; InputError where it has a target or a camera of a file before, at the times of that one.
 
-    `targets` has the files of each target, and the times that they have it at.
+    `known` has the files of each target, by its number, and of each camera with boxes, and the times that they have
+    it at.
     """
+    spans: dict[int | str, Span] = {}
     for table in tables:
-        for target in np.unique(table.target_id).tolist() if isinstance(table, Truth) else ():
-            own = table.t_ns[table.target_id == target]
-            files = targets.setdefault(target, [])
-            if not files or files[-1][0] != path:
-                files.append((path, Span()))
-            files[-1][1].take(int(own.min()), int(own.max()))
-            for other, span in files[:-1]:
-                if span.first <= files[-1][1].last and files[-1][1].first <= span.last:
-                    raise InputError(
-                        f"{path}: target {target} has places in {other}, too, at the same times; give each target "
-                        "its own number in a column id"
-                    )
+        whose = table.target_id if isinstance(table, Truth) else table.sensor
+        for key in np.unique(whose).tolist():
+            own = table.t_ns[whose == key]
+            here = spans.setdefault(key, Span())
+            here.take(int(own.min()), int(own.max()))
+            for other, span in known.get(key, ()):
+                if span.first <= here.last and here.first <= span.last:
+                    raise InputError(f"{path}: {_twice(key, other)}")
         yield table
+    for key, here in spans.items():
+        known.setdefault(key, []).append((path, here))
+
+
+def _twice(key: int | str, other: Path) -> str:
+    """What is wrong where another file has the same target, or boxes of the same camera, at the same times."""
+    if isinstance(key, str):
+        return f"camera {key}: has true boxes in {other}, too, at the same times; join the files"
+    return f"target {key} has places in {other}, too, at the same times; give each target its own number in a column id"
 
 
 def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:

@@ -571,3 +571,24 @@ def test_metres_are_not_taken_for_feet(place: Path, capsys: pytest.CaptureFixtur
     inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--fps", "10", option, str(place / "t.csv"))
     assert ingest(place, *inputs) == ExitCode.BAD_INPUT
     assert "t.csv: lengths are in m, but those of" in capsys.readouterr().err
+
+
+def test_true_boxes_of_a_camera_in_two_files_are_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both were taken: an identity twice in a frame, and frames without anybody where the other file has somebody."""
+    for name, frames in (("a", "01"), ("b", "12"), ("c", "23"), ("all", "0123")):
+        rows = "".join(f"{frame},7,1,1,9,9\n" for frame in frames)
+        (place / f"{name}.csv").write_text(f"frame,id,left,top,w,h\n{rows}")
+    found = ["--boxes", f"cam1={place / 'all.csv'}", "--fps", "10"]
+    truth = [f"--truth=cam1={place / name}.csv" for name in "abc"]
+    assert ingest(place, *found, truth[0], truth[2]) == ExitCode.DONE
+    assert open_recording(place / "out.mcap").read(TruthBoxes).frame.tolist() == [0, 1, 2, 3]
+    for second, name in ((truth[1], "b"), (truth[0], "a")):
+        assert ingest(place, *found, truth[0], second, output="two.mcap") == ExitCode.BAD_INPUT
+        assert f"{name}.csv: camera cam1: has true boxes in" in capsys.readouterr().err
+
+
+def test_a_file_of_truth_that_is_given_twice_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its rows counted twice."""
+    (place / "a.csv").write_text("time,x,y\n0,1,1\n1,1,1\n")
+    assert ingest(place, *[f"--truth={place / 'a.csv'}"] * 2) == ExitCode.BAD_INPUT
+    assert "a.csv: target 0 has places in" in capsys.readouterr().err
