@@ -43,6 +43,7 @@ from .agreement import checked
 from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
 from .boxes import box_files, box_options, inside, known_cameras, truth_options
 from .boxes import survey as survey_of
+from .copies import Copies
 from .offsets import with_offsets
 from .plan import IngestPlan, files_in
 from .scene import Sized, add_bag_cameras, base_scene, fit_sizes, match_cameras
@@ -279,9 +280,11 @@ def _write_tables(
         known = known_cameras(plan, scene)
         read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes)
         tables.append(inside(read, scene, done.losses, note))
+    copies = Copies(several=len(plan.doa) > 1)
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
-        tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses))
+        heard = read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses)
+        tables.append(copies.once(heard, path, note))
     sync = sync_times(plan) if plan.truth else None
     seen: dict[int | str, list[tuple[Path, Span]]] = {}
     for camera, path in plan.truth:

@@ -65,6 +65,8 @@ class Table:
     NAME: ClassVar[str]
     VERSION: ClassVar[int] = 1
     KEY: ClassVar[tuple[str, ...]]
+    MEASURED: ClassVar[str] = ""
+    """Column that is finite where a row is a measurement that no other can equal, even if it is of nobody's."""
 
     def __post_init__(self) -> None:
         for c in self.columns():
@@ -210,18 +212,23 @@ def check_order(table: Table) -> None:
         )
 
 
-def repeated_rows(table: Table) -> tuple[Bools, Bools]:
+def repeated_rows(table: Table, but: str = "") -> tuple[Bools, Bools]:
     """Which rows of a table in the order of its key are a copy of another, and which only have the key of another.
 
     Where the key ends in an identity rows with -1, which is none, count as neither: many may have it, and what two
-    of them say may be the same.
+    of them say may be the same.  Measurements (`MEASURED`) that are the same to the last digit are copies.
+
+    Args:
+        table: in the order of its key.
+        but: last column of its key if that is not looked at: the number that a row got when the file was read.
 
     Returns:
         (n,), (n,): rows that equal an earlier one in all columns; other rows whose key an earlier row has.
     """
     rows = len(table)
     like = np.ones(max(rows - 1, 0), dtype=np.bool_)
-    for name in table.KEY:
+    key = [name for name in table.KEY if name != but]
+    for name in key:
         values = getattr(table, name)
         like &= values[1:] == values[:-1]
         if not like.any():
@@ -229,15 +236,18 @@ def repeated_rows(table: Table) -> tuple[Bools, Bools]:
     near = np.flatnonzero(np.append(like, False) | np.append(False, like))
     # A number for each set of values: copies have the same ones in all columns
     codes = [
-        np.unique(_comparable(table, c, near), axis=0, return_inverse=True)[1].reshape(-1) for c in table.columns()
+        np.unique(_comparable(table, c, near), axis=0, return_inverse=True)[1].reshape(-1)
+        for c in table.columns()
+        if c.name != but
     ]
     order = np.lexsort(codes[::-1])  # stable: the first of several copies stays the first
     sets = np.column_stack(codes)[order]
     copy, twice = np.zeros(rows, dtype=np.bool_), np.append(False, like)
     copy[near[order[1:]]] = (sets[1:] == sets[:-1]).all(axis=1)
-    last = getattr(table, table.KEY[-1])
-    told = last >= 0 if last.dtype.kind == "i" and table.KEY[-1] != "t_ns" else np.ones(rows, dtype=np.bool_)
-    return copy & told, twice & ~copy & told
+    last = getattr(table, key[-1])
+    told = last >= 0 if last.dtype.kind == "i" and key[-1] != "t_ns" else np.ones(rows, dtype=np.bool_)
+    alone = told | np.isfinite(getattr(table, table.MEASURED)) if table.MEASURED else told
+    return copy & alone, twice & ~copy & told
 
 
 def check_copies(table: Table) -> None:
@@ -245,8 +255,14 @@ def check_copies(table: Table) -> None:
     copies, _ = repeated_rows(table)
     if copies.any():
         row = first_row(copies)
-        key = ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY)
-        raise InputError(f"{type(table).__name__}: a row stands there twice ({key}); leave out the copies")
+        raise InputError(
+            f"{type(table).__name__}: a row stands there twice ({key_of(table, row)}); leave out the copies"
+        )
+
+
+def key_of(table: Table, row: int) -> str:
+    """The values of a row's key, with their names."""
+    return ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY)
 
 
 def _comparable(table: Table, c: Column, rows: Ints) -> NDArray[np.generic]:

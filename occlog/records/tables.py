@@ -79,6 +79,11 @@ WIDER: tuple[type[Table], ...] = (FusedTracks, TagTracks, PeopleTracks, JoinedTr
 """Tables that have the name of another one, and more columns."""
 
 
+def has_all(table: type[Table]) -> bool:
+    """Whether a class asks for all columns of its table: rows of one that asks for some may be alike."""
+    return table.NAME in TABLES and issubclass(table, TABLES[table.NAME])
+
+
 def table_with(name: str, columns: Collection[str]) -> type[Table]:
     """The table of a name that has the most of a file's columns, and of several the one with the fewest others.
 
@@ -133,5 +138,6 @@ __all__ = [
     "ViewTracks",
     "Views",
     "VirtualSensors",
+    "has_all",
     "table_with",
 ]

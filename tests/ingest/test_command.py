@@ -592,3 +592,20 @@ def test_a_file_of_truth_that_is_given_twice_is_refused(place: Path, capsys: pyt
     (place / "a.csv").write_text("time,x,y\n0,1,1\n1,1,1\n")
     assert ingest(place, *[f"--truth={place / 'a.csv'}"] * 2) == ExitCode.BAD_INPUT
     assert "a.csv: target 0 has places in" in capsys.readouterr().err
+
+
+def test_directions_that_stand_in_logs_twice_count_once(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A copied log, or one that was exported twice, counted each bearing twice."""
+    rows = [f"{time},mic,{angle}\n" for time in (0, 1) for angle in (10, 20)]
+    for name, lines in (("a", rows), ("b", [*rows[2:], "2,mic,10\n"]), ("c", [row for row in rows for _ in "ab"])):
+        (place / f"{name}.csv").write_text("time,sensor,azimuth_deg\n" + "".join(lines))
+    assert run(["ingest", "-o", str(place / "o.mcap"), "--scene", str(place / "scene.yaml"),
+                *[f"--doa={place / name}.csv" for name in "aba"]]) == ExitCode.DONE  # fmt: skip
+    said = capsys.readouterr().err
+    assert "warning: b.csv: 2 directions stood there or in a log before already, alike in everything" in said
+    assert "warning: a.csv: 4 directions stood there" in said
+    assert open_recording(place / "o.mcap").read(Doa).t_ns.tolist() == [0, 0, 10**9, 10**9, 2 * 10**9]
+    assert run(["ingest", "-o", str(place / "c.mcap"), "--scene", str(place / "scene.yaml"),
+                f"--doa={place / 'c.csv'}"]) == ExitCode.DONE  # fmt: skip
+    assert "warning: c.csv: 4 directions stood there already" in capsys.readouterr().err
+    assert len(open_recording(place / "c.mcap").read(Doa)) == 4

@@ -65,7 +65,10 @@ class TableWatch:
     def _settle(self, table: Table) -> None:
         if not len(table):
             return
-        for kind, rows in zip(("repeated-row", "double-key"), repeated_rows(table), strict=True):
+        copies, double = repeated_rows(table)
+        if isinstance(table, Boxes):  # whose numbers may be those that they got on reading
+            copies |= repeated_rows(table, "box")[0]
+        for kind, rows in (("repeated-row", copies), ("double-key", double & ~copies)):
             for row in np.flatnonzero(rows)[:1].tolist():
                 key = ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY if name != "t_ns")
                 place = utc(int(_times(table)[row]))

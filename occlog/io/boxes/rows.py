@@ -66,10 +66,10 @@ def check_boxes(rows: Rows, boxes: BoxRows) -> BoxRows:
     return boxes
 
 
-def fingerprints(boxes: BoxRows) -> Uints:
-    """(n,) numbers that are the same for boxes that are the same, and nearly never for others."""
-    out = np.zeros(len(boxes.frame), dtype=np.uint64)
-    for column in boxes:
+def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
+    """(n,) numbers that are the same for rows that are the same in all columns, and nearly never for others."""
+    out = np.zeros(len(columns[0]), dtype=np.uint64)
+    for column in columns:
         bits = column + 0.0 if column.dtype.kind == "f" else column.astype(np.int64)  # -0 is 0
         # The constants of splitmix64 (Steele, Lea and Flood, 2014)
         out = (out ^ bits.view(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)

@@ -12,9 +12,21 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.boxes.columns import both_sizes, disagree
-from occlog.records.columns import Table
+from occlog.records.columns import Table, first_row, key_of, repeated_rows
 from occlog.records.declared.measurements import VALUES, Measurements
-from occlog.records.tables import TABLES, WIDER, Bearings, Boxes, Doa, Occluders, Reads, Tracks, Truth, TruthBoxes
+from occlog.records.tables import (
+    TABLES,
+    WIDER,
+    Bearings,
+    Boxes,
+    Doa,
+    Occluders,
+    Reads,
+    Tracks,
+    Truth,
+    TruthBoxes,
+    has_all,
+)
 from occlog.settings import METRES
 
 from .cells import Cells
@@ -91,13 +103,17 @@ class ForeignTable:
         """Rows of a table in the order of its key; those of one time are never in two parts.
 
         Raises:
-            InputError: columns are missing, a cell cannot be read, somebody is twice at one time.
+            InputError: columns are missing, a cell cannot be read, somebody is twice at one time, a row stands there
+                twice.
         """
         layout = self.layout_of(table)
         check_fits(self.source, layout)
         frames = _FrameCount()
         for part in self._in_order(layout):
-            yield _as_table(self.source, table, _filled(part, table, frames), part["_row"])
+            made = _as_table(self.source, table, _filled(part, table, frames), part["_row"])
+            if has_all(table):
+                _check_copies(self.source, made, part["_row"])
+            yield made
 
     def _in_order(self, layout: Layout) -> Iterator[Values]:
         """The values of the columns in the order of time; parts end between two times."""
@@ -405,6 +421,18 @@ def _as_table(source: Source, table: type[T], values: Values, row: NDArray[np.ge
         return table.of(**values)
     except InputError as error:
         raise InputError(f"{source.path}: among rows {row.min()} to {row.max()}: {error}") from None
+
+
+def _check_copies(source: Source, made: Table, row: NDArray[np.generic]) -> None:
+    """InputError where a row stands there twice."""
+    # Boxes were numbered here, so that copies differ in their numbers
+    copies, _ = repeated_rows(made, "box" if isinstance(made, Boxes) else "")
+    if copies.any():
+        k = first_row(copies)
+        raise InputError(
+            f"{source.path}: row {row[k]} (from 0) stands there twice, alike in everything ({key_of(made, k)}); leave "
+            "out the copies"
+        )
 
 
 def _join(parts: Sequence[Values]) -> Values:

@@ -15,7 +15,7 @@ from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.guard import check_texts
 from occlog.records.columns import Column, Table, check_copies
-from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes
+from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes, has_all
 
 T = TypeVar("T", bound=Table)
 
@@ -137,7 +137,8 @@ class RowCollector(Generic[T]):
         values = self.columns()
         try:
             table = self._table(**values).sorted()
-            check_copies(table)
+            if has_all(self._table):
+                check_copies(table)
             return table
         except (InputError, ValueError) as error:
             raise InputError(f"{self._source}: {error}") from error

@@ -62,6 +62,7 @@ class Bearings(Table):
     NAME: ClassVar[str] = "bearings"
     VERSION: ClassVar[int] = 2
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
+    MEASURED: ClassVar[str] = "bearing"
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
     sensor: Strings = column("U", "1", "name of the camera or array in the scene")
@@ -265,6 +266,7 @@ class Doa(Table):
 
     NAME: ClassVar[str] = "doa"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "source_id")
+    MEASURED: ClassVar[str] = "azimuth"
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
     sensor: Strings = column("U", "1", "name of the array in the scene")

@@ -57,19 +57,25 @@ def test_units_and_meanings_are_in_the_file(tmp_path: Path) -> None:
     assert schema.metadata[b"occlog.schema"] == b"tracks/3"
 
 
-def test_copies_of_rows_are_refused_where_they_have_an_identity(tmp_path: Path) -> None:
-    first = random_table(Bearings, 1)
+def test_copies_of_rows_are_refused_where_they_have_an_identity_or_a_measurement(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
-    for target, refused in ((3, True), (-1, False)):
-        one = replace(first, target_id=np.array([target], np.int32))
+    for target in (3, -1):
+        one = replace(random_table(Bearings, 1), target_id=np.array([target], np.int32))
         write_table(path, Bearings.concat([one, one]), PROVENANCE, overwrite=True)
-        if refused:
-            with pytest.raises(
-                InputError, match=r"t\.parquet: Bearings: a row stands there twice \(t_ns .*target_id 3"
-            ):
-                read_table(path, Bearings)
-        else:
-            assert len(read_table(path, Bearings)) == 2
+        with pytest.raises(
+            InputError, match=rf"t\.parquet: Bearings: a row stands there twice \(t_ns .*target_id {target}"
+        ):
+            read_table(path, Bearings)
+    blind = replace(
+        one,
+        seen=np.array([False]),
+        **{
+            name: np.array([np.nan])
+            for name in ("bearing", "sigma", "u_px", "sigma_px", "elevation", "sigma_elevation")
+        },
+    )
+    write_table(path, Bearings.concat([blind, blind]), PROVENANCE, overwrite=True)
+    assert len(read_table(path, Bearings)) == 2
     # What two rows differ in may be in columns that nobody asks for
     views = Views.concat([random_table(Views, 1)] * 2)
     views = replace(views, cluster=np.array([0, 1], np.int32))

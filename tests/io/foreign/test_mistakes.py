@@ -190,3 +190,25 @@ def test_places_in_short_floats_that_are_near_are_read(tmp_path: Path) -> None:
     for columns in ({"x": near, "y": near}, {"x_mm": near, "y_mm": near}):
         path = parquet(tmp_path, t_ns=pa.array([0]), **columns)
         assert open_input(path).read(Truth).x.tolist() == [1000.5]
+
+
+@pytest.mark.parametrize(
+    ("table", "head", "row"),
+    [
+        (Bearings, "t,sensor,id,bearing_deg,sigma_deg", "a,1,10,1"),
+        (Bearings, "t,sensor,bearing_deg,sigma_deg", "a,10,1"),
+        (Doa, "t,sensor,azimuth_deg", "a,10"),
+        (Boxes, "t,sensor,left,top,width,height", "a,1,2,3,4"),
+    ],
+)
+def test_rows_that_stand_there_twice_are_refused(tmp_path: Path, table: Any, head: str, row: str) -> None:
+    """A table that was exported twice counted each direction twice."""
+    path = text(tmp_path / "t.csv", head, f"0,{row}", f"1,{row}", f"0,{row}")
+    with pytest.raises(InputError, match=r"row 2 \(from 0\) stands there twice, alike in everything"):
+        open_input(path).read(table)
+    assert len(open_input(text(tmp_path / "t.csv", head, f"0,{row}", f"1,{row}")).read(table)) == 2
+
+
+def test_sensors_that_looked_for_several_without_names_are_no_copies(tmp_path: Path) -> None:
+    path = text(tmp_path / "t.csv", "t,sensor,bearing_deg,sigma_deg", "0,a,,", "0,a,,")
+    assert open_input(path).read(Bearings).seen.tolist() == [False, False]

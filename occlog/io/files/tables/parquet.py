@@ -22,7 +22,7 @@ from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.promises import check_promise
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 from occlog.records.columns import Table, check_copies
-from occlog.records.tables import TABLES
+from occlog.records.tables import has_all
 
 
 @contextmanager
@@ -97,8 +97,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
     with opened_table(path) as file:
         check_schema(path, file.schema_arrow, table)
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
-        # Of a class that asks for some columns only many rows may be alike
-        whole = table.NAME in TABLES and issubclass(table, TABLES[table.NAME])
+        whole = has_all(table)
         previous = None
         for batch in batches(file, rows, names):
             chunk = from_arrow(batch, table)
