@@ -65,6 +65,8 @@ class Table:
     NAME: ClassVar[str]
     VERSION: ClassVar[int] = 1
     KEY: ClassVar[tuple[str, ...]]
+    ONCE: ClassVar[bool] = False
+    """Whether nobody can be twice at one time: rows of one key contradict each other."""
     MEASURED: ClassVar[str] = ""
     """Column that is finite where a row is a measurement that no other can equal, even if it is of nobody's."""
 
@@ -251,13 +253,14 @@ def repeated_rows(table: Table, but: str = "") -> tuple[Bools, Bools]:
 
 
 def check_copies(table: Table) -> None:
-    """InputError where a row of a table in the order of its key stands there twice."""
-    copies, _ = repeated_rows(table)
+    """InputError where a row of a table in the order of its key stands there twice, or somebody is in two places."""
+    copies, twice = repeated_rows(table)
     if copies.any():
-        row = first_row(copies)
-        raise InputError(
-            f"{type(table).__name__}: a row stands there twice ({key_of(table, row)}); leave out the copies"
-        )
+        where = key_of(table, first_row(copies))
+        raise InputError(f"{type(table).__name__}: a row stands there twice ({where}); leave out the copies")
+    if table.ONCE and twice.any():
+        where = key_of(table, first_row(twice))
+        raise InputError(f"{type(table).__name__}: {where}: is there twice, with other values; keep one of them")
 
 
 def key_of(table: Table, row: int) -> str:

@@ -63,8 +63,15 @@ KINDS: dict[str, Kind] = {
     "message": Kind(E, "a message that is not of its type", remedy="make the recording again"),
     "row": Kind(E, "a row that cannot be"),
     "repeated-row": Kind(E, "rows that stand there again", "once", "leave out the copies"),
+    "two-places": Kind(E, "somebody in two places at one time", "one row", "keep one of them"),
     "double-key": Kind(W, "rows of one key with different values", "one row", "keep one of them"),
     "order": Kind(E, "a time that goes back", "each after the one before", "sort by time"),
+    "restart": Kind(
+        W,
+        "times of a sensor or an identity that go back, in the order of the file",
+        "each after the one before",
+        "rows are read in the order of time: if a clock was set or restarted, give each run its own file",
+    ),
     "repeated-time": Kind(E, "a time that repeats", "each after the one before", "give each frame its own time"),
     "left-out": Kind(
         W, "a header stamp that repeats or goes back", "each after the one before", "`occlog ingest` leaves it out"
@@ -186,13 +193,13 @@ class Findings:
         self._kinds[kind] = self._kinds.get(kind, 0) + 1
         self._found[key] = Finding(kind, self._file, place, value, limit, count)
 
-    def refused(self, kind: str, error: Exception, *, place: str = "") -> None:
+    def refused(self, kind: str, error: Exception, *, place: str = "", count: int = 1) -> None:
         """Note what a reader says of a place; the same said of other places with other numbers is counted with it."""
         text = str(error).removeprefix(f"{self._file}: ")
         found = _PLACE.match(text)
         if found is not None:
             place, text = found[1], text[found.end() :]
-        self.add(kind, place, text, alike=_VALUE.sub("#", text))
+        self.add(kind, place, text, count=count, alike=_VALUE.sub("#", text))
 
     def join(self, others: Findings) -> None:
         """Take the findings of another file."""

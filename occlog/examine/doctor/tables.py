@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from occlog.records.losses import Loss
 from occlog.records.tables import TABLES
 
 from .findings import Findings
+from .restarts import Restarts
 from .rows import TableWatch, sift
 
 
@@ -75,15 +77,19 @@ def look_at_others(source: Source, findings: Findings) -> bool:
 
 
 def look_at_foreign(foreign: ForeignTable, findings: Findings) -> None:
-    """Look at a table of another program, row by row; the order of its rows matters to nobody."""
+    """Look at a table of another program, row by row, which may be in any order."""
     watch = TableWatch(foreign.layout.table, findings)
+    restarts = Restarts(foreign)
     with bad_lines_told_to(partial(findings.refused, "row")):
         try:
             for cells in foreign.cells():
                 sift(len(cells), _maker(foreign, cells), watch)
+                with suppress(InputError):  # of a time that cannot be, and was told
+                    restarts.add(cells)
         except InputError as error:
             findings.refused("unreadable", error)
     watch.finish()
+    restarts.judge(findings)
 
 
 def _maker(foreign: ForeignTable, cells: Cells) -> Callable[[int, int], Table]:

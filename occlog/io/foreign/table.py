@@ -20,7 +20,6 @@ from occlog.records.tables import (
     Bearings,
     Boxes,
     Doa,
-    Occluders,
     Reads,
     Tracks,
     Truth,
@@ -35,8 +34,8 @@ from .source import Source
 
 T = TypeVar("T", bound=Table)
 Values = dict[str, NDArray[np.generic]]
-ONCE = (Truth.NAME, Tracks.NAME, Occluders.NAME)
-"""Tables in which nobody is twice at one time."""
+WHOSE = ("sensor", "target_id", "source_id", "occluder_id", "tag", "reference")
+"""Columns that tell whose a row is."""
 OF_READS = {"reader", "anchor", "gateway", "tag", "beacon", "epc", "rssi", "rssi_dbm", "signal"}
 """Names that reads of tags alone have."""
 FARTHEST_RAD = 4 * np.pi
@@ -182,6 +181,11 @@ class ForeignTable:
         """(n,) times of some cells, in the order of the file."""
         time = next(s for s in self.layout.columns if s.column.name == TIME)
         return cells.times(time.name, time.unit)
+
+    def whose(self, cells: Cells) -> list[tuple[object, ...]]:
+        """(n,) sensor and identity of some cells, in the order of the file, as far as it has them."""
+        names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
+        return list(zip(*(cells.raw(name) for name in names), strict=True)) if names else [()] * len(cells)
 
     def _values(self, cells: Cells, s: Spelling, layout: Layout) -> NDArray[np.generic]:
         """The values of a column in the table's unit."""
@@ -406,7 +410,7 @@ def _refuse(cells: Cells, values: Floats, bad: Bools, before: str, after: str) -
 
 def _as_table(source: Source, table: type[T], values: Values, row: NDArray[np.generic]) -> T:
     """Make the table; InputError where somebody is twice at one time, or values contradict each other."""
-    if table.NAME in ONCE:
+    if table.ONCE:
         same = np.ones(max(len(row) - 1, 0), dtype=np.bool_)
         for name in table.KEY:
             same &= values[name][1:] == values[name][:-1]

@@ -19,6 +19,7 @@ class Tracks(Table):
     NAME: ClassVar[str] = "tracks"
     VERSION: ClassVar[int] = 3
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+    ONCE: ClassVar[bool] = True
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
     target_id: Ints32 = column("i4", "1", "identity of the track")

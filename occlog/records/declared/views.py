@@ -28,6 +28,7 @@ class ViewTracks(Table):
 
     NAME: ClassVar[str] = "view_tracks"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
+    ONCE: ClassVar[bool] = True
 
     t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
     sensor: Strings = column("U", "1", "name of the camera in the scene")

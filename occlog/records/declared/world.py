@@ -24,6 +24,7 @@ class Occluders(Table):
 
     NAME: ClassVar[str] = "occluders"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "occluder_id")
+    ONCE: ClassVar[bool] = True
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
     occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = there is none at that time")
@@ -95,6 +96,7 @@ class Truth(Table):
 
     NAME: ClassVar[str] = "truth"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+    ONCE: ClassVar[bool] = True
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
     target_id: Ints32 = column("i4", "1", "identity; targets and occluders share one numbering")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -330,3 +331,28 @@ def test_a_file_of_an_unknown_kind_is_told_where_it_was_named(tmp_path: Path) ->
 def test_every_severity_has_its_exit_code() -> None:
     assert sorted(EXIT_CODES.values()) == [ExitCode.DONE, ExitCode.LOSSY, ExitCode.BAD_INPUT]
     assert {kind.severity for kind in KINDS.values()} == set(EXIT_CODES)
+
+
+def _log(*times: float) -> str:
+    rows = "".join(f"{t},{name},{10 * t}\n" for t in times for name in "ab")
+    return f"time,sensor,azimuth_deg\n{rows}"
+
+
+def test_a_clock_that_restarts_is_named_in_tables_of_others(tmp_path: Path) -> None:
+    """Rows were put in the order of time before anybody looked."""
+    path = tmp_path / "d.csv"
+    path.write_text(_log(0, 1, 2, 3, 0.5, 1.5, 2.5))
+    (found,) = found_in(path)
+    assert (found.kind, found.place, found.places) == ("restart", "line 10", 2)
+    assert found.value == "500000000 ns after 3000000000 ns"
+    # One behind another, each in its order; and in no order
+    path.write_text("time,id,x,y\n" + "".join(f"{t},{who},{t},1\n" for who in (1, 2) for t in range(6)))
+    assert not found_in(path)
+    path.write_text(_log(0, 3, 1, 4, 2, 6, 5))
+    assert not found_in(path)
+
+
+def test_somebody_in_two_places_is_an_error_as_it_is_to_every_command(tmp_path: Path) -> None:
+    one = Truth.of(t_ns=[0], target_id=[1], role=["target"], x=[0.0], y=[0.0], z=[0.0])
+    write_table(tmp_path / "t.parquet", Truth.concat([one, replace(one, x=one.x + 1)]), Provenance("test"))
+    assert kinds_of(tmp_path / "t.parquet") == ["two-places"]

@@ -312,3 +312,14 @@ def test_names_that_are_not_there_are_damage(index: int) -> None:
     columns = {"t_ns": [1, 2], "target_id": [0, 0], "role": names, "x": [0.0, 0.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
     with pytest.raises(InputError, match=r"column role: .* refers to a text that is not there"):
         from_arrow(pa.table(columns), Truth)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_somebody_in_two_places_at_one_time_is_refused(tmp_path: Path, apart: bool) -> None:
+    """`evaluate` took both rows; the second lay in another group of rows."""
+    one = replace(random_table(Tracks, 1), target_id=np.array([3], np.int32))
+    both = Tracks.concat([one, replace(one, x=one.x + 1)])
+    path = tmp_path / "t.parquet"
+    write_table(path, both, PROVENANCE)
+    with pytest.raises(InputError, match=r"t\.parquet: Tracks: t_ns .*target_id 3: is there twice"):
+        list(iter_table(path, Tracks, 1 if apart else 10))

@@ -21,7 +21,7 @@ from occlog.io.files.tables.check_sums import Checked
 from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.promises import check_promise
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
-from occlog.records.columns import Table, check_copies
+from occlog.records.columns import Table, check_copies, key_of
 from occlog.records.tables import has_all
 
 
@@ -98,14 +98,18 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
         check_schema(path, file.schema_arrow, table)
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
         whole = has_all(table)
-        previous = None
+        last: T | None = None
         for batch in batches(file, rows, names):
             chunk = from_arrow(batch, table)
-            if len(chunk) and previous is not None and chunk.t_ns[0] < previous:  # type: ignore[attr-defined]
+            if not len(chunk):
+                continue
+            if last is not None and chunk.t_ns[0] < last.t_ns[-1]:  # type: ignore[attr-defined]
                 raise InputError(f"{path}: t_ns goes back between two chunks; sort the table by t_ns")
-            previous = int(chunk.t_ns[-1]) if len(chunk) else previous  # type: ignore[attr-defined]
             if whole:
                 check_copies(chunk)
+                if last is not None and key_of(last, len(last) - 1) == key_of(chunk, 0):
+                    check_copies(table.concat([last.take(slice(-1, None)), chunk.take(slice(0, 1))]))
+            last = chunk
             yield chunk
 
 
