@@ -15,10 +15,19 @@ from occlog.array_types import Floats
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.calibration.common import Pose, build_camera
 from occlog.io.files.times.frame_times import FrameTimes, to_world_time
+from occlog.io.files.times.utc import utc
 from occlog.io.messages.bag import Bag
 from occlog.io.messages.camera_info import intrinsics
 from occlog.io.messages.images import stored
-from occlog.io.messages.kinds import BoxMessage, DirectionMessage, Header, ImageMessage, PoseMessage, kind_of
+from occlog.io.messages.kinds import (
+    BoxMessage,
+    DirectionMessage,
+    Header,
+    ImageMessage,
+    InfoMessage,
+    PoseMessage,
+    kind_of,
+)
 from occlog.io.messages.mcap_file import Message
 from occlog.io.messages.rows import BoxRows, direction_rows, truth_rows
 from occlog.io.messages.survey import CLOCKS_APART_S, BagSurvey, Messages, survey, taken_lines
@@ -36,6 +45,8 @@ from .upright import Turn
 Note = Callable[[str], None]
 BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
+ROUNDED = 1e-6
+"""Calibrations that differ by less than this are the same."""
 STEEP = math.cos(math.radians(30))
 """An optical axis this near to straight up is that of a frame whose z axis is up, and not forward."""
 
@@ -220,6 +231,9 @@ class Taking:
         self._arrays = {topic: name for name, topic in chosen.directions.items()}
         self._targets = {topic: target for target, topic in chosen.poses.items()}
         self._owners: dict[int, str] = {}
+        placed = {camera.name for camera in placement.cameras}
+        self._infos = {topic: name for name, topic in chosen.infos.items() if name in placed}
+        self._changed: dict[str, list[str]] = {}
         scale = plan.confidence_scale
         self._boxes = {t: BoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
         self._span = None if plan.frames is None or not self._targets else span_of(plan.frames, self._frame_times())
@@ -232,7 +246,7 @@ class Taking:
         return None if None in counts else sum(c or 0 for c in counts)
 
     def _wanted(self) -> set[str]:
-        return {*self._cameras, *self._arrays, *self._targets, *self._boxes}
+        return {*self._cameras, *self._arrays, *self._targets, *self._boxes, *self._infos}
 
     def messages(self) -> Iterator[Message]:
         """The messages that `take` wants."""
@@ -256,6 +270,9 @@ class Taking:
 
     def take(self, message: Message, writer: RecordingWriter) -> None:
         """Write what a message says; one that is damaged or out of order is counted."""
+        if message.topic in self._infos:
+            self._compare(message)
+            return
         state = self._states.setdefault(message.topic, _CameraState())
         try:
             read = self._messages.read(message.topic, message.data)
@@ -272,6 +289,16 @@ class Taking:
                 raise InputError(f"topic {message.topic}: {error}") from None
             state.damaged += 1
             state.reason = state.reason or str(error)
+
+    def _compare(self, message: Message) -> None:
+        """Remember a calibration that is another than the first one of its camera, which holds for all images."""
+        with suppress(InputError):  # the first one was good
+            told = self._messages.read(message.topic, message.data)
+            first = self.found.infos[self._infos[message.topic]]
+            if not _is_same(first, told):
+                sizes = " x ".join(map(str, told.size))
+                what = f"fx {first.k[0, 0]:g}, then {told.k[0, 0]:g} px for {sizes} px at {utc(message.log_ns)}"
+                self._changed.setdefault(message.topic, []).append(what)
 
     def _time(self, state: _CameraState, message: Message, header: Header) -> int:
         """World time of a message: of its header, or of recording."""
@@ -370,6 +397,9 @@ class Taking:
             ):
                 if count:
                     losses.append(Loss(self.bag.paths[0].name, topic, what, count))
+        for topic, changes in self._changed.items():
+            what = f"calibrations differ from the first one, which was taken for all images; the first: {changes[0]}"
+            losses.append(Loss(self.bag.paths[0].name, topic, what, len(changes)))
         return [*self.bag.losses, *losses]
 
     def _tell_clock(self, topic: str, state: _CameraState, note: Note) -> None:
@@ -383,6 +413,15 @@ class Taking:
                 f"warning: {topic}: recorded {low:.3g} to {high:.3g} s after its header stamps; the {used} were taken "
                 "(stamp: header or log)"
             )
+
+
+def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
+    """Whether two calibrations are the same but for rounding."""
+    if (a.size, a.model, a.binning, a.roi) != (b.size, b.model, b.binning, b.roi):
+        return False
+    if a.distortion.shape != b.distortion.shape:
+        return False
+    return all(np.allclose(getattr(a, name), getattr(b, name), rtol=ROUNDED) for name in ("distortion", "k", "r", "p"))
 
 
 def check_truth_frames(found: BagSurvey, placement: Placement, note: Note) -> None:
@@ -408,9 +447,16 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
             del found.map.directions[array]
     if plan.store == "link":
         raise UsageError("store link: only videos can be linked to; give png or jpeg for a bag")
-    for name in found.map.cameras:
-        for key, pairs in (("start time", plan.start_time), ("frame rate", plan.fps), ("time stamps", plan.timestamps)):
+    others = plan.video or plan.images or plan.boxes or plan.doa or plan.reads or plan.truth
+    times = (("start time", plan.start_time), ("frame rate", plan.fps), ("time stamps", plan.timestamps))
+    for key, pairs in times:
+        if any(name is None for name, _ in pairs):
+            if not others:
+                raise UsageError(f"a bag has its own times, and there is nothing else to ingest; leave out the {key}")
+            note(f"bag: has its own times; the {key} is that of the other inputs")
+    for name in (*found.map.cameras, *found.map.directions):
+        for key, pairs in times:
             if any(camera == name for camera, _ in pairs):
-                raise UsageError(f"camera {name}: has its times from the bag; leave out its {key}")
+                raise UsageError(f"{name}: has its times from the bag; leave out its {key}")
         if name in plan.video or name in plan.images:
             raise UsageError(f"camera {name}: is both in the bag and among the videos and images; name one otherwise")

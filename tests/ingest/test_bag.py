@@ -222,6 +222,21 @@ def test_poses_follow_the_chain_of_frames_to_the_world(tmp_path: Path) -> None:
     assert np.allclose(recording.scene.cameras[0].position, [0.5, 0.1, 3])
 
 
+def test_a_calibration_that_changes_is_told(tmp_path: Path) -> None:
+    """A camera that zoomed kept its first calibration without a word."""
+    same, other = (ros.camera_info(START + STEP, "cam_optical") for _ in "ab")
+    other.k[0] *= 2
+    again = [("/cam/camera_info", INFO, START + n * STEP, told) for n, told in ((1, same), (2, other), (3, other))]
+    assert not made(ros.write_mcap(tmp_path / "b.mcap", rig(again[0]))).losses
+    recording = made(ros.write_mcap(tmp_path / "b.mcap", rig(*again)), code=ExitCode.LOSSY)
+    (loss,) = recording.losses
+    assert (loss.place, loss.count) == ("/cam/camera_info", 2)
+    assert (
+        "calibrations differ from the first one, which was taken for all images; the first: fx 50, then 100"
+        in loss.what
+    )
+
+
 def test_a_camera_that_moves_in_the_world_is_refused_unless_the_world_moves_with_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -414,6 +429,8 @@ def test_a_bag_without_anything_to_take_says_what_it_holds(tmp_path: Path, capsy
 
 def test_options_that_a_bag_does_not_take_are_refused(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "has its times from the bag" in refused(capsys, bag, "--fps", "cam_front=10")
+    assert "a bag has its own times" in refused(capsys, bag, "--start-time", "2024-05-01T12:00:00Z")
+    assert "leave out the frame rate" in refused(capsys, bag, "--fps", "10")
     assert "only videos can be linked to" in refused(capsys, bag, "--store", "link")
     out = bag.parent / "x.mcap"
     assert run(["ingest", "-o", str(out), "--doa", "a=b", "--topic", "a=/b"]) == ExitCode.USAGE

@@ -160,7 +160,7 @@ TEXTS = {
     "s in ns": (positions("ns", SECONDS), "epoch-unit", ""),
     "ms in ns": (positions("ns", (t * 10**3 for t in SECONDS)), "epoch-unit", ""),
     "us in ns": (positions("ns", (t * 10**6 for t in SECONDS)), "epoch-unit", ""),
-    "twice": ("t_s,target_id,x,y\n1,1,0,0\n1,1,5,0\n2,1,0,0\n", "row double-key", "rows 0 and 1"),
+    "twice": ("t_s,target_id,x,y\n1,1,0,0\n1,1,5,0\n2,1,0,0\n", "row two-places", "rows 0 and 1"),
     "bad cell": ("t_s,target_id,x,y\n1,1,0,0\n2,1,five,0\n3,1,0,0\n", "row", "line 3"),
     "stamps": ("time\n1.0\n2.0\n1.5\n", "order", "times"),
     "stamps twice": ("time\n1.0\n2.0\n2.0\n", "repeated-time", "times"),
