@@ -148,7 +148,7 @@ class ArrowCells:
         if not (pa.types.is_float16(kind) or pa.types.is_float32(kind)):
             return np.zeros(len(self))
         values = self.floats(name, blank=True).astype(np.float16 if pa.types.is_float16(kind) else np.float32)
-        return np.spacing(np.abs(np.nan_to_num(values))).astype(np.float64)
+        return np.asarray(np.spacing(np.abs(np.nan_to_num(values))), dtype=np.float64)
 
     def raw(self, name: str) -> list[object]:
         """(n,) values as the file has them; None for cells that are null."""

@@ -130,9 +130,27 @@ def test_lost_frames_are_counted_and_dated(whole: Path, tmp_path: Path, index: b
     assert any(loss.source == "/bearings/a" and loss.count in (10, 11) for loss in found.losses)
 
 
-def test_a_damaged_length_costs_one_chunk(whole: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("of", ["chunk", "index", "attachment", "header"])
+@pytest.mark.parametrize("byte", [0, 1, 2, 3, 7])
+def test_a_damaged_length_costs_nothing(whole: Path, tmp_path: Path, of: str, byte: int) -> None:
+    """A length of an index or of the header that had become larger, or smaller, cost the chunks behind it."""
+    data, (begin, end) = bytearray(whole.read_bytes()), chunks(whole)[0]
+    place = {"chunk": begin, "index": end, "attachment": data.index(b"scene.yaml") - 29, "header": 8}[of]
+    data[place + 1 + byte] ^= 0x14
+    damaged = tmp_path / "hall.mcap"
+    damaged.write_bytes(data)
+    found = recover_recording(damaged, tmp_path / "out.mcap")
+    assert messages(tmp_path / "out.mcap") == messages(whole)
+    assert open_recording(tmp_path / "out.mcap").scene is not None
+    (loss,) = (loss for loss in found.losses if loss not in PROVENANCE.losses)
+    assert (loss.place, loss.count) == (f"byte {place}", 0)
+    assert "the length of a record is damaged" in loss.what
+
+
+def test_a_record_whose_length_nothing_tells_costs_one_chunk(whole: Path, tmp_path: Path) -> None:
     data, places = bytearray(whole.read_bytes()), chunks(whole)
-    data[places[1][0] + 4] = 0xFF
+    begin = places[1][0]
+    data[begin + 4] = data[begin + 9 + 28] = 0xFF
     damaged = tmp_path / "hall.mcap"
     damaged.write_bytes(data)
     found = recover_recording(damaged, tmp_path / "out.mcap")

@@ -36,6 +36,17 @@ _MARKS = tuple(_LENGTH.pack(len(name)) + name.encode() for name in KNOWN_COMPRES
 """The name of the compression as it stands in the head of a chunk."""
 _INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<HI"), 16
 """Of an index of messages: channel and length of its entries, and the length of each."""
+_SIZES = {1: "<I", 2: "<Q"}
+_PARTS: dict[int, tuple[int, ...]] = {
+    Opcode.HEADER: (-1, -1),
+    Opcode.SCHEMA: (2, -1, -1, -1),
+    Opcode.CHANNEL: (4, -1, -1, -1),
+    Opcode.CHUNK: (CHUNK_HEAD.size, -1, -2),
+    Opcode.MESSAGE_INDEX: (2, -1),
+    Opcode.ATTACHMENT: (16, -1, -1, -2, 4),
+    Opcode.METADATA: (-1, -1),
+}
+"""What records consist of, by the MCAP format: so many bytes; -1, -2: bytes behind their number, of 4 or 8 bytes."""
 _BLOCK = 1 << 20
 FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 """What damaged records raise in the libraries that take them apart."""
@@ -97,6 +108,11 @@ def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
             if len(head) < HEAD.size:
                 break
             code, length = HEAD.unpack(head)
+            own = _own_length(file, at, code, size)
+            if own is not None and own != length and _begins_at(file, at + HEAD.size + own, size):
+                damaged(at, f"the length of a record is damaged ({length}, which must be {own})", messages=False)
+                length = own
+            file.seek(at + HEAD.size)
             if is_end_mark(code, length):
                 behind = _behind(file, at, size, damaged)
                 if behind == size:
@@ -167,17 +183,42 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
         length: of the record, which is all in the file.
         before: code of the record before it.
     """
-    if code not in (Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.HEADER) and length <= MAX_CHUNK_BYTES:
-        data = file.read(length)
-        if _is_chunk(data):
-            return int(Opcode.CHUNK)
-    else:
-        data = file.read(_INDEX_HEAD.size) if length <= MAX_CHUNK_BYTES else b""
+    data = file.read(min(_INDEX_HEAD.size, length)) if length <= MAX_CHUNK_BYTES else b""
     if before in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and len(data) >= _INDEX_HEAD.size:
         _, told = _INDEX_HEAD.unpack_from(data)
         if told == length - _INDEX_HEAD.size and told % _INDEX_ENTRY == 0:
             return int(Opcode.MESSAGE_INDEX)
+    if code not in (Opcode.CHUNK, Opcode.HEADER) and data and _is_chunk(data + file.read(length - len(data))):
+        return int(Opcode.CHUNK)
     return code if 0 < code <= LAST_CODE else 0
+
+
+def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
+    """The length of a record at a byte by what it holds, whatever its head says; None: that does not tell."""
+    place = at + HEAD.size
+    for part in _PARTS.get(code, ()):
+        if part < 0:
+            number = struct.Struct(_SIZES[-part])
+            file.seek(place)
+            told = file.read(number.size)
+            if len(told) < number.size:
+                return None
+            place += number.size + number.unpack(told)[0]
+        else:
+            place += part
+        if place > size:
+            return None
+    return place - at - HEAD.size if code in _PARTS else None
+
+
+def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
+    """Whether a record or a recording begins at a byte, by its head."""
+    file.seek(at)
+    head = file.read(HEAD.size)
+    if head.startswith(RECORDING_MAGIC) or len(head) < HEAD.size:
+        return head.startswith(RECORDING_MAGIC)
+    code, length = HEAD.unpack(head)
+    return 0 < code <= LAST_CODE and at + HEAD.size + length <= size
 
 
 def _is_chunk(data: bytes) -> bool:
