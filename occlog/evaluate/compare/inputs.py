@@ -11,6 +11,8 @@ from occlog.errors import InputError, UsageError
 
 TRACKS = "tracks.parquet"
 RECORDING = "recording.mcap"
+USUAL = (".mcap", ".parquet", ".csv")
+"""Endings of truths; others count where none of these is there."""
 
 
 class Run(NamedTuple):
@@ -40,22 +42,43 @@ def runs_of(method: Path, truth: Path | None) -> dict[str, Run]:
     }
     if not found:
         raise InputError(f"{method}: holds no {TRACKS}; name a table of tracks, a run folder, or a folder of those")
-    return {name: Run(path, _truth(truth, path.parent, name)) for name, path in found.items()}
+    runs = {name: Run(path, _truth(truth, path.parent, name)) for name, path in found.items()}
+    if truth is not None and truth.is_dir():
+        _check_apart(truth, runs)
+    return runs
 
 
 def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
     if truth is not None and truth.is_dir() and name:
         stem = Path(name).name
         for place in dict.fromkeys((truth / name, truth / stem)):
-            for candidate in (place, *sorted(place.parent.glob(f"{glob.escape(stem)}.*"))):
-                if candidate.is_file():
-                    return candidate
+            if place.is_file():
+                return place
+            there = [path for path in sorted(place.parent.glob(f"{glob.escape(stem)}.*")) if path.is_file()]
+            there = [path for path in there if path.suffix.lower() in USUAL] or there
+            if len(there) > 1:
+                names = " and ".join(path.name for path in there[:2])
+                raise InputError(f"{place.parent}: {names} are both named as the run {name}; keep one")
+            if there:
+                return there[0]
         raise InputError(f"{truth}: holds no truth of the run {name}: a file {stem}.mcap, .parquet or .csv")
     if truth is not None:
         return truth
     if folder is not None and (folder / RECORDING).is_file():
         return folder / RECORDING
     raise UsageError("nothing says where the targets truly were; give --truth")
+
+
+def _check_apart(truth: Path, runs: dict[str, Run]) -> None:
+    """InputError where a file is the truth of two runs, which have it by their last name alone."""
+    first: dict[Path, str] = {}
+    for name, run in runs.items():
+        other = first.setdefault(run.truth, name)
+        if other != name:
+            raise InputError(
+                f"{run.truth}: would be the truth of the runs {other} and {name}; put their truths into folders of "
+                f"{truth} as theirs are"
+            )
 
 
 def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list[dict[str, Run]]]:
