@@ -90,6 +90,12 @@ def command(**given: Any) -> int:
     for loss in data.losses:
         if loss not in unseen:
             options.note(f"lost earlier: {loss}", quiet)
+    if data.strangers:
+        options.note(
+            f"warning: bearings of {', '.join(map(repr, data.strangers[:4]))}, not in the scene, are counted and not "
+            "drawn; give the scene that they were made in",
+            quiet,
+        )
     findings = data.findings
     options.note_findings(findings or (), quiet)
     summary: dict[str, object] = {
@@ -99,6 +105,7 @@ def command(**given: Any) -> int:
         "targets": len(data.targets),
     }
     summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
+    summary |= {"not_in_scene": list(data.strangers)} if data.strangers else {}
     summary |= {} if findings is None else figures(findings)
     code = options.finish({k: v for k, v in summary.items() if v is not None}, unseen, as_json)
     return options.strict_code(code, findings is None or plausible(findings), strict)

@@ -99,6 +99,16 @@ def test_json_summary(folder: Path, capsys: Any) -> None:
     assert "Track and sight lines" in page.read_text()
 
 
+def test_bearings_of_sensors_that_the_scene_lacks_are_told(folder: Path, capsys: Any) -> None:
+    """They stood in a table of the page alone."""
+    (folder / "scene.yaml").write_text(SCENE.replace("north", "south"))
+    args = ["report", str(folder), "--scene", str(folder / "scene.yaml"), "-o", str(folder / "r.html"), "--json"]
+    assert run(args) == ExitCode.DONE
+    told = capsys.readouterr()
+    assert "warning: bearings of 'north', not in the scene, are counted and not drawn; give the scene" in told.err
+    assert json.loads(told.out)["not_in_scene"] == ["north"]
+
+
 def test_a_scene_alone(folder: Path) -> None:
     page = folder.parent / "report.html"
     assert report("--scene", folder.parent / "scene.yaml", "-o", page) == ExitCode.DONE

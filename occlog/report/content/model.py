@@ -272,6 +272,14 @@ class ReportInput:
             return None
         return Looked.of(self.bearings) if self.of_all is None else self.of_all.looked
 
+    @property
+    def strangers(self) -> tuple[str, ...]:
+        """Sensors of bearings that the scene does not have, so that nothing of them is drawn."""
+        if self.scene is None or self.looked is None:
+            return ()
+        known = {sensor.name for sensor in self.scene.sensors}
+        return tuple(name for name in self.looked.sensors if name not in known)
+
     @cached_property
     def people(self) -> People | None:
         """What tracks of everybody tell; None: they are not of everybody."""

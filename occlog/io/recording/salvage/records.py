@@ -218,7 +218,7 @@ def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
     if head.startswith(RECORDING_MAGIC) or len(head) < HEAD.size:
         return head.startswith(RECORDING_MAGIC)
     code, length = HEAD.unpack(head)
-    return 0 < code <= LAST_CODE and at + HEAD.size + length <= size
+    return bool(0 < code <= LAST_CODE and at + HEAD.size + length <= size)
 
 
 def _is_chunk(data: bytes) -> bool:
