@@ -160,7 +160,8 @@ def coco_texts(pieces: Callable[[], Iterable[Boxes]], scene: Scene | None) -> It
         images = []
         for sensor, frame, t_ns in keys:
             size, image = sizes.get(sensor), number[sensor, frame]
-            named = {"id": image, "file_name": f"{sensor}/{frame:06d}.jpg", "frame": frame, "t_ns": t_ns}
+            named = {"id": image, "file_name": f"{sensor}/{frame:06d}.jpg", "camera": sensor}
+            named |= {"frame": frame, "t_ns": t_ns}
             images.append(named | ({} if size is None else {"width": size[0], "height": size[1]}))
         yield from _joined(mark, images)
         count, mark = count + len(keys), ", " if images else mark

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, TypeVar, cast
 
 from occlog.cli import options
 from occlog.details import begin_work
@@ -32,6 +32,7 @@ from .columns import write_csv, write_parquet
 from .formats import FORMATS, Format, format_of
 from .in_images import Cameras, boxes_of, chosen_camera, coco_texts, kitti_text, sequence_info, survey
 from .not_held import NotHeld
+from .readable import readable
 from .trajectories import (
     Places,
     check_one_target,
@@ -42,6 +43,8 @@ from .trajectories import (
     trc_texts,
     tum_text,
 )
+
+T = TypeVar("T", bound=Table)
 
 STANDARD = Path("-")
 
@@ -103,11 +106,11 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
             write_by_plugin(request.exporter, rows, World(unit, scene), file)
             summary |= {"rows": len(rows), "plugin": request.exporter.plugin.origin}
         elif name == "csv":
-            summary["rows"], left = write_csv(opened.rows(table), table, file, unit)
+            summary["rows"], left = write_csv(_rows(opened, table, text=True), table, file, unit)
             summary |= {"left_out": list(left)} if left else {}
             missed = tuple(f"column {column}" for column in left)
         elif name == "parquet":
-            summary["rows"] = write_parquet(opened.rows(table), table, file, unit)
+            summary["rows"] = write_parquet(_rows(opened, table), table, file, unit)
         else:
             try:
                 summary["rows"], found, missed = _write_text(name, opened, table, request, file, (unit, scene))
@@ -171,6 +174,10 @@ def _table(opened: Opened, form: Format, name: str, wanted: str | None) -> type[
     return opened.widest(next((table for table in asked if opened.has(table)), asked[0]))
 
 
+def _rows(opened: Opened, table: type[T], *, text: bool = False) -> Iterator[T]:
+    return readable(opened.rows(table), opened.path, text=text)
+
+
 def _write_text(
     name: str,
     opened: Opened,
@@ -201,7 +208,7 @@ def _write_places(
     missed: NotHeld,
 ) -> int:
     """Write places of targets, piece by piece; the number of rows."""
-    targets = check_targets(missed.watched(opened.rows(table)), request.targets)
+    targets = check_targets(missed.watched(_rows(opened, table)), request.targets)
     if name == "tum":
         check_one_target(targets)
     count = 0
@@ -235,7 +242,7 @@ def _write_boxes(
     missed: NotHeld,
 ) -> tuple[int, Cameras]:
     """Write boxes, piece by piece where each line of the format is a box; their number, and what the table holds."""
-    found = survey(missed.watched(whole_times(opened.rows(table))))
+    found = survey(missed.watched(whole_times(_rows(opened, table))))
     camera = request.camera
     if name != "coco" or camera is not None:
         camera = chosen_camera(found.boxed, camera)

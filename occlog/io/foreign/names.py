@@ -23,7 +23,7 @@ from occlog.io.tags.reads import COLUMNS as READS
 from occlog.io.truth.reader import COLUMNS as POSITIONS
 from occlog.records.columns import Column, Table
 from occlog.records.declared.measurements import VALUES, Measurements
-from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Tracks, Truth, TruthBoxes
+from occlog.records.tables import Bearings, Boxes, Doa, Failures, Hulls, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 
 TIME = "t_ns"
@@ -102,6 +102,8 @@ WANTED: Mapping[str, Sequence[str]] = {
     Hulls.NAME: ("x", "y"),
 }
 """Columns that must be there although single cells may be empty."""
+MAY_BE_EMPTY: Mapping[str, Sequence[str]] = {Failures.NAME: ("sensor",)}
+"""Texts of keys that mean something where they are empty."""
 ONE_OF: Mapping[str, Sequence[str]] = {Measurements.NAME: VALUES}
 """Columns of which at least one must be there."""
 UNIT = "unit"

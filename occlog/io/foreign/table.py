@@ -29,7 +29,7 @@ from occlog.records.tables import (
 from occlog.settings import METRES
 
 from .cells import Cells
-from .names import FILLED, POWERS, SECONDS, TIME, Layout, Spelling, describe_missing, lay_out, misspelled
+from .names import FILLED, MAY_BE_EMPTY, POWERS, SECONDS, TIME, Layout, Spelling, describe_missing, lay_out, misspelled
 from .source import Source
 
 T = TypeVar("T", bound=Table)
@@ -137,7 +137,7 @@ class ForeignTable:
         last = None
         for cells in self.source.cells([time.name]):
             t_ns = cells.times(time.name, time.unit)
-            if len(t_ns) and ((last is not None and t_ns[0] < last) or (np.diff(t_ns) < 0).any()):
+            if len(t_ns) and ((last is not None and t_ns[0] < last) or (t_ns[1:] < t_ns[:-1]).any()):
                 return False
             last = t_ns[-1] if len(t_ns) else last
         return True
@@ -195,7 +195,8 @@ class ForeignTable:
         if c.width:
             return cells.lists(s.name, c.width).astype(c.dtype)
         if c.kind == "U":
-            return cells.texts(s.name, blank=c.name not in layout.table.KEY)
+            empty = c.name not in layout.table.KEY or c.name in MAY_BE_EMPTY.get(layout.table.NAME, ())
+            return cells.texts(s.name, blank=empty)
         if c.kind == "?":
             return cells.bools(s.name)
         if c.dtype.kind == "i":
