@@ -12,7 +12,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.boxes.reader import BoxFile, BoxOptions, survey_boxes
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import write_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import open_input
 from occlog.records.tables import Boxes, Doa, Failures
 
