@@ -284,7 +284,7 @@ def _write_tables(
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
         heard = read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses)
-        tables.append(copies.once(heard, path, note))
+        tables.append(copies.once(heard, path, note, "direction"))
     sync = sync_times(plan) if plan.truth else None
     seen: dict[int | str, list[tuple[Path, Span]]] = {}
     for camera, path in plan.truth:
@@ -320,6 +320,7 @@ def _write_reads(
     """Write the reads of all logs; a tag has one target in all of them."""
     names = [r.name for r in scene.readers]
     clocks = {name: clock for name in names if (clock := clock_of(scene, name)) is not None}
+    copies = Copies(several=len(plan.reads) > 1)
     for path in plan.reads:
         log = read_reads(
             path,
@@ -336,8 +337,9 @@ def _write_reads(
             note(
                 f"warning: {path.name}: {log.double} reads stood there twice, with the same strength; each counts once"
             )
-        writer.table(log.reads)
-        done.rows[Reads.NAME] = done.rows.get(Reads.NAME, 0) + len(log.reads)
+        for reads in copies.once([log.reads], path, note, "read"):
+            writer.table(reads)
+            done.rows[Reads.NAME] = done.rows.get(Reads.NAME, 0) + len(reads)
 
 
 def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:

@@ -18,7 +18,7 @@ from video_samples import FRAMES, avi, jpeg, number_shown, numbered, write_video
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.recording.reader import Recording, open_recording
-from occlog.records.tables import Boxes, Doa, Truth, TruthBoxes
+from occlog.records.tables import Boxes, Doa, Reads, Truth, TruthBoxes
 
 SCENE = """occlog_scene: 1
 room: [[0, 0], [4, 0], [4, 3], [0, 3]]
@@ -609,3 +609,14 @@ def test_directions_that_stand_in_logs_twice_count_once(place: Path, capsys: pyt
                 f"--doa={place / 'c.csv'}"]) == ExitCode.DONE  # fmt: skip
     assert "warning: c.csv: 4 directions stood there already" in capsys.readouterr().err
     assert len(open_recording(place / "c.mcap").read(Doa)) == 4
+
+
+def test_reads_that_stand_in_two_logs_count_once(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The recording had them twice, and every later command refused it."""
+    (place / "readers.csv").write_text("name,x,y\nr,0,0\n")
+    (place / "a.csv").write_text("t,reader,tag,rssi\n0,r,a,-50\n1,r,a,-50\n")
+    (place / "b.csv").write_text("t,reader,tag,rssi\n1,r,a,-50\n2,r,a,-50\n")
+    logs = [f"--reads={place / name}.csv" for name in "ab"]
+    assert run(["ingest", "-o", str(place / "o.mcap"), "--readers", str(place / "readers.csv"), *logs]) == ExitCode.DONE
+    assert "warning: b.csv: 1 read stood there or in a log before already" in capsys.readouterr().err
+    assert open_recording(place / "o.mcap").read(Reads).t_ns.tolist() == [0, 10**9, 2 * 10**9]
