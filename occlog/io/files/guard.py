@@ -57,8 +57,14 @@ def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_
 
 
 def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
-    """InputError for texts that are too long for a column of so many rows, as an array holds it."""
-    longest = max(map(len, texts), default=0)
+    """InputError for texts that are too long for a column of so many rows, or that no array holds (with a NUL)."""
+    different = set(texts)
+    cut = next((text for text in different if "\0" in text), None)
+    if cut is not None:
+        raise InputError(
+            f"{where}: {cut[:40]!r}: a text has no character 0, behind which it would be cut off; rename it"
+        )
+    longest = max(map(len, different), default=0)
     if longest > LONG_TEXT and 4 * longest * rows > MAX_TEXTS_BYTES:
         raise InputError(f"{where}: a text of {longest} characters in {rows} rows; shorten it to {LONG_TEXT}")
 

@@ -212,3 +212,11 @@ def test_rows_that_stand_there_twice_are_refused(tmp_path: Path, table: Any, hea
 def test_sensors_that_looked_for_several_without_names_are_no_copies(tmp_path: Path) -> None:
     path = text(tmp_path / "t.csv", "t,sensor,bearing_deg,sigma_deg", "0,a,,", "0,a,,")
     assert open_input(path).read(Bearings).seen.tolist() == [False, False]
+
+
+def test_names_that_an_array_would_cut_are_refused(tmp_path: Path) -> None:
+    """Two sensors became one."""
+    names = pa.array(["a\0b", "a\0c"])
+    path = parquet(tmp_path, t_ns=pa.array([0, 0]), sensor=names, azimuth_deg=pa.array([1.0, 2.0]))
+    with pytest.raises(InputError, match=r"column sensor: 'a\\x00.': a text has no character 0"):
+        open_input(path).read(Doa)
