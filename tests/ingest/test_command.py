@@ -620,3 +620,10 @@ def test_reads_that_stand_in_two_logs_count_once(place: Path, capsys: pytest.Cap
     assert run(["ingest", "-o", str(place / "o.mcap"), "--readers", str(place / "readers.csv"), *logs]) == ExitCode.DONE
     assert "warning: b.csv: 1 read stood there or in a log before already" in capsys.readouterr().err
     assert open_recording(place / "o.mcap").read(Reads).t_ns.tolist() == [0, 10**9, 2 * 10**9]
+
+
+def test_true_places_without_their_last_digits_are_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """So MATLAB writes northings, to 100 m, and they were taken."""
+    (place / "t.csv").write_text("time,x,y\n0,500310.25,5.5003e+06\n")
+    assert ingest(place, f"--truth={place / 't.csv'}") == ExitCode.BAD_INPUT
+    assert "t.csv: line 2: y is '5.5003e+06': known to 100 only; write all digits" in capsys.readouterr().err

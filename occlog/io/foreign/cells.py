@@ -19,7 +19,6 @@ from occlog.io.files.times.timestamps import (
     MAX_NS,
     UNITS,
     coarse,
-    last_place,
     parse_time,
     parse_times,
 )
@@ -113,10 +112,7 @@ class TextCells:
 
     def steps(self, name: str) -> Floats:
         """(n,) what the last digit of each number with an exponent above 0 stands for; else 0."""
-        out, cells = np.zeros(len(self)), self._rows.cells[name]
-        for row in np.flatnonzero(np.char.find(np.char.lower(cells), "e") >= 0).tolist():
-            out[row] = last_place(str(cells[row]))
-        return out
+        return self._rows.steps(name)
 
     def raw(self, name: str) -> list[object]:
         """(n,) texts as the file has them."""

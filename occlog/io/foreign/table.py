@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.boxes.columns import both_sizes, disagree
+from occlog.io.files.texts.csv_rows import COARSEST
 from occlog.records.columns import Table, first_row, key_of, repeated_rows
 from occlog.records.declared.measurements import VALUES, Measurements
 from occlog.records.tables import (
@@ -40,8 +41,6 @@ OF_READS = {"reader", "anchor", "gateway", "tag", "beacon", "epc", "rssi", "rssi
 """Names that reads of tags alone have."""
 FARTHEST_RAD = 4 * np.pi
 """Larger angles are not in radians."""
-COARSEST_M = 0.01
-"""Lengths that are held or written to less than this have been rounded; where no unit is known, in the scene's."""
 
 
 @dataclass
@@ -398,8 +397,8 @@ def _check_far_edge(cells: Cells, s: Spelling, sizes: Floats, near: Floats) -> N
 def _check_steps(cells: Cells, s: Spelling) -> None:
     """InputError for lengths in floats too short for them, as float32 for northings of 5,000,000 m."""
     steps, unit = cells.steps(s.name), s.unit if s.unit in METRES else ""
-    told = f" {unit} only, and {COARSEST_M / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST_M}"
-    bad = steps * (METRES[unit] if unit else 1.0) > COARSEST_M
+    told = f" {unit} only, and {COARSEST / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST}"
+    bad = steps * (METRES[unit] if unit else 1.0) > COARSEST
     _refuse(cells, steps, bad, f"{s.name} is known to", f"{told} is the limit; write all digits (float64)")
 
 

@@ -90,4 +90,4 @@ def _spelled(rows: Rows, axis: str) -> str | None:
 
 
 def _numbers(rows: Rows, name: str | None) -> Floats:
-    return np.zeros(len(rows)) if name is None else rows.floats(name)
+    return np.zeros(len(rows)) if name is None else rows.lengths(name)

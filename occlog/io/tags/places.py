@@ -38,7 +38,7 @@ def read_readers(path: Path) -> tuple[Reader, ...]:
         missing = [name for name in ("reader", "x", "y") if not rows.has(name)]
         if missing:
             raise InputError(f"{path}: has no column {' and '.join(missing)}; {WHAT} has reader, x, y, z, range, power")
-        place = np.column_stack([rows.floats("x"), rows.floats("y"), _numbers(rows, "z", 0.0)])
+        place = np.column_stack([rows.lengths("x"), rows.lengths("y"), _numbers(rows, "z", 0.0)])
         far, power = _numbers(rows, "range", math.inf), _numbers(rows, "power", math.nan)
         for row, cell in enumerate(rows.cells["reader"].tolist()):
             if not cell.strip():

@@ -112,9 +112,9 @@ def _csv_positions(rows: Rows, options: TruthOptions) -> Positions:
         t_ns=_row_times(rows, options),
         target_id=rows.identities("id") if rows.has("id") else np.zeros(n, dtype=np.int64),
         role=role,
-        x=rows.floats("x"),
-        y=rows.floats("y"),
-        z=rows.floats("z", blank=True) if rows.has("z") else np.full(n, np.nan),
+        x=rows.lengths("x"),
+        y=rows.lengths("y"),
+        z=rows.lengths("z", blank=True) if rows.has("z") else np.full(n, np.nan),
         line=rows.lines,
     )
 

@@ -15,6 +15,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -35,6 +36,20 @@ LONGEST_LINE = 1_000_000
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Texts that a spreadsheet takes for a formula, and those that begin with the marks that say they are none."""
 _NUMBER = re.compile(r"^\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*$")
+
+
+COARSEST = 0.01
+"""Lengths that are held or written to less than this (in m, or in a unit that nobody states) have been rounded."""
+
+
+def last_place(text: str) -> float:
+    """What the last digit of a number stands for, if that is above 1, as it is with an exponent alone; else 0."""
+    try:
+        value = Decimal(text.strip())
+    except InvalidOperation:
+        return 0.0
+    last = value.as_tuple().exponent
+    return 10.0**last if value and isinstance(last, int) and last > 0 else 0.0
 
 
 def no_formula(text: str) -> str:
@@ -120,6 +135,23 @@ class Rows:
             row = int(np.flatnonzero(bad)[0])
             raise self.fail(
                 row, f"{name} is {str(cells[row])!r}; a finite number was expected; correct this {self.place}"
+            )
+        return values
+
+    def steps(self, name: str) -> Floats:
+        """(n,) what the last digit of each number with an exponent above 0 stands for; else 0."""
+        out, cells = np.zeros(len(self)), self.cells[name]
+        for row in np.flatnonzero(np.char.find(np.char.lower(cells), "e") >= 0).tolist():
+            out[row] = last_place(str(cells[row]))
+        return out
+
+    def lengths(self, name: str, *, blank: bool = False) -> Floats:
+        """(n,) lengths as `floats` gives numbers; InputError for one that is written to less than `COARSEST`."""
+        values, steps = self.floats(name, blank=blank), self.steps(name)
+        if (steps > COARSEST).any():
+            row = int(np.flatnonzero(steps > COARSEST)[0])
+            raise self.fail(
+                row, f"{name} is {str(self.cells[name][row])!r}: known to {steps[row]:g} only; write all digits"
             )
         return values
 

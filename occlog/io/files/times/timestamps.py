@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.sensor_names import check_meaning, match_sensor
-from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, last_place, read_plain, read_rows
 
 WHAT = "a table of time stamps"
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
@@ -68,16 +68,6 @@ def parse_time(text: str, unit: str = "s") -> int:
     if step > COARSEST_NS:
         raise InputError(f"time {text!r}: {coarse(step)}; write all digits, or t_ns in whole numbers")
     return ns
-
-
-def last_place(text: str) -> float:
-    """What the last digit of a number stands for, if that is above 1, as it is with an exponent alone; else 0."""
-    try:
-        value = Decimal(text.strip())
-    except InvalidOperation:
-        return 0.0
-    last = value.as_tuple().exponent
-    return 10.0**last if value and isinstance(last, int) and last > 0 else 0.0
 
 
 def coarse(ns: float) -> str:
