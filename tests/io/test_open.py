@@ -51,7 +51,8 @@ def table(path: Path, rows: int = 3, losses: tuple[Loss, ...] = (), unit: str = 
 
 
 def recording(path: Path, scene: Scene | None = None, losses: tuple[Loss, ...] = (), rows: int = 3) -> Path:
-    with RecordingWriter(path, scene, Provenance("test", losses=losses)) as writer:
+    made = path.with_name("made.mcap")
+    with RecordingWriter(made, scene, Provenance("test", losses=losses)) as writer:
         if rows:
             writer.table(truth(rows))
     return path
