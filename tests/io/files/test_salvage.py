@@ -155,6 +155,24 @@ def test_the_command_says_what_is_lost(whole: Path, tmp_path: Path, capsys: pyte
     assert "neither its end nor its beginning says what it holds" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", ["doctor", "info"])
+def test_a_table_without_its_end_names_what_salvages_it(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    cut, foreign = tmp_path / "cut.parquet", tmp_path / "foreign.parquet"
+    cut.write_bytes(whole.read_bytes()[:-200])
+    pq.write_table(pq.read_table(whole).replace_schema_metadata(None), foreign)
+    foreign.write_bytes(foreign.read_bytes()[:-200])
+    for path, words in (
+        (cut, "salvage what is left by `occlog recover`, or make it again"),
+        (foreign, "make it again"),
+    ):
+        assert run([command, str(path)]) == ExitCode.BAD_INPUT
+        told = "".join(capsys.readouterr())
+        assert words in told
+        assert ("recover" in told) == (path == cut)
+
+
 def test_structures_go_through_unchanged(whole: Path) -> None:
     data = whole.read_bytes()
     (length,) = struct.unpack_from("<I", data, len(data) - 8)

@@ -20,6 +20,7 @@ from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, fr
 from occlog.io.files.tables.check_sums import Checked
 from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.promises import check_promise
+from occlog.io.files.tables.salvage.marks import is_marked
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 from occlog.records.columns import Table, check_copies, key_of
 from occlog.records.tables import has_all
@@ -34,7 +35,8 @@ def translate_read_errors(path: Path) -> Iterator[None]:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         reason = " ".join(str(error).split())[:160]
-        raise InputError(f"{path}: damaged or not a Parquet file ({reason}); make it again") from error
+        remedy = "salvage what is left by `occlog recover`, or make it again" if is_marked(path) else "make it again"
+        raise InputError(f"{path}: damaged or not a Parquet file ({reason}); {remedy}") from error
 
 
 @contextmanager

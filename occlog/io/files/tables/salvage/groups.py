@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from occlog.io.files.tables.header import MAGIC
+from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.tables.pages import DICTIONARY, Page, read_head
 from occlog.io.files.tables.parquet import promised
 from occlog.io.files.tables.promises import too_much
@@ -61,7 +61,7 @@ def rows_of(data: memoryview, group: Group, pattern: Struct) -> pa.Table:
         GROUP_ROWS: Field(I64, group.rows),
     }
     footer = written({**pattern, NUM_ROWS: Field(I64, group.rows), ROW_GROUPS: Field(LIST, (STRUCT, [own]))})
-    whole = b"".join([MAGIC, data, footer, struct.pack("<I", len(footer)), MAGIC])
+    whole = b"".join([PARQUET_MAGIC, data, footer, struct.pack("<I", len(footer)), PARQUET_MAGIC])
     file = pq.ParquetFile(io.BytesIO(whole), page_checksum_verification=True)
     if fault := too_much(len(whole), *promised(file.metadata)):
         raise MalformedError(fault)
@@ -85,10 +85,10 @@ def _chunk(data: memoryview, begin: int, values: int, pattern: Struct) -> tuple[
         VALUES: Field(I64, values),
         UNPACKED: Field(I64, unpacked),
         PACKED: Field(I64, at - begin),
-        DATA_PAGE: Field(I64, len(MAGIC) + first),
+        DATA_PAGE: Field(I64, len(PARQUET_MAGIC) + first),
     }
     if dictionary is not None:
-        told[DICTIONARY_PAGE] = Field(I64, len(MAGIC) + dictionary)
+        told[DICTIONARY_PAGE] = Field(I64, len(PARQUET_MAGIC) + dictionary)
     return {PLACE: Field(I64, 0), CHUNK: Field(STRUCT, told)}, at
 
 

@@ -16,7 +16,11 @@ import mmap
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import NamedTuple
+
+from occlog.io.files.content import PARQUET_MAGIC
 
 MARK = b"occlogRG"
 SCHEMA, GROUP = b"S", b"G"
@@ -75,6 +79,13 @@ def marks(data: bytes | mmap.mmap) -> Iterator[Mark]:
                 at = stop + length
                 continue
         at += 1
+
+
+def is_marked(path: Path) -> bool:
+    """Whether a file begins as a table with marks does, so that it may be read without its footer."""
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(PARQUET_MAGIC) + len(MARK)) == PARQUET_MAGIC + MARK
+    return False
 
 
 def group_of(mark: Mark) -> Group:

@@ -16,10 +16,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
+from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.arrow_columns import check_schema, from_arrow
-from occlog.io.files.tables.header import MAGIC, Header, header_by_footer, header_of, read_header
+from occlog.io.files.tables.header import Header, header_by_footer, header_of, read_header
 from occlog.io.files.tables.parquet import arrow_schema_of, groups_of, translate_read_errors
 from occlog.io.files.tables.salvage.groups import pattern_of, rows_of
 from occlog.io.files.tables.salvage.marks import GROUP, SCHEMA, Mark, group_of, marks
@@ -101,7 +102,7 @@ def _without_footer(source: Path, path: Path, overwrite: bool) -> RecoveredTable
     with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = marks(data)
         first = next(found, None)
-        if first is None or first.kind != SCHEMA or data[: len(MAGIC)] != MAGIC:
+        if first is None or first.kind != SCHEMA or data[: len(PARQUET_MAGIC)] != PARQUET_MAGIC:
             raise InputError(
                 f"{source}: neither its end nor its beginning says what it holds (damaged there, not a table, or "
                 "written by another program or before occlog marked groups of rows); make it again"
