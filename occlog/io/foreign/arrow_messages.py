@@ -114,10 +114,10 @@ def _head(file: _Bytes, at: int) -> tuple[_Table, int]:
 
 def _places_of_file(file: _Bytes) -> Iterator[int]:
     """Where the messages of a file begin, as its footer says."""
-    end = len(FILE_MAGIC) + 4
-    (length,) = struct.unpack("<i", file.read(file.size - end, 4))
-    if not 0 <= length <= file.size - end:
-        raise ValueError("the footer is larger than the file")
+    end = 4 + len(FILE_MAGIC)
+    length, magic = struct.unpack(f"<i{len(FILE_MAGIC)}s", file.read(file.size - end, end))
+    if magic != FILE_MAGIC or not 0 <= length <= file.size - end:
+        raise ValueError("the file does not end with its footer")
     footer = _root(file.read(file.size - end - length, length))
     for field in (DICTIONARIES, BATCHES):
         for begin, *_ in footer.structs(field, "<qi4xq"):
@@ -147,4 +147,7 @@ def _message(file: _Bytes, at: int) -> Message:
         # The size of each buffer stands before what is packed, -1 where it is not
         places = [body + offset for offset, length in batch.structs(BUFFERS, "<qq") if length]
         unpacked = sum(max(struct.unpack("<q", file.read(place, 8))[0], 0) for place in places)
-    return Message(batch.number(LENGTH, "<q") if kind == BATCH else 0, unpacked)
+    rows = batch.number(LENGTH, "<q") if kind == BATCH else 0
+    if rows < 0:
+        raise ValueError(f"the message at byte {at} has {rows} rows")
+    return Message(rows, unpacked)
