@@ -154,6 +154,14 @@ def test_a_track_at_the_cutoff_is_a_missed_target_and_a_false_track() -> None:
     assert trajectory_gospa(near, 1.0, 1.0).localisation == pytest.approx(4 * 0.999**2)
 
 
+@pytest.mark.parametrize("length", [1e-9, 1e-5, 1e-3, 1e6])
+def test_it_grows_with_the_unit_of_lengths(length: float) -> None:
+    frames = random_frames(1, 3, 3, 6)
+    same = frames._replace(truth_place=frames.truth_place * length, track_place=frames.track_place * length)
+    got, want = trajectory_gospa(same, 0.8 * length, 0.4 * length), trajectory_gospa(frames, 0.8, 0.4)
+    assert np.array(got[:5]) / length**2 == pytest.approx(np.array(want[:5]), rel=1e-9, abs=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_the_short_program_has_the_value_of_the_whole_one(seed: int) -> None:
     frames = random_frames(seed, 3, 3, 6)

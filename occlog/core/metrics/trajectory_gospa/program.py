@@ -74,7 +74,8 @@ def solve(pairs: Pairs, pieces: Pieces, most: float, switch: float, weights: Flo
     change = coo_array((signs, (rows, columns)), shape=(last, n + 2 * last))
     shared = _capacity(program, pieces)
     limit = csr_array((shared.data, shared.indices, shared.indptr), shape=(shared.shape[0], n + 2 * last))
-    price = np.concatenate([gain, np.full(2 * last, 0.5 * switch)])
+    # In units of c^p: the solver's tolerances are absolute, so that small lengths would all cost it nothing
+    price = np.concatenate([gain, np.full(2 * last, 0.5 * switch)]) / most
     found = linprog(  # type: ignore[call-overload]  # the stubs know no sparse matrices
         price,
         A_ub=limit,
