@@ -38,6 +38,7 @@ class EvaluateConfig(Settings):
         "Interpolate between samples at most this far apart; nothing is extrapolated.",
         unit="s",
         at_least=0,
+        at_most=1e9,
         option="--max-gap",
         metavar="SECONDS",
         nothing="1.5 times the usual time between a target's true rows, 0.2 s at least and 1 s at most; for tracks 1 s",
@@ -56,6 +57,7 @@ class EvaluateConfig(Settings):
         "Give `settled_` figures too, without this much after each target's first estimate.",
         unit="s",
         at_least=0,
+        at_most=1e9,
         option="--skip-seconds",
         metavar="SECONDS",
         kinds=WORLD,
@@ -113,14 +115,16 @@ class EvaluateConfig(Settings):
     )
     acceleration_density: float = setting(
         1.0,
-        "Of --motion cv [length^2 / s^3].",
+        "Of --motion cv.",
+        unit="length^2/s^3",
         at_least=0,
         option="--acceleration-density",
         kinds=WORLD,
     )
     sigma_speed: float = setting(
         1.5,
-        "Prior of each velocity component, --motion cv [length / s].",
+        "Prior of each velocity component, --motion cv.",
+        unit="length/s",
         above=0,
         option="--sigma-speed",
         kinds=WORLD,
@@ -191,6 +195,7 @@ class EvaluateConfig(Settings):
         "Looks this close together in time make one scan.",
         unit="s",
         at_least=0,
+        at_most=1e9,
         option="--lines-window",
         metavar="SECONDS",
         shown="equal times",

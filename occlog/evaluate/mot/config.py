@@ -10,6 +10,10 @@ from occlog.evaluate.matching.config import BRIDGE_S, GROUND, IMAGES
 from occlog.settings import Settings, setting
 
 MANY = (IMAGES, GROUND)
+MOST_POWER = 10.0
+"""Largest exponent of distances: of a larger one tenths of a cutoff would vanish in floating-point numbers, ..."""
+LEAST_LENGTH, MOST_LENGTH = 1e-9, 1e9
+"""... and with this one powers of such lengths are far from doing so."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,8 @@ class ManyConfig(Settings):
         None,
         "On the ground: a track meets a target this near.",
         unit="length",
-        above=0,
+        at_least=LEAST_LENGTH,
+        at_most=MOST_LENGTH,
         people=1.0,
         option="--match-distance",
         metavar="LENGTH",
@@ -84,6 +89,7 @@ class ManyConfig(Settings):
         None,
         "On the ground: interpolate tracks of many targets over at most this.",
         at_least=0,
+        at_most=1e9,
         option="--track-gap",
         metavar="SECONDS",
         nothing="--max-gap, or 1 s",
@@ -92,18 +98,20 @@ class ManyConfig(Settings):
     gospa_cutoff: float | None = setting(
         None,
         "GOSPA's cutoff, of 1 - IoU or of the distance on the ground.",
-        above=0,
+        at_least=LEAST_LENGTH,
+        at_most=MOST_LENGTH,
         option="--gospa-cutoff",
         nothing="where a pair meets",
         kinds=MANY,
     )
-    gospa_p: float = setting(2.0, "GOSPA's exponent.", at_least=1, option="--gospa-p", kinds=MANY)
+    gospa_p: float = setting(2.0, "GOSPA's exponent.", at_least=1, at_most=MOST_POWER, option="--gospa-p", kinds=MANY)
     gospa_alpha: float = setting(2.0, "GOSPA's alpha.", above=0, at_most=2, option="--gospa-alpha", kinds=MANY)
     gospa_switch: float | None = setting(
         None,
         "Trajectory GOSPA's price of a change from one track to another, on the ground.",
         unit="length",
-        above=0,
+        at_least=LEAST_LENGTH,
+        at_most=MOST_LENGTH,
         option="--gospa-switch",
         metavar="LENGTH",
         nothing="GOSPA's cutoff",
@@ -113,13 +121,16 @@ class ManyConfig(Settings):
         None,
         "Cutoff of OSPA(2), on the ground.",
         unit="length",
-        above=0,
+        at_least=LEAST_LENGTH,
+        at_most=MOST_LENGTH,
         option="--ospa-cutoff",
         metavar="LENGTH",
         nothing="--match-distance",
         kinds=(GROUND,),
     )
-    ospa_p: float = setting(1.0, "Exponent of OSPA(2), on the ground.", at_least=1, option="--ospa-p", kinds=(GROUND,))
+    ospa_p: float = setting(
+        1.0, "Exponent of OSPA(2), on the ground.", at_least=1, at_most=MOST_POWER, option="--ospa-p", kinds=(GROUND,)
+    )
     ospa_window: int | None = setting(
         None,
         "Give the mean of OSPA(2) over windows of so many frames too, on the ground.",
@@ -132,7 +143,8 @@ class ManyConfig(Settings):
         None,
         "Of MODA and MODP, on the ground: a track meets a target this near.",
         unit="length",
-        above=0,
+        at_least=LEAST_LENGTH,
+        at_most=MOST_LENGTH,
         people=0.5,
         option="--moda-distance",
         metavar="LENGTH",
@@ -142,7 +154,8 @@ class ManyConfig(Settings):
     gospa_px: float | None = setting(
         None,
         "Give GOSPA of the centres in the image too, with this cutoff.",
-        above=0,
+        at_least=LEAST_LENGTH,
+        at_most=MOST_LENGTH,
         option="--gospa-px",
         metavar="PX",
         kinds=(IMAGES,),

@@ -153,6 +153,12 @@ def test_constant_velocity_knows_less_than_a_walk_with_known_drift() -> None:
     assert cv.bound[-1] > bound_of(bearings, true, sigma_v=0.0).bound[-1]
 
 
+def test_defaults_of_constant_velocity_are_as_long_in_feet() -> None:
+    metres, feet = EvaluateConfig.in_unit("m"), EvaluateConfig.in_unit("ft")
+    assert feet.sigma_speed == pytest.approx(metres.sigma_speed / 0.3048)
+    assert feet.acceleration_density == pytest.approx(metres.acceleration_density / 0.3048**2)
+
+
 def test_ratio_is_over_the_times_that_both_have() -> None:
     # The first estimate comes before the first look, so there is no bound for it
     found = tracks([0.0, 1.0, 2.0], [[20, 20], [10, 11], [10, 10]])

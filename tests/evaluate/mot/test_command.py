@@ -312,7 +312,7 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         ([*EVALUATE, "--tau", "nan"], 2, "nan is not a finite number"),
         ([*EVALUATE, "--tau", "inf"], 2, "inf is not a finite number"),
         ([*EVALUATE, "--gospa-px", "nan"], 2, "nan is not a finite number"),
-        ([*EVALUATE, "--gospa-p", "inf"], 2, "inf is not a finite number"),
+        ([*EVALUATE, "--gospa-p", "inf"], 2, "inf is not in the range"),
         ([*EVALUATE, "--box-overlap", "nan"], 2, "nan is not a finite number"),
         ([*EVALUATE, "--bearings", "truth.parquet"], 2, "--bearings is for TRACKS on the ground"),
         ([*EVALUATE, "--match-distance", "1"], 2, "--match-distance is for TRACKS on the ground"),
@@ -441,3 +441,30 @@ def test_published_figures_come_out(
     texts = {printed: f"{got[ours]:.0f}" for printed, ours in counts.items()}
     texts |= {printed: f"{got[ours]:.1%}" for printed, ours in shares.items()} | {"MOTP": f"{got['motp']:.3f}"}
     assert texts == PUBLISHED[name]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--match-distance", "1e300"),
+        ("--match-distance", "1e-300"),
+        ("--gospa-cutoff", "1e200"),
+        ("--gospa-switch", "1e200"),
+        ("--ospa-cutoff", "1e300"),
+        ("--moda-distance", "1e-10"),
+        ("--gospa-p", "1000"),
+        ("--ospa-p", "11"),
+        ("--max-gap", "1e300"),
+        ("--track-gap", "1e300"),
+        ("--skip-seconds", "1e300"),
+    ],
+)
+def test_values_of_which_powers_and_times_cannot_be_told_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    for name, off in (("tracks.csv", 0.1), ("truth.csv", 0.0)):
+        lines = [f"{t * NS},{k},{3 * k + off},{t}" for t in range(4) for k in range(2)]
+        (tmp_path / name).write_text("\n".join(["t_ns,target_id,x_m,y_m", *lines, ""]))
+    args = ["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv")]
+    assert run([*args, option, value]) == ExitCode.USAGE
+    assert option in capsys.readouterr().err
