@@ -43,7 +43,7 @@ from occlog.plugins.chosen import Chosen
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Doa, Truth, TruthBoxes
-from occlog.settings import configure
+from occlog.settings import configure, declaration, declared
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
 from .by_plugin import with_plugins
@@ -248,6 +248,39 @@ def _check_request(paths: Paths, given: Mapping[str, object]) -> None:
         raise UsageError("--measurements are for the bound; give TRACKS and --truth as well")
     if given.get("held_out") and (paths.tracks is None or (paths.directions is None and not held_boxes)):
         raise UsageError("--held-out needs TRACKS made without that sensor, and --bearings or --views that include it")
+    _check_used(paths, given)
+
+
+LOOKS = "bearings against the truth", "--bearings (or --doa) and --truth"
+BOUND = "the bound", "--bearings (or --doa, --measurements) and --truth"
+LINES = "sight lines", "--bearings (or --doa)"
+OF_WHAT = {
+    **dict.fromkeys(("gate_sigma", "gate_px", "occluder_diameter"), LOOKS),
+    **dict.fromkeys(("motion", "sigma_v", "prior_cov", "prior_z", "bound_in"), BOUND),
+    **dict.fromkeys(("acceleration_density", "sigma_speed"), ("the bound", f"{BOUND[1]}, and --motion cv")),
+    **dict.fromkeys(("lines_min_sensors", "lines_window_s", "lines_loss", "lines_limit", "lines_min_crossing"), LINES),
+    "held_out_gate": ("held-out bearings", "--held-out and --bearings (or --doa)"),
+    "held_out_gate_px": ("held-out boxes", "--held-out and --views"),
+    "box_overlap": ("views against true boxes", "--views and --truth"),
+}
+"""What settings are of that change nothing without some inputs, and these."""
+
+
+def _check_used(paths: Paths, given: Mapping[str, object]) -> None:
+    """UsageError for a setting that was given, but of figures for which there are no inputs."""
+    looks, truth, held = paths.directions is not None, paths.truth is not None, bool(given.get("held_out"))
+    bound = truth and (looks or paths.measurements is not None)
+    there = {LOOKS: looks and truth, BOUND: bound, LINES: looks}
+    used = {name: there.get(of, False) for name, of in OF_WHAT.items()}
+    used["acceleration_density"] = used["sigma_speed"] = bound and given.get("motion") == "cv"
+    used |= {"held_out_gate": held and looks, "held_out_gate_px": held and paths.views is not None}
+    used["box_overlap"] = truth and paths.views is not None
+    options_of = {f.name: declaration(f).option for f in declared(EvaluateConfig)}
+    for name in given:
+        if not used.get(name, True):
+            raise UsageError(
+                f"{options_of[name]} is of {OF_WHAT[name][0]} and has no effect here; give {OF_WHAT[name][1]}"
+            )
 
 
 def simulated(truth: Path | None) -> dict[str, float]:

@@ -50,7 +50,7 @@ class EvaluateConfig(Settings):
         choices=("id", "optimal"),
         option="--match",
         shown="id; optimal for tracks whose numbers are the tracker's own",
-        kinds=WORLD,
+        kinds=(GROUND,),
     )
     skip_s: float = setting(
         0.0,
@@ -60,7 +60,7 @@ class EvaluateConfig(Settings):
         at_most=1e9,
         option="--skip-seconds",
         metavar="SECONDS",
-        kinds=WORLD,
+        kinds=(GROUND,),
     )
     from_ns: int | None = setting(
         None,
@@ -68,7 +68,7 @@ class EvaluateConfig(Settings):
         option="--from",
         metavar="T_NS",
         nothing="the first estimate",
-        kinds=WORLD,
+        kinds=(GROUND,),
     )
     gate_sigma: float = setting(
         4.0,

@@ -462,9 +462,43 @@ def test_published_figures_come_out(
 def test_values_of_which_powers_and_times_cannot_be_told_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
 ) -> None:
+    assert run([*two_walkers(tmp_path), option, value]) == ExitCode.USAGE
+    assert option in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "--gate-sigma 3",
+        "--gate-px 3",
+        "--occluder-diameter 1",
+        "--motion cv",
+        "--sigma-v 1",
+        "--acceleration-density 2",
+        "--sigma-speed 2",
+        "--prior 1 0 1",
+        "--prior-z 1",
+        "--bound-in space",
+        "--lines-min-sensors 3",
+        "--lines-window 1",
+        "--lines-loss gauss",
+        "--lines-limit 1",
+        "--lines-crossing-deg 1",
+        "--held-out-gate-mrad 3",
+        "--held-out-gate-px 3",
+        "--box-overlap 0.3",
+    ],
+)
+def test_options_of_inputs_that_are_not_given_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], given: str
+) -> None:
+    assert run([*two_walkers(tmp_path), *given.split()]) == ExitCode.USAGE
+    assert f"{given.split()[0]} is of" in capsys.readouterr().err
+
+
+def two_walkers(folder: Path) -> list[str]:
+    """The command for tracks that are 0.1 m beside their targets."""
     for name, off in (("tracks.csv", 0.1), ("truth.csv", 0.0)):
         lines = [f"{t * NS},{k},{3 * k + off},{t}" for t in range(4) for k in range(2)]
-        (tmp_path / name).write_text("\n".join(["t_ns,target_id,x_m,y_m", *lines, ""]))
-    args = ["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv")]
-    assert run([*args, option, value]) == ExitCode.USAGE
-    assert option in capsys.readouterr().err
+        (folder / name).write_text("\n".join(["t_ns,target_id,x_m,y_m", *lines, ""]))
+    return ["evaluate", str(folder / "tracks.csv"), "--truth", str(folder / "truth.csv")]
