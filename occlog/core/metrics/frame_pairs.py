@@ -14,6 +14,7 @@ Two objects are compared by a distance and by a similarity in [0, 1]:
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -96,8 +97,19 @@ class Frames(NamedTuple):
         if np.isnan(self.limit):
             similarity = _overlaps(a, b)
             return 1.0 - similarity, similarity
-        distance = _distances(a, b)
+        distance = _without_rounding(_distances(a, b), a, b)
         return distance, np.maximum(0.0, 1.0 - distance / (2.0 * self.limit))
+
+
+def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
+    """Distances to the last decimal that the places tell.
+
+    Those of 0.3 and 0.8 and of 1000.3 and 1000.8 differ in the last bits, but must be on the same side of a limit.
+    """
+    largest = max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))
+    if not largest:
+        return distance
+    return np.round(distance, min(math.floor(-math.log10(8.0 * EPS * largest)), 300))
 
 
 def numbered(part: Frames, truth_key: Ints, track_key: Ints) -> Frames:

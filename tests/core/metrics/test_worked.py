@@ -276,6 +276,18 @@ def test_a_similarity_at_the_threshold_counts_and_one_of_rounding_never_does() -
     assert reaches(similarity, 0.0).tolist() == [True, True, True, True, False, False]
 
 
+@pytest.mark.parametrize("away", [0.0, 8.3, 77.7, 1000.3, 500000.1])
+def test_points_at_the_limit_meet_wherever_the_origin_is(away: float) -> None:
+    apart = [round(0.1 * k, 1) for k in range(1, 8)]
+    truth = rows(*((k, 1, round(away + 0.3, 1), 0.0) for k in range(7)))
+    tracks = rows(*((k, 1, round(away + 0.3 + d, 1), 0.0) for k, d in enumerate(apart)))
+    frames, near = of_points(truth, tracks, 0.5), of_points(rows((0, 1, 0.0, 0.0)), rows((0, 1, 0.5, 0.0)), 0.5)
+    assert clear_mot(frames).tp == identity(frames).idtp == 5
+    assert failures(truth, tracks, 0.5).fr_p == 2 / 7
+    assert hota(frames).tp.tolist() == [sum(d <= round(1 - k / 20, 2) for d in apart) for k in range(1, 20)]
+    assert clear_mot(near).tp == 1
+
+
 def test_hota_counts_a_pair_whose_similarity_is_the_threshold() -> None:
     # At 0.1 of a limit of 1 the similarity is 0.95
     got = hota(of_points(rows((0, 1, 0.0, 0.0)), rows((0, 1, 0.1, 0.0)), 1.0), np.array([0.9, 0.95, 0.96]))
