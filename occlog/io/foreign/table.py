@@ -15,6 +15,7 @@ from occlog.io.boxes.columns import both_sizes, disagree
 from occlog.io.files.texts.csv_rows import COARSEST
 from occlog.records.columns import Table, first_row, key_of, repeated_rows
 from occlog.records.declared.measurements import VALUES, Measurements
+from occlog.records.declared.sensors import LEAST_SIGMA_RAD
 from occlog.records.tables import (
     TABLES,
     WIDER,
@@ -371,6 +372,8 @@ def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layo
     sigmas = tuple(f"sigma_{name}" for name in VALUES) if layout.table is Measurements else ()
     for name in ("sigma", "sigma_px", "sigma_azimuth", "sigma_elevation", *sigmas):
         refuse(name, lambda v: v <= 0, "above 0")
+    for name in ("sigma", "sigma_azimuth", "sigma_elevation"):
+        refuse(name, lambda v: v < LEAST_SIGMA_RAD, f"at least {LEAST_SIGMA_RAD:g} rad")
     for name in ("confidence", "score"):
         refuse(name, lambda v: (v < 0) | (v > 1), "0 to 1")
     refuse("elevation", lambda v: np.abs(v) > np.pi / 2, "within 90 degrees")

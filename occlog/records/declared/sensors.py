@@ -19,6 +19,8 @@ UNLABELLED = -1
 """`target_id` of a measurement that has not been assigned to a target."""
 
 
+LEAST_SIGMA_RAD = 1e-15
+"""Smallest standard deviation of an angle: an angle of 1 rad is not told to less than this."""
 MAX_FRAMES = 10**9
 """Frames that a camera can have: a year at 30 a second."""
 MAX_EDGE_PX = 1e6
@@ -111,12 +113,12 @@ class Bearings(Table):
         if (wrong := self.sigma_px <= 0).any():
             row = first_row(wrong)
             raise InputError(f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be above 0")
-        bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma > 0))
+        bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma >= LEAST_SIGMA_RAD))
         if bad.any():
             row = first_row(bad)
             raise InputError(
                 f"Bearings: row {row}: bearing {self.bearing[row]:g} rad must be in [-pi, pi) "
-                f"and sigma {self.sigma[row]:g} rad above 0"
+                f"and sigma {self.sigma[row]:g} rad above 0, at least {LEAST_SIGMA_RAD:g}"
             )
         told = np.isfinite(self.elevation)
         bad = (told != np.isfinite(self.sigma_elevation)) | (told & ~self.seen)

@@ -218,6 +218,11 @@ def test_frames_are_numbered_on_from_part_to_part(tmp_path: Path, monkeypatch: p
         ),
         (Bearings, ("time,station,bearing_deg,sigma_deg", "0,e,1,"), "line 2: bearing_deg has a value, and sigma_deg"),
         (Bearings, ("time,station,bearing_deg,sigma_deg", "0,e,1,0"), "line 2: sigma_deg is 0; it must be above 0"),
+        (
+            Bearings,
+            ("time,station,bearing_rad,sigma_rad", "0,e,1,1e-300"),
+            "sigma_rad is 1e-300; it must be at least 1e-15",
+        ),
         (Bearings, ("time,station,bearing_rad,sigma_rad", "0,e,190,1"), "line 2: bearing_rad is 190 rad; is it in"),
         (
             Doa,
