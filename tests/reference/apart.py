@@ -7,8 +7,8 @@ import subprocess
 import sys
 from typing import NamedTuple
 
-MOST_KIB = 512 * 1024
-"""Memory that a command may have taken, at most."""
+MOST_KIB = (512 + 100) * 1024
+"""Memory that a command may have taken, at most: half a gigabyte above what the smallest file needs."""
 MOST_SECONDS = 10
 """Processor time of a command at most: that of other work on the machine does not count."""
 _PROGRAM = (
