@@ -111,3 +111,19 @@ def test_honest_files_may_have_as_many_records_as_they_hold(tmp_path: Path) -> N
     # Times and numbers that rise make messages of nothing larger than the least that is allowed
     rising = b"".join(record(5, struct.pack("<HIQQ", 1, n, 10**7 * n, 10**7 * n)) for n in range(100_000))
     assert len(chunk(rising)) > 2 * 100_000
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"), [(5_000_000, "a message of 55000051 bytes"), (2_000_000, "more than 1000000 rows")]
+)
+def test_rows_of_one_time_are_not_read_without_end(tmp_path: Path, rows: int, words: str) -> None:
+    zeros, roles = ",".join(["0"] * rows), ",".join(['""'] * rows)
+    told_rows = f'{{"t_ns":1,"target_id":[{zeros}],"role":[{roles}],"x":[{zeros}],"y":[{zeros}],"z":[{zeros}]}}'
+    types = record(3, struct.pack("<H", 1) + text("occlog.Truth") + text("jsonschema") + struct.pack("<I", 2) + b"{}")
+    types += record(4, struct.pack("<HH", 1, 1) + text("/truth") + text("json") + struct.pack("<I", 0))
+    path = tmp_path / "a.mcap"
+    path.write_bytes(whole(types + chunk(message(told_rows.encode()))))
+    assert path.stat().st_size < 20_000
+    told = check_apart("export", path, "-o", tmp_path / "a.csv")
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in told.told
