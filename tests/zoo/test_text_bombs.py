@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from apart import check_apart
 
-from occlog.errors import ExitCode
+from occlog.errors import ExitCode, InputError
+from occlog.io.files.texts.toml_file import MAX_TOML_BYTES, toml_values
 from occlog.io.files.texts.yaml_nodes import LONGEST_NUMBER
 from occlog.io.foreign.source import MAX_COLUMNS
 
@@ -35,3 +36,18 @@ def test_texts_take_no_longer_than_is_promised(tmp_path: Path, name: str, make: 
     assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
     assert words in told.told
     assert check_apart("doctor", path).code in (ExitCode.LOSSY, ExitCode.BAD_INPUT)
+
+
+def test_tables_of_toml_take_no_more_than_is_promised(tmp_path: Path) -> None:
+    boxes, path = tmp_path / "b.csv", tmp_path / "c.toml"
+    boxes.write_text("frame,left,top,width,height\n0,1,2,3,4\n", encoding="utf-8")
+    words = ["--boxes", f"a={boxes}", "--fps", "10", "--calibration", path, "-o", tmp_path / "r.mcap"]
+    lines = [f"[a{n}.b.c.d]" for n in range(600_000)]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    told = check_apart("ingest", *words)
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    with pytest.raises(InputError, match=f"in TOML of at most {MAX_TOML_BYTES} bytes"):
+        toml_values(path.read_text(encoding="utf-8"), path, "a calibration")
+    # As much as may be
+    path.write_text("\n".join(lines)[:MAX_TOML_BYTES].rpartition("\n")[0], encoding="utf-8")
+    assert check_apart("ingest", *words).code == ExitCode.BAD_INPUT
