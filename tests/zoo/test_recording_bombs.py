@@ -127,3 +127,10 @@ def test_rows_of_one_time_are_not_read_without_end(tmp_path: Path, rows: int, wo
     told = check_apart("export", path, "-o", tmp_path / "a.csv")
     assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
     assert words in told.told
+
+
+def test_damage_behind_damage_does_not_take_the_square_of_its_places(tmp_path: Path) -> None:
+    head = struct.pack("<QQQI", 1, 1, 10, 0) + text("zstd") + struct.pack("<Q", 3)
+    path = tmp_path / "a.mcap"
+    path.write_bytes(HEAD + (record(6, head + b"abc") + struct.pack("<BQ", 7, 1 << 50)) * 12_000)
+    assert check_apart("recover", path, "-o", tmp_path / "r.mcap").code == ExitCode.BAD_INPUT

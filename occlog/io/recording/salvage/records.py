@@ -9,6 +9,7 @@ file one behind another, and any but the last may be cut.
 from __future__ import annotations
 
 import io
+import re
 import struct
 import zlib
 from collections.abc import Generator, Iterator
@@ -49,6 +50,9 @@ _PARTS: dict[int, tuple[int, ...]] = {
 }
 """What records consist of, by the MCAP format: so many bytes; -1, -2: bytes behind their number, of 4 or 8 bytes."""
 _BLOCK = 1 << 20
+_FIRST_BLOCK = 1 << 12
+"""Bytes in which the next record is looked for at first: where damage follows damage, it is near."""
+_BEGINS = re.compile(b"|".join(map(re.escape, (*_MARKS, BEGIN))))
 FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 """What damaged records raise in the libraries that take them apart."""
 
@@ -329,28 +333,20 @@ def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
     """Where the next record begins that looks like a whole compressed chunk, or the next recording; None: nowhere."""
     before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, (*_MARKS, BEGIN)))
-    begin = at
+    begin, length = at, _FIRST_BLOCK
     while begin < size:
         file.seek(begin)
-        block = file.read(_BLOCK + longest - 1)
-        starts = [begin + p - before for mark in _MARKS for p in _all_of(block, mark)]
-        for start in sorted([*starts, *(begin + p for p in _all_of(block, BEGIN))]):
+        block = file.read(length + longest - 1)
+        for found in _BEGINS.finditer(block):
+            start = begin + found.start() - (0 if found[0] == BEGIN else before)
             if start < at:
                 continue
+            if found[0] == BEGIN:
+                return start
             file.seek(start)
-            head = file.read(before)
-            if head.startswith(BEGIN):
+            code, told = HEAD.unpack(file.read(HEAD.size))
+            if code == Opcode.CHUNK and start + HEAD.size + told <= size:
                 return start
-            code, length = HEAD.unpack_from(head)
-            if code == Opcode.CHUNK and start + HEAD.size + length <= size:
-                return start
-        begin += _BLOCK
+        begin += length
+        length = min(2 * length, _BLOCK)
     return None
-
-
-def _all_of(block: bytes, mark: bytes) -> Iterator[int]:
-    """Places of a mark in a block."""
-    place = block.find(mark)
-    while place >= 0:
-        yield place
-        place = block.find(mark, place + 1)
