@@ -26,6 +26,8 @@ from .cells import ArrowCells, Cells, TextCells
 TABULAR = (".csv", ".tsv", ".csv.gz", ".tsv.gz")
 """Endings of names by which a file wants to be a table, whatever it holds."""
 ROWS = 65_536
+MAX_COLUMNS = 10_000
+"""Columns of a table at most: each of their names is compared with those of ours."""
 WHAT = "a table"
 
 
@@ -66,7 +68,17 @@ def find_source(path: Path) -> Source | None:
     """The columns of a file; None for one that is not a table of others.
 
     Text is taken for a table if its first line names columns, one of them of times, or if its name ends in `TABULAR`.
+
+    Raises:
+        InputError: the file cannot be read, or has more columns than `MAX_COLUMNS`.
     """
+    found = _find_source(path)
+    if found is not None and len(found.names) > MAX_COLUMNS:
+        raise InputError(f"{path}: {len(found.names)} columns; a table of at most {MAX_COLUMNS} was expected")
+    return found
+
+
+def _find_source(path: Path) -> Source | None:
     check_input(path, WHAT)
     table = table_of(path)
     if table:

@@ -13,6 +13,9 @@ from occlog.records.frames import Image
 
 MAX_PIXELS = 100_000_000
 """Larger images are refused: 8192 x 8192 has 67 million pixels."""
+MAX_SCANS = 200
+"""Scans of a JPEG image at most: progressive ones have some ten, and each goes through all pixels again."""
+_SCAN = b"\xff\xda"
 PNG_MARK = b"\x89PNG\r\n\x1a\n"
 BLACK = 24
 """Mean of the brightest channel up to which a row or column is a black bar; codecs leave some noise in it."""
@@ -54,6 +57,8 @@ def image_damage(data: bytes) -> str | None:
         return _png_damage(data)
     if kind == "jpeg" and b"\xff\xd9" not in data[-1024:]:
         return "cut short: the end mark of a JPEG image is missing"
+    if kind == "jpeg" and (scans := data.count(_SCAN)) > MAX_SCANS:
+        return f"{scans} scans; a JPEG image of at most {MAX_SCANS} was expected"
     return None
 
 

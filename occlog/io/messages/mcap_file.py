@@ -25,6 +25,7 @@ from mcap.summary import Summary
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC as MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES, chunk_head, unpacked
+from occlog.io.recording.growth import Growth
 from occlog.io.recording.layout import HEAD, MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.salvage.ends import END_BYTES, behind_end, is_end_mark
@@ -139,7 +140,7 @@ class McapFile:
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
         """(channel, time, data) of the messages of some topics, or of all of them."""
-        size, self._contradicted = self.path.stat().st_size, ""
+        size, self._contradicted, growth = self.path.stat().st_size, "", Growth(self.path)
         with self.path.open("rb") as file:
             at = len(MAGIC)
             while at < size:
@@ -159,7 +160,7 @@ class McapFile:
                 if code in END_BYTES:
                     self._lose(f"byte {at}", f"a damaged record of {length} bytes was left out (its kind is damaged)")
                 elif code in READ and not self._skipped(code, at, topics):
-                    yield from self._record(file, at, code, length, topics)
+                    yield from self._record(file, at, code, length, topics, growth)
                 if self._contradicted:
                     self._lose(f"byte {at}", f"{self._contradicted}; {size - at} bytes from there on were not read")
                     return
@@ -213,7 +214,7 @@ class McapFile:
         return not any(self._channels[c].topic in topics for c in self._chunks[at] if c in self._channels)
 
     def _record(
-        self, file: IO[bytes], at: int, code: int, length: int, topics: Collection[str] | None
+        self, file: IO[bytes], at: int, code: int, length: int, topics: Collection[str] | None, growth: Growth
     ) -> Iterator[tuple[int, int, bytes]]:
         """Messages of one record outside chunks, or of one chunk; a damaged one is a loss."""
         if length > MAX_CHUNK_BYTES:
@@ -222,7 +223,10 @@ class McapFile:
         found: list[tuple[int, int, bytes]] = []
         try:
             data = file.read(length)
-            self._take(code, data, topics, found) if code != Opcode.CHUNK else self._unpack(data, topics, found)
+            if code == Opcode.CHUNK:
+                self._unpack(data, topics, found, growth)
+            else:
+                self._take(code, data, topics, found)
         except _DAMAGE as error:
             reason = " ".join(str(error).split())[:100] or "data end early"
             what = "chunk" if code == Opcode.CHUNK else "record"
@@ -231,12 +235,15 @@ class McapFile:
         # The messages of a chunk need not be in the order of time.
         yield from sorted(found, key=lambda message: message[1])
 
-    def _unpack(self, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]]) -> None:
+    def _unpack(
+        self, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]], growth: Growth
+    ) -> None:
         """Add the messages of a chunk whose check sum is right."""
         head = chunk_head(data)
         records = unpacked(data[head.begin :], head.compression, head.declared)
         if head.crc and zlib.crc32(records) != head.crc:
             raise ValueError("wrong check sum")
+        growth.add(len(data) - head.begin, records)
         at = 0
         while at < len(records):
             code, length = HEAD.unpack_from(records, at)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
@@ -9,9 +10,16 @@ from pathlib import Path
 from urllib.parse import quote
 
 from occlog.errors import InputError
+from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
 
 from .mcap_file import Message, Topic
+
+FREE_STEPS, STEPS_PER_BYTE = 1_000_000, 50
+"""Steps of SQLite that a pass through any file may take, and above that for each of its bytes: a row, which has four
+bytes or more, takes some ten."""
+_STEPS_AT_ONCE = 100_000
+_TABLES = ("topics", "messages", "message_definitions")
 
 
 class SqliteFile:
@@ -65,9 +73,27 @@ class SqliteFile:
         base = sqlite3.connect(f"file:{quote(str(self.path.resolve()))}?mode=ro&immutable=1", uri=True)
         # SQLite refuses all of a file that has become shorter, unless its tables may be wrong.
         base.execute("PRAGMA writable_schema = ON")
+        # Pages that refer to each other, and views that never end, are rows without end in a small file
+        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
+        left = FREE_STEPS + STEPS_PER_BYTE * self.path.stat().st_size
+        rounds = itertools.count()
+        base.set_progress_handler(lambda: next(rounds) * _STEPS_AT_ONCE > left, _STEPS_AT_ONCE)
         return base
 
+    def _check_tables(self, base: sqlite3.Connection) -> None:
+        """InputError where a table of a bag is something that makes up its rows: a view, or computed columns."""
+        marks = ", ".join("?" * len(_TABLES))
+        for kind, name, sql in base.execute(
+            f"SELECT type, name, sql FROM sqlite_master WHERE name IN ({marks})", _TABLES
+        ):
+            hidden = base.execute("SELECT 1 FROM pragma_table_xinfo(?) WHERE hidden", (name,)).fetchone()
+            if kind != "table" or hidden or str(sql).upper().split()[:2] != ["CREATE", "TABLE"]:
+                raise InputError(
+                    f"{self.path}: {name} is no plain table, as it is in bags of ROS 2; copy the bag again"
+                )
+
     def _read_topics(self, base: sqlite3.Connection) -> dict[int, Topic]:
+        self._check_tables(base)
         definitions: dict[str, tuple[str, str]] = {}
         if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
             rows = base.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")

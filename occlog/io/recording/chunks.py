@@ -47,6 +47,18 @@ class ChunkHead(NamedTuple):
     begin: int
 
 
+class ChunkSize(NamedTuple):
+    """Sizes of a chunk.
+
+    Attributes:
+        packed: of its records, as they stand in the file [bytes].
+        unpacked: of its records, unpacked, at most [bytes].
+    """
+
+    packed: int
+    unpacked: int
+
+
 def chunk_head(data: bytes) -> ChunkHead:
     """The head of a chunk's data; struct.error or UnicodeDecodeError where there is none."""
     _, _, declared, crc = CHUNK_HEAD.unpack_from(data)
@@ -70,6 +82,18 @@ def unpacked(data: bytes, compression: str, declared: int) -> bytes:
     return out
 
 
+def records_at(file: IO[bytes], at: int) -> bytes:
+    """Unpacked records of the chunk that begins at a byte; none where it is damaged, as whoever reads it says."""
+    file.seek(at)
+    _, length = HEAD.unpack(file.read(HEAD.size))
+    data = file.read(length)
+    try:
+        head = chunk_head(data)
+        return unpacked(data[head.begin :], head.compression, head.declared)
+    except (ValueError, RuntimeError, struct.error, zstandard.ZstdError):
+        return b""
+
+
 def stated_size(data: bytes, compression: str) -> int:
     """Size that packed data state of themselves [bytes], 0 where they do not; ValueError for another compression."""
     if compression == "zstd":
@@ -81,8 +105,8 @@ def stated_size(data: bytes, compression: str) -> int:
     return len(data)
 
 
-def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> None:
-    """InputError for a chunk that would unpack to more memory than any honest file needs, before it is unpacked.
+def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
+    """Sizes of a chunk; InputError where it would unpack to more memory than any honest file needs.
 
     LZ4 that is large enough to hold more than the limit is unpacked in parts, of which none is kept.
     """
@@ -101,6 +125,7 @@ def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> None:
         size = _lz4_size(file, packed)
     if size > MAX_CHUNK_BYTES:
         raise InputError(f"{where} unpacks to {size} bytes or more; the limit is {MAX_CHUNK_BYTES}")
+    return ChunkSize(packed, size)
 
 
 def _lz4_size(file: IO[bytes], packed: int) -> int:

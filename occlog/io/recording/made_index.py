@@ -25,6 +25,7 @@ from occlog.io.files.content import RECORDING_MAGIC
 from occlog.io.recording.salvage.ends import PRIVATE, behind_end, is_end_mark
 
 from .chunks import CHUNK_HEAD, MAX_CHUNK_BYTES, check_chunk, chunk_head, unpacked
+from .growth import Growth
 from .layout import HEAD, MESSAGE_HEAD, damaged_mcap
 
 _BLOCK = 1 << 20
@@ -80,6 +81,15 @@ def is_complete(summary: Summary | None) -> bool:
         # Readers leave out a chunk whose topics they are not told
         and all(index.message_index_offsets for index in summary.chunk_indexes)
         and (told.chunk_count > 0 or told.message_count == 0)
+        # One record that is listed a thousand times would be read as often
+        and all(
+            len(set(places)) == len(places)
+            for places in (
+                [each.chunk_start_offset for each in summary.chunk_indexes],
+                [each.offset for each in summary.attachment_indexes],
+                [each.offset for each in summary.metadata_indexes],
+            )
+        )
     )
 
 
@@ -117,6 +127,7 @@ class _Pass:
         self._span: tuple[int, int] | None = None
         self._at, self._log_ns, self._channel = array("Q"), array("Q"), array("H")
         self._crc = zlib.crc32(RECORDING_MAGIC)
+        self._growth = Growth(path)
 
     def done(self) -> MadeIndex:
         """Go through the file."""
@@ -218,6 +229,7 @@ class _Pass:
         records = unpacked(packed, head.compression, head.declared)
         if len(records) != head.declared or (head.crc and zlib.crc32(records) != head.crc):
             raise self._damaged(f"the chunk at byte {at} has a wrong check sum")
+        self._growth.add(len(packed), records)
         begin, times = 0, []
         while begin < len(records):
             code, size = HEAD.unpack_from(records, begin)

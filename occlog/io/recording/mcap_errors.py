@@ -28,7 +28,8 @@ from occlog.io.files.content import RECORDING_MAGIC, mistaken_for
 from occlog.io.files.inputs import check_input
 from occlog.io.recording.salvage.ends import FOOTER_BYTES, are_records
 
-from .chunks import MAX_CHUNK_BYTES, check_chunk
+from .chunks import MAX_CHUNK_BYTES, ChunkSize, check_chunk
+from .growth import check_growth
 from .layout import SALVAGE, damaged_mcap
 from .made_index import MadeIndex, check_told, is_complete, make_index
 from .made_index_reader import MadeIndexReader, McapMessages
@@ -76,14 +77,15 @@ def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
         file.seek(0)
         seeking = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)
         summary = seeking.get_summary()
+        stat = os.fstat(file.fileno())
+        state = stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
         if summary is None or not is_complete(summary):
-            stat = os.fstat(file.fileno())
-            made = _made_index(path, (stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns))
+            made = _made_index(path, state)
             check_told(path, summary, made.summary)
             yield MadeIndexReader(file, made), made.summary
             return
-        for index in summary.chunk_indexes:
-            check_chunk(path, file, index)
+        sizes = [(index.chunk_start_offset, check_chunk(path, file, index)) for index in summary.chunk_indexes]
+        _check_growth(path, state, tuple(sizes))
         yield seeking, summary
 
 
@@ -92,6 +94,13 @@ def _made_index(path: Path, state: tuple[int, ...]) -> MadeIndex:  # noqa: ARG00
     """The index of a file, kept as long as it does not change: a recording is opened for each thing read of it."""
     with path.open("rb") as file, translate_mcap(path, file):
         return make_index(path, file)
+
+
+@lru_cache(maxsize=4)
+def _check_growth(path: Path, state: tuple[int, ...], chunks: tuple[tuple[int, ChunkSize], ...]) -> None:  # noqa: ARG001
+    """InputError where the chunks of a file unpack to too much; looked at once as long as the file does not change."""
+    with path.open("rb") as file, translate_mcap(path, file):
+        check_growth(path, file, chunks)
 
 
 def check_summary(path: Path, file: IO[bytes]) -> None:

@@ -22,6 +22,9 @@ T = TypeVar("T", bound=Table)
 RECORDED: tuple[type[Table], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Reads, Occluders)
 """Tables that a recording can hold."""
 
+MAX_MESSAGE_BYTES, MAX_ROWS_AT_ONCE = 32_000_000, 1_000_000
+"""Size of a message of rows at most, and rows of one time, which are held in memory together."""
+
 _PYTHON_TYPES = {"i8": int, "i4": int, "f8": float, "f4": float, "?": bool, "U": str}
 _JSON_TYPES = {"i8": "integer", "i4": "integer", "f8": "number", "f4": "number", "?": "boolean", "U": "string"}
 
@@ -112,7 +115,12 @@ class RowCollector(Generic[T]):
         self._columns = {c.name: "" if c.kind == "U" else None for c in _listed(table)}
 
     def add(self, topic: str, data: bytes) -> None:
-        """Append the rows of a message; InputError where it does not fit the table."""
+        """Append the rows of a message; InputError where it does not fit the table, or they are too many."""
+        if len(data) > MAX_MESSAGE_BYTES:
+            raise InputError(
+                f"{self._source}: topic {topic}: a message of {len(data)} bytes; rows are read of messages of at most "
+                f"{MAX_MESSAGE_BYTES}"
+            )
         try:
             message = self._decoder.decode(data)
             told = {name: values for name in self._columns if (values := getattr(message, name)) is not None}
@@ -131,6 +139,11 @@ class RowCollector(Generic[T]):
                 f"{self._source}: topic {topic}: not a message of {schema_of(self._table)} ({reason})"
             ) from error
         self.rows += n
+        if self.rows > MAX_ROWS_AT_ONCE:
+            raise InputError(
+                f"{self._source}: topic {topic}: more than {MAX_ROWS_AT_ONCE} rows of one time, up to "
+                f"{message.t_ns} ns; so many are not held at once"
+            )
 
     def take(self) -> T:
         """The rows so far as a table sorted by its key; the collector is empty afterwards."""

@@ -17,6 +17,9 @@ from occlog.io.files.guard import check_text, guarded
 
 MAX_NODES = 200_000
 """Values of a YAML text at most, those of aliases counted each time."""
+LONGEST_NUMBER = 1_000
+"""Characters of a number at most: of one to the base of 60, as `1:30:15` is, time rises with the square of them."""
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 class _TooManyError(Exception):
@@ -89,12 +92,20 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
                 if not isinstance(key, yaml.ScalarNode):
                     line = key.start_mark.line + 1
                     raise InputError(f"{where}: line {line}: a list or a mapping cannot be a key; give a name")
-                check_text(key.value, f"{where}: line {key.start_mark.line + 1}")
+                _check_scalar(key, where)
                 waiting.append(value)
         elif isinstance(node, yaml.SequenceNode):
             waiting.extend(node.value)
         elif isinstance(node, yaml.ScalarNode):
-            check_text(node.value, f"{where}: line {node.start_mark.line + 1}")
+            _check_scalar(node, where)
+
+
+def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
+    """InputError for half of a character, and for a number that is too long to be one."""
+    place = f"{where}: line {node.start_mark.line + 1}"
+    check_text(node.value, place)
+    if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+        raise InputError(f"{place}: a number of {len(node.value)} characters; at most {LONGEST_NUMBER} are read")
 
 
 class _Unknowing(BoundedLoader):

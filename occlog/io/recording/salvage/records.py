@@ -9,6 +9,7 @@ file one behind another, and any but the last may be cut.
 from __future__ import annotations
 
 import io
+import re
 import struct
 import zlib
 from collections.abc import Generator, Iterator
@@ -25,6 +26,7 @@ from occlog.errors import InputError
 from occlog.io.files.content import PARQUET_MAGIC, RECORDING_MAGIC
 from occlog.io.files.inputs import check_input
 from occlog.io.recording.chunks import CHUNK_HEAD, KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
+from occlog.io.recording.growth import Growth
 from occlog.io.recording.layout import HEAD
 from occlog.io.recording.salvage.ends import BEGIN, END_BYTES, behind_end, index_of, is_end_mark
 from occlog.io.recording.salvage.lz4_blocks import rest_of_block
@@ -48,6 +50,9 @@ _PARTS: dict[int, tuple[int, ...]] = {
 }
 """What records consist of, by the MCAP format: so many bytes; -1, -2: bytes behind their number, of 4 or 8 bytes."""
 _BLOCK = 1 << 20
+_FIRST_BLOCK = 1 << 12
+"""Bytes in which the next record is looked for at first: where damage follows damage, it is near."""
+_BEGINS = re.compile(b"|".join(map(re.escape, (*_MARKS, BEGIN))))
 FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 """What damaged records raise in the libraries that take them apart."""
 
@@ -97,7 +102,7 @@ def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
             )
         if begin != RECORDING_MAGIC:
             raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
-        at = before = 0
+        at, before, growth = 0, 0, Growth(path)
         while at < size:
             file.seek(at)
             head = file.read(HEAD.size)
@@ -123,12 +128,12 @@ def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
                     what = f"the kind of a record is damaged ({code}, which must be {kind})"
                     damaged(at, what, messages=False)
                 file.seek(at + HEAD.size)
-                at = yield from _one(file, at, kind, length, damaged)
+                at = yield from _one(file, at, kind, length, damaged, growth)
             else:
                 # A record that does not fit: its length is damaged, or the file was cut within it
                 begins = _next_begin(file, at + 1, size)
                 if code == Opcode.CHUNK and (begins is None or _is_recording(file, begins)):
-                    yield from _cut_chunk(file, at, size if begins is None else begins, damaged)
+                    yield from _cut_chunk(file, at, size if begins is None else begins, damaged, growth)
                 else:
                     damaged(at, "the file is cut within a record" if begins is None else _read_on(file, begins))
                 if begins is None:
@@ -231,7 +236,9 @@ def _is_chunk(data: bytes) -> bool:
     return bool(records) and len(records) == head.declared and zlib.crc32(records) == head.crc
 
 
-def _one(file: IO[bytes], at: int, code: int, length: int, damaged: Tell) -> Generator[Record, None, int]:
+def _one(
+    file: IO[bytes], at: int, code: int, length: int, damaged: Tell, growth: Growth
+) -> Generator[Record, None, int]:
     """A record outside chunks, or those of a chunk; returns where to read on."""
     end = at + HEAD.size + length
     if code == Opcode.HEADER:
@@ -257,11 +264,12 @@ def _one(file: IO[bytes], at: int, code: int, length: int, damaged: Tell) -> Gen
             raise ValueError("wrong check sum")
     except FAILURES as error:
         if cut >= 0:
-            yield from _cut_chunk(file, at, at + HEAD.size + cut, damaged)
+            yield from _cut_chunk(file, at, at + HEAD.size + cut, damaged, growth)
             return at + HEAD.size + cut
         reason = " ".join(str(error).split())[:80] or "data end early"
         damaged(at, f"a damaged chunk of {length} bytes is left out ({reason})")
         return end
+    growth.add(len(data) - head.begin, records)
     yield from _split(records, at)
     return end
 
@@ -272,14 +280,15 @@ def has_right_sum(attachment: bytes) -> bool:
     return not crc or zlib.crc32(attachment[:-4]) == crc
 
 
-def _cut_chunk(file: IO[bytes], at: int, size: int, damaged: Tell) -> Iterator[Record]:
+def _cut_chunk(file: IO[bytes], at: int, size: int, damaged: Tell, growth: Growth) -> Iterator[Record]:
     """The complete records of a chunk in which the file was cut, at byte `size`."""
     file.seek(at + HEAD.size)
     try:
         data = file.read(min(size - at - HEAD.size, MAX_CHUNK_BYTES))
         records = _unpacked(data, chunk_head(data))
     except FAILURES:
-        records = b""
+        data = records = b""
+    growth.add(len(data), records)
     yield from _split(records, at)
     damaged(at, "the file is cut within a chunk; what is complete before the cut is kept, without a check sum")
 
@@ -324,28 +333,20 @@ def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
     """Where the next record begins that looks like a whole compressed chunk, or the next recording; None: nowhere."""
     before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, (*_MARKS, BEGIN)))
-    begin = at
+    begin, length = at, _FIRST_BLOCK
     while begin < size:
         file.seek(begin)
-        block = file.read(_BLOCK + longest - 1)
-        starts = [begin + p - before for mark in _MARKS for p in _all_of(block, mark)]
-        for start in sorted([*starts, *(begin + p for p in _all_of(block, BEGIN))]):
+        block = file.read(length + longest - 1)
+        for found in _BEGINS.finditer(block):
+            start = begin + found.start() - (0 if found[0] == BEGIN else before)
             if start < at:
                 continue
+            if found[0] == BEGIN:
+                return start
             file.seek(start)
-            head = file.read(before)
-            if head.startswith(BEGIN):
+            code, told = HEAD.unpack(file.read(HEAD.size))
+            if code == Opcode.CHUNK and start + HEAD.size + told <= size:
                 return start
-            code, length = HEAD.unpack_from(head)
-            if code == Opcode.CHUNK and start + HEAD.size + length <= size:
-                return start
-        begin += _BLOCK
+        begin += length
+        length = min(2 * length, _BLOCK)
     return None
-
-
-def _all_of(block: bytes, mark: bytes) -> Iterator[int]:
-    """Places of a mark in a block."""
-    place = block.find(mark)
-    while place >= 0:
-        yield place
-        place = block.find(mark, place + 1)

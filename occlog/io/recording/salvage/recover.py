@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from mcap import records
 from mcap.data_stream import ReadDataStream
@@ -229,7 +229,7 @@ class _Salvage:
             return
         if channel_id not in part.written:
             part.written[channel_id] = self._register(part, part.channels[channel_id])
-        data = record.data[MESSAGE_HEAD.size :]
+        data: Any = memoryview(record.data)[MESSAGE_HEAD.size :]  # no copy of what may be large
         self._writer.add_message(part.written[channel_id], log_ns, data, publish_ns, number)
         part.tallies.setdefault(channel_id, Tally(channel_id, part.damage)).add(number, log_ns)
         self._messages[topic] = self._messages.get(topic, 0) + 1

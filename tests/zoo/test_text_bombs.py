@@ -1,0 +1,53 @@
+"""Small texts that would take minutes, or memory without end: each is refused in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from apart import check_apart
+
+from occlog.errors import ExitCode, InputError
+from occlog.io.files.texts.toml_file import MAX_TOML_BYTES, toml_values
+from occlog.io.files.texts.yaml_nodes import LONGEST_NUMBER
+from occlog.io.foreign.source import MAX_COLUMNS
+
+CASES: dict[str, tuple[str, Callable[[], str], str]] = {
+    "a number to the base of 60": (
+        "a.yaml",
+        lambda: "cameras: 1" + ":59" * 1_300_000,
+        f"line 1: a number of 3900001 characters; at most {LONGEST_NUMBER} are read",
+    ),
+    "a fraction to the base of 60": ("a.yaml", lambda: "\n? 1" + ":59" * 1_300_000 + ".5\n: 1", "line 2: a number of "),
+    "columns": (
+        "a.csv",
+        lambda: ",".join(["t"] + ["c"] * 490_000) + "\n" + (",".join(["1"] * 490_001) + "\n") * 3,
+        f"490001 columns; a table of at most {MAX_COLUMNS} was expected",
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "make", "words"), CASES.values(), ids=CASES)
+def test_texts_take_no_longer_than_is_promised(tmp_path: Path, name: str, make: Callable[[], str], words: str) -> None:
+    path = tmp_path / name
+    path.write_text(make(), encoding="utf-8")
+    told = check_apart("info", path)
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in told.told
+    assert check_apart("doctor", path).code in (ExitCode.LOSSY, ExitCode.BAD_INPUT)
+
+
+def test_tables_of_toml_take_no_more_than_is_promised(tmp_path: Path) -> None:
+    boxes, path = tmp_path / "b.csv", tmp_path / "c.toml"
+    boxes.write_text("frame,left,top,width,height\n0,1,2,3,4\n", encoding="utf-8")
+    words = ["--boxes", f"a={boxes}", "--fps", "10", "--calibration", path, "-o", tmp_path / "r.mcap"]
+    lines = [f"[a{n}.b.c.d]" for n in range(600_000)]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    told = check_apart("ingest", *words)
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    with pytest.raises(InputError, match=f"in TOML of at most {MAX_TOML_BYTES} bytes"):
+        toml_values(path.read_text(encoding="utf-8"), path, "a calibration")
+    # As much as may be
+    path.write_text("\n".join(lines)[:MAX_TOML_BYTES].rpartition("\n")[0], encoding="utf-8")
+    assert check_apart("ingest", *words).code == ExitCode.BAD_INPUT
