@@ -168,6 +168,7 @@ class Batch(NamedTuple, Generic[State, Config]):
     advance: Callable[[State, Sequence[Scan], bool], tuple[State, Smoothed]]  # more scans; whether none will follow
     started: Callable[[Config], bool]  # whether the settings say where the target is at first
     lag_ns: Callable[[Config], int | None]  # how long states wait for what comes after them; None: to the end
+    forgets_ns: Callable[[Scene, Config], int | None] = lambda *_: None  # after such a pause a target begins anew
     occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
     measured: bool = False  # whether it takes ranges, signal strengths and time differences
 

@@ -46,7 +46,8 @@ def track_batch(
     With one, a target's states are given out when so much time has been seen after them, or half as
     much again; memory grows with the number of rows in that time.  A target of which there is no row
     for longer than that, and the step before (of at most four times the lag), is ended, and begins anew
-    if there is one again; a shorter pause adds to the wait.
+    if there is one again; a shorter pause adds to the wait.  So it is, with a lag or without, after a pause of which
+    the method forgets what was before.
 
     Raises:
         InputError: no bearing has a label, or one that does not fit the scene.
@@ -59,6 +60,8 @@ def track_batch(
     given_lag = method.lag_ns(config)
     lag_ns = FOREVER_NS if given_lag is None else given_lag
     hop_ns = max(1, lag_ns // 2)
+    forgets_ns = method.forgets_ns(scene, config)
+    longest_ns = FOREVER_NS if forgets_ns is None else forgets_ns
     met: dict[int, tuple[int, int]] = {}  # latest time of each target, and the step that led there
     unlabelled, now = 0, 0
     for scan in tracking.scans(bearings, scene, measured):
@@ -68,7 +71,7 @@ def track_batch(
         now = scan.t_ns
         unlabelled += int(np.count_nonzero(~scan.labelled))
         # End targets that pause.  What ends or settles a target depends on its own rows alone.
-        over = [k for k in targets if now - met[k][0] > lag_ns + met[k][1]]
+        over = [k for k in targets if now - met[k][0] > min(lag_ns + met[k][1], longest_ns)]
         waiting += [_advance(targets.pop(k), k, method, names, last=True)[1] for k in over]
         # Gather the rows of each target; begin those that are new or back after a pause
         due = []

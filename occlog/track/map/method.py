@@ -30,7 +30,7 @@ from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.kernels.terms import losses
 from occlog.track.map.kernels.windows import summary
 from occlog.track.map.search.descent import Watch
-from occlog.track.map.search.pending import Pending, begin
+from occlog.track.map.search.pending import Pending, begin, forgets_ns
 from occlog.track.map.search.robust import Sought, plain_search, robust_search
 
 from .barriers import obstacles
@@ -194,6 +194,7 @@ METHOD = Batch(
     advance=advance,
     started=lambda config: config.start is not None,
     lag_ns=lambda config: lag_ns(config.lag_s),
+    forgets_ns=forgets_ns,
     occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
     measured=True,
 )

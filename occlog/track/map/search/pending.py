@@ -13,7 +13,7 @@ from occlog.records.scene import Scene
 from occlog.track.apf.sensing import pack_sensors
 from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.feasible import move_inside
-from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity
+from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
 from occlog.track.map.kernels.problem import CAUCHY, HUBER, MIXTURE, SQUARE, Problem, chain
 from occlog.track.map.kernels.start import start_on_axes
 from occlog.track.map.kernels.windows import Knowledge
@@ -28,6 +28,12 @@ is where a bearing uniform in an image of some hundred standard deviations is as
 
 START = 1e-3
 """Distance to the constraints, as a share of the room's extent, at which a search begins."""
+
+
+FAR = 1000.0
+"""Where the motion alone spreads positions by so many times the extent of the place, what was before says nothing."""
+LONGEST_S = 1e9
+"""No longer pause is looked at."""
 
 
 class Pending(NamedTuple):
@@ -61,7 +67,7 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
         returned: the target is back after a gap, so that `config.start` no longer holds.
     """
     low, high = scene.surroundings.min(axis=0), scene.surroundings.max(axis=0)
-    extent = float(np.hypot(*(high - low)))
+    extent = _extent(scene)
     if not extent > 0:
         raise InputError("scene: the room has no extent, so that a trajectory has no scale; add `room`")
     origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
@@ -85,6 +91,28 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
         X=np.empty((0, 4)),
         sensors=pack_sensors(scene, None if config.walls else [()] * len(scene.cameras)),
     )
+
+
+def forgets_ns(scene: Scene, config: MapConfig) -> int | None:
+    """The pause [ns] after which a target may be anywhere by its motion, to a factor of 2; None: there is none.
+
+    A chain over a longer one would only have variances that 64 bits do not hold beside those of bearings.
+    """
+    model, extent = motion_of(config), _extent(scene)
+    try:
+        seconds = model.step_s
+        while seconds < LONGEST_S:
+            _, (sigma,) = transitions(model, np.array([seconds]))
+            if np.sqrt(np.linalg.eigvalsh(sigma[::2, ::2])[-1]) > FAR * extent:
+                return round(seconds * NS)
+            seconds *= 2.0
+    except (ValueError, np.linalg.LinAlgError):  # the model is refused where it is used
+        pass
+    return None
+
+
+def _extent(scene: Scene) -> float:
+    return float(np.hypot(*(scene.surroundings.max(axis=0) - scene.surroundings.min(axis=0))))
 
 
 def _moves_freely(config: MapConfig) -> bool:
