@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from apart import check_apart
 
 from occlog.errors import ExitCode, InputError
+from occlog.io.files.texts import csv_rows
+from occlog.io.files.texts.csv_rows import FREE_LINES, text_lines
 from occlog.io.files.texts.toml_file import MAX_TOML_BYTES, toml_values
 from occlog.io.files.texts.yaml_nodes import LONGEST_NUMBER
 from occlog.io.foreign.source import MAX_COLUMNS
@@ -51,3 +55,22 @@ def test_tables_of_toml_take_no_more_than_is_promised(tmp_path: Path) -> None:
     # As much as may be
     path.write_text("\n".join(lines)[:MAX_TOML_BYTES].rpartition("\n")[0], encoding="utf-8")
     assert check_apart("ingest", *words).code == ExitCode.BAD_INPUT
+
+
+def test_a_packed_text_has_no_lines_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(gzip.compress(b"t,sensor,azimuth_deg\n" + b"\n" * 100_000_000, 9))
+    told = check_apart("export", path, "-o", tmp_path / "b.csv")
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert f"line {FREE_LINES + 1}: more lines than measurements in {path.stat().st_size} packed bytes" in told.told
+    # As many as may be, and one more; in text that is not packed any number
+    monkeypatch.setattr(csv_rows, "FREE_LINES", 1000)
+    plain = tmp_path / "a.csv"
+    for lines, good in ((1000, True), (1001, False)):
+        text = b"x\n" * lines
+        path.write_bytes(gzip.compress(text))
+        plain.write_bytes(text)
+        with gzip.open(path, "rt") as packed, plain.open() as unpacked:
+            assert len(list(text_lines(plain, unpacked))) == lines
+            with nullcontext() if good else pytest.raises(InputError, match="line 1001: more lines"):
+                assert len(list(text_lines(path, packed))) == lines

@@ -9,6 +9,7 @@ import csv
 import difflib
 import gzip
 import io
+import math
 import re
 import zlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -33,6 +34,9 @@ GZIP_MAGIC = b"\x1f\x8b"
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+(?:[eE][+-]?[0-9]+)?$")
 LONGEST_LINE = 1_000_000
 """Characters of a line at most."""
+FREE_LINES = 1_000_000
+"""Lines that any gzip file may unpack to, and above that one for each of its bytes: rows of measured numbers take 3
+packed bytes or more."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Texts that a spreadsheet takes for a formula, and those that begin with the marks that say they are none."""
 _NUMBER = re.compile(r"^\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*$")
@@ -299,11 +303,18 @@ def _rejoin(first: tuple[int, list[str]], rest: Iterator[tuple[int, list[str]]])
 def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
     """(line number, line) of a text; InputError for one that is too long to be one of a table.
 
-    A file without line ends is not read as a whole.
+    A file without line ends is not read as a whole, nor one of gzip that unpacks to lines without end.
     """
+    packed = path.stat().st_size if isinstance(getattr(file, "buffer", None), gzip.GzipFile) else None
+    most = math.inf if packed is None else max(FREE_LINES, packed)
     for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
         if len(line) > LONGEST_LINE:
             raise InputError(f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected")
+        if number > most:
+            raise InputError(
+                f"{path}: line {number}: more lines than measurements in {packed} packed bytes have; unpack the file "
+                "if it is right"
+            )
         yield number, line
 
 
