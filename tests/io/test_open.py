@@ -55,7 +55,7 @@ def recording(path: Path, scene: Scene | None = None, losses: tuple[Loss, ...] =
     with RecordingWriter(made, scene, Provenance("test", losses=losses)) as writer:
         if rows:
             writer.table(truth(rows))
-    return path
+    return made.rename(path)
 
 
 @pytest.mark.parametrize("name", ["x.parquet", "x.mcap", "x.csv", "x"])

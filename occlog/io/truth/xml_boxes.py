@@ -87,18 +87,19 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
 
 def _elements(path: Path) -> Iterator[Element]:
     """Every element when it ends; InputError where the text is not XML."""
-    ends = iter(ElementTree.iterparse(check_input(path, "ground truth (XML)")))
-    while True:
-        with guarded(path, "ground truth (XML)"):
-            try:
-                end = next(ends, None)
-            except ElementTree.ParseError as error:
-                raise InputError(
-                    f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
-                ) from None
-        if end is None:
-            return
-        yield end[1]
+    with check_input(path, "ground truth (XML)").open("rb") as file:
+        ends = iter(ElementTree.iterparse(file))
+        while True:
+            with guarded(path, "ground truth (XML)"):
+                try:
+                    end = next(ends, None)
+                except ElementTree.ParseError as error:
+                    raise InputError(
+                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+                    ) from None
+            if end is None:
+                return
+            yield end[1]
 
 
 def _objects(frame: Element, number_of_frame: int, where: str) -> list[Row]:
