@@ -159,6 +159,10 @@ def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) ->
     line = f"line {lines[place]}: " if place in lines else ""
     shown = place.removeprefix("$").removeprefix(".")
     value = _value_at(raw, place)
+    if text.startswith("Invalid enum value"):
+        info = _type_at(kind, place)
+        known = info.values if isinstance(info, msgspec.inspect.LiteralType) else ()
+        return f"{line}{shown}: {value!r} is none of {', '.join(map(str, known))}"
     got = f", got {value!r}" if isinstance(value, str | int | float | bool) else ""
     return f"{line}{shown + ': ' if shown else ''}{text[:1].lower() + text[1:]}{got}"
 
@@ -174,19 +178,27 @@ def _unknown_key(key: str, place: str, lines: dict[str, int], kind: type[T]) -> 
 
 
 def _valid_keys(kind: type[T], place: str) -> list[str]:
-    """Keys allowed at a path, found by walking the declared types."""
-    info = _strip(msgspec.inspect.type_info(kind))
-    for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", place.removeprefix("$")):
-        info = _strip(_step(info, part))
+    """Keys allowed at a path."""
+    info = _type_at(kind, place)
     return sorted(f.encode_name for f in info.fields) if isinstance(info, msgspec.inspect.StructType) else []
 
 
+def _type_at(kind: type[T], place: str) -> msgspec.inspect.Type:
+    """The type of what is at a path, found by walking the declared types."""
+    info = _strip(msgspec.inspect.type_info(kind))
+    for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", place.removeprefix("$")):
+        info = _strip(_step(info, part))
+    return info
+
+
 def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
-    """The struct or container inside a union with null."""
+    """The struct or container inside a union with null, or inside what is described."""
+    if isinstance(info, msgspec.inspect.Metadata):
+        return _strip(info.type)
     if isinstance(info, msgspec.inspect.UnionType):
         inner = [t for t in info.types if not isinstance(t, msgspec.inspect.NoneType)]
         structs = [t for t in inner if isinstance(t, msgspec.inspect.StructType)]
-        return (structs or inner)[0]
+        return _strip((structs or inner)[0])
     return info
 
 
