@@ -15,7 +15,6 @@ MAX_PIXELS = 100_000_000
 """Larger images are refused: 8192 x 8192 has 67 million pixels."""
 MAX_SCANS = 200
 """Scans of a JPEG image at most: progressive ones have some ten, and each goes through all pixels again."""
-_SCAN = b"\xff\xda"
 PNG_MARK = b"\x89PNG\r\n\x1a\n"
 BLACK = 24
 """Mean of the brightest channel up to which a row or column is a black bar; codecs leave some noise in it."""
@@ -57,9 +56,15 @@ def image_damage(data: bytes) -> str | None:
         return _png_damage(data)
     if kind == "jpeg" and b"\xff\xd9" not in data[-1024:]:
         return "cut short: the end mark of a JPEG image is missing"
-    if kind == "jpeg" and (scans := data.count(_SCAN)) > MAX_SCANS:
+    if kind == "jpeg" and (scans := _scans(data)) > MAX_SCANS:
         return f"{scans} scans; a JPEG image of at most {MAX_SCANS} was expected"
     return None
+
+
+def _scans(data: bytes) -> int:
+    """How many scans of a JPEG image begin; `bytes.count` would take a tenth of the time of decoding."""
+    values = np.frombuffer(data, np.uint8)
+    return int(np.count_nonzero((values[:-1] == 0xFF) & (values[1:] == 0xDA)))
 
 
 def _png_damage(data: bytes) -> str | None:
