@@ -14,7 +14,7 @@ from apart import check_apart
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.io.files.tables.promises import FREE_BYTES, FREE_ROWS, check_promise
+from occlog.io.files.promises import FREE_BYTES, FREE_ROWS, check_promise
 from occlog.io.files.tables.thrift import I32, I64, Field, Reader, written
 from occlog.io.foreign.arrow_messages import Message, messages
 

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
+from occlog.io.files.promises import most_unpacked
 
 from .check_sums import Checked
-from .promises import most_unpacked
 from .thrift import I32, STRUCT, MalformedError, Reader, Struct
 
 DICTIONARY = 2

@@ -16,10 +16,10 @@ import pyarrow.parquet as pq
 
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
+from occlog.io.files.promises import check_promise
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, from_arrow
 from occlog.io.files.tables.check_sums import Checked
 from occlog.io.files.tables.pages import PagedFile
-from occlog.io.files.tables.promises import check_promise
 from occlog.io.files.tables.salvage.marks import is_marked
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 from occlog.records.columns import Table, check_copies, key_of

@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.io.files.content import PARQUET_MAGIC
+from occlog.io.files.promises import too_much
 from occlog.io.files.tables.pages import DICTIONARY, Page, read_head
 from occlog.io.files.tables.parquet import promised
-from occlog.io.files.tables.promises import too_much
 from occlog.io.files.tables.salvage.marks import Group
 from occlog.io.files.tables.thrift import I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
 

@@ -1,4 +1,4 @@
-"""How much a file of binary columns may promise before anything of it is read."""
+"""How much a file of binary columns or of packed chunks may promise before anything of it is read."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ FREE_ROWS, MAX_ROWS_PER_BYTE = 1_000_000, 20
 """Rows that any file may promise, and above that for each of its bytes: a row of measured numbers takes 2 bytes or
 more, however well it is packed."""
 FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
-"""Unpacked bytes of a group of rows that any file may promise, and above that for each of its bytes."""
+"""Unpacked bytes of a group of rows, or of all chunks, that any file may promise, and more for each of its bytes."""
 
 
 def most_unpacked(size: int) -> int:
-    """How many bytes a group of rows of a file of `size` bytes may unpack to."""
+    """How many bytes a group of rows, or all chunks, of a file of `size` bytes may unpack to."""
     return max(FREE_BYTES, MAX_GROWTH * size)
 
 
