@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from occlog.errors import InputError
 from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
 from occlog.io.files.tables.check_sums import Checked
+from occlog.io.files.tables.footer import read_spans
+from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.parquet import batches, opened_table, schema_name_of, translate_read_errors
+
+_TIME = struct.Struct("<q")
 
 
 class Header(NamedTuple):
@@ -107,9 +113,14 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
         return {} if batch is None else {name: batch.column(name).to_pylist() for name in names}
 
 
-def _time_span(file: pq.ParquetFile) -> list[int] | None:
-    if not pa.types.is_integer(file.schema_arrow.field(0).type):  # times of another program
+def _time_span(file: PagedFile) -> list[int] | None:
+    if not pa.types.is_int64(file.schema_arrow.field(0).type):  # times of another program
         return None
-    groups = (file.metadata.row_group(i).column(0).statistics for i in range(file.num_row_groups))
-    spans = [(s.min, s.max) for s in groups if s is not None and s.has_min_max]
+    spans = [(_time(least), _time(greatest)) for least, greatest in read_spans(file.checked)]
     return [min(s[0] for s in spans), max(s[1] for s in spans)] if spans else None
+
+
+def _time(stored: bytes) -> int:
+    if len(stored) != _TIME.size:
+        raise InputError(f"a time of {len(stored)} bytes in the statistics of its first column")
+    return int(_TIME.unpack(stored)[0])

@@ -7,16 +7,19 @@ a modest footer may unpack to gigabytes.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from functools import cached_property
 from typing import NamedTuple
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
 from occlog.io.files.promises import most_unpacked
 
 from .check_sums import Checked
-from .thrift import I32, STRUCT, MalformedError, Reader, Struct
+from .footer import Chunk, read_chunks
+from .thrift import I32, STRUCT, MalformedError, Reader, Struct, from_varint
 
 DICTIONARY = 2
 """The kind of a page that has no rows, but what they refer to."""
@@ -53,7 +56,7 @@ def read_head(data: bytes | memoryview, at: int = 0) -> Page:
     """The head of the page that begins at a byte; MalformedError if there is none."""
     usual = _USUAL.match(data, at)
     if usual is not None:  # a tenth of the time
-        kind, unpacked, packed, values = map(_zigzag, usual.groups())
+        kind, unpacked, packed, values = map(from_varint, usual.groups())
         end = usual.end()
     else:
         reader = Reader(data, at)
@@ -67,13 +70,6 @@ def read_head(data: bytes | memoryview, at: int = 0) -> Page:
     return Page(kind, unpacked, packed, values, end)
 
 
-def _zigzag(varint: bytes) -> int:
-    value = 0
-    for byte in reversed(varint):
-        value = value << 7 | byte & 127
-    return value >> 1 ^ -(value & 1)
-
-
 def _number(fields: Struct, number: int) -> int:
     found = fields.get(number)
     if found is None or found.kind != I32:
@@ -82,44 +78,49 @@ def _number(fields: Struct, number: int) -> int:
 
 
 class PagedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no types
-    """A Parquet file whose pages are unpacked only after a look at the heads of all of them."""
+    """A Parquet file whose pages are unpacked only after a look at the heads of all of them.
+
+    Attributes:
+        checked: its bytes.
+    """
 
     def __init__(self, source: Checked, **options: object) -> None:
         """Open `source`; `options` are those of the library."""
         super().__init__(source, **options)
-        self._checked = source
+        self.checked = source
+
+    @cached_property
+    def chunks(self) -> list[list[Chunk]]:
+        """The columns of each group of rows."""
+        return list(read_chunks(self.checked))
 
     def iter_batches(  # noqa: D102 - as the library's own
         self, batch_size: int, row_groups: Collection[int] | None = None, columns: Collection[str] | None = None
-    ) -> object:
+    ) -> Iterator[pa.RecordBatch]:
         for number in range(self.num_row_groups) if row_groups is None else row_groups:
             self._check(number, columns)
-        return super().iter_batches(batch_size=batch_size, row_groups=row_groups, columns=columns)
+        yield from super().iter_batches(batch_size=batch_size, row_groups=row_groups, columns=columns)
 
-    def read(self, columns: Collection[str] | None = None) -> object:  # noqa: D102 - as the library's own
+    def read(self, columns: Collection[str] | None = None) -> pa.Table:  # noqa: D102 - as the library's own
         for number in range(self.num_row_groups):
             self._check(number, columns)
         return super().read(columns=columns)
 
     def _check(self, number: int, columns: Collection[str] | None) -> None:
         """InputError for a group of rows whose pages unpack to more than a file of its size can hold."""
-        group, most, unpacked = self.metadata.row_group(number), most_unpacked(self._checked.size), 0
-        for place in range(group.num_columns):
-            column = group.column(place)
-            if columns is not None and column.path_in_schema.partition(".")[0] not in columns:
+        most, unpacked = most_unpacked(self.checked.size), 0
+        for path, begin, end in self.chunks[number]:
+            if columns is not None and path[0] not in columns:
                 continue
-            values, at = 0, column.data_page_offset
-            if column.has_dictionary_page and 0 < column.dictionary_page_offset < at:
-                at = column.dictionary_page_offset
-            begin, end = at, at + column.total_compressed_size
+            values, at = 0, begin
             while at < end:
                 page = self._head(at, end)
                 unpacked, values, at = unpacked + page.unpacked, values + page.values, at + page.begin + page.packed
                 if max(unpacked, BYTES_PER_VALUE * values) > most:
-                    self._checked.read_at(begin, at - begin)  # a damaged head is told as that
+                    self.checked.read_at(begin, at - begin)  # a damaged head is told as that
                     raise InputError(
-                        f"{self._checked.path}: column {column.path_in_schema} unpacks to more than {most} bytes in a "
-                        f"file of {self._checked.size} bytes, which no measurements fit into"
+                        f"{self.checked.path}: column {path[0]} unpacks to more than {most} bytes in a "
+                        f"file of {self.checked.size} bytes, which no measurements fit into"
                     )
 
     def _head(self, at: int, end: int) -> Page:
@@ -129,9 +130,9 @@ class PagedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         """
         for window in WINDOWS:
             try:
-                return read_head(self._checked.peek(at, window))
+                return read_head(self.checked.peek(at, window))
             except MalformedError:
                 if window == WINDOWS[-1] or at + window >= end:
-                    self._checked.read_at(at, window)
+                    self.checked.read_at(at, window)
                     raise
         raise AssertionError

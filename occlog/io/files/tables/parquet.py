@@ -40,7 +40,7 @@ def translate_read_errors(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def opened_table(path: Path) -> Iterator[pq.ParquetFile]:
+def opened_table(path: Path) -> Iterator[PagedFile]:
     """A Parquet file, verified; each failure to read it, also within the block, is one InputError."""
     check_input(path, "a Parquet file")
     with translate_read_errors(path), open_parquet(path) as file:
@@ -48,7 +48,7 @@ def opened_table(path: Path) -> Iterator[pq.ParquetFile]:
 
 
 @contextmanager
-def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
+def open_parquet(path: Path) -> Iterator[PagedFile]:
     """A Parquet file with its check sums verified: those of all bytes, or where there are none those of pages.
 
     Raises:

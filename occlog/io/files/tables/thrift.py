@@ -6,6 +6,7 @@ knows go through unchanged.  Source: the compact protocol of Apache Thrift.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
@@ -28,27 +29,99 @@ class MalformedError(ValueError):
 
 
 class Reader:
-    """Reads structures from bytes."""
+    """Reads structures from bytes.
+
+    Attributes:
+        data: the bytes.
+        at: where it reads next.
+    """
 
     def __init__(self, data: bytes | memoryview, at: int = 0) -> None:
         """Begin to read at a byte."""
-        self._data, self.at = memoryview(data), at
+        self.data, self.at = memoryview(data), at
 
     def struct(self, depth: int = 0) -> Struct:
         """The structure that begins here; MalformedError if there is none."""
-        fields: Struct = {}
+        return {number: Field(kind, self._value(kind, depth, in_list=False)) for number, kind in self.fields()}
+
+    def fields(self) -> Iterator[tuple[int, int]]:
+        """Number and kind of each field of the structure that begins here; each is read, or skipped, before the next.
+
+        This is how a long structure is read without keeping all of it.  MalformedError for a field that comes twice:
+        which of them counts is not defined.
+        """
         number = 0
         while (head := self._byte()) != 0:
-            step, kind = head >> 4, head & 15
+            before, step = number, head >> 4
             number = number + step if step else self._zigzag()
-            fields[number] = Field(kind, self._value(kind, depth, in_list=False))
-        return fields
+            if number <= before and before:
+                raise MalformedError("fields that do not ascend")
+            yield number, head & 15
+
+    def long(self, kind: int) -> int:
+        """The number of 64 bits that stands here; MalformedError where the field is of another kind."""
+        if kind != I64:
+            raise MalformedError("another kind of value where a number of 64 bits should stand")
+        return self._zigzag()
+
+    def items(self, kind: int, of: int) -> range:
+        """The numbers of the items of the list that begins here; each is read, or skipped, before the next.
+
+        MalformedError where the field is no list of items of the kind `of`.
+        """
+        if kind != LIST:
+            raise MalformedError("another kind of value where a list should stand")
+        found, count = self._list_head()
+        if found != of and count:
+            raise MalformedError("a list of another kind of items")
+        return range(count)
+
+    def skip(self, kind: int, depth: int = 0, *, in_list: bool = False) -> None:
+        """Pass over a value."""
+        if depth > MAX_DEPTH:
+            raise MalformedError("values within values without end")
+        if kind in (I16, I32, I64):
+            while self._byte() > 127:
+                pass
+        elif kind == BINARY:
+            self._pass(self._varint())
+        elif kind == STRUCT:
+            for _, each in self.fields():
+                self.skip(each, depth + 1)
+        elif kind in (LIST, SET):
+            of, count = self._list_head()
+            for _ in range(count):
+                self.skip(of, depth + 1, in_list=True)
+        elif kind == DOUBLE:
+            self._pass(8)
+        elif kind == BYTE or (in_list and kind in (TRUE, FALSE)):
+            self._pass(1)
+        elif kind not in (TRUE, FALSE):
+            raise MalformedError(f"a value of the unknown kind {kind}")
+
+    def text(self, kind: int) -> bytes:
+        """The bytes that stand here; MalformedError where the field is of another kind."""
+        if kind != BINARY:
+            raise MalformedError("another kind of value where a text should stand")
+        return self._bytes(self._varint())
+
+    def _pass(self, count: int) -> None:
+        if count > len(self.data) - self.at:
+            raise MalformedError("the bytes end too early")
+        self.at += count
+
+    def _list_head(self) -> tuple[int, int]:
+        head = self._byte()
+        count = head >> 4 if head >> 4 != 15 else self._varint()
+        if count > min(MAX_ITEMS, len(self.data) - self.at):
+            raise MalformedError("a list of more items than there are bytes")
+        return head & 15, count
 
     def _byte(self) -> int:
-        if self.at >= len(self._data):
+        if self.at >= len(self.data):
             raise MalformedError("the bytes end too early")
         self.at += 1
-        return self._data[self.at - 1]
+        return self.data[self.at - 1]
 
     def _varint(self) -> int:
         value = shift = 0
@@ -66,10 +139,8 @@ class Reader:
         return (value >> 1) ^ -(value & 1)
 
     def _bytes(self, count: int) -> bytes:
-        if count > len(self._data) - self.at:
-            raise MalformedError("the bytes end too early")
-        self.at += count
-        return bytes(self._data[self.at - count : self.at])
+        self._pass(count)
+        return bytes(self.data[self.at - count : self.at])
 
     def _value(self, kind: int, depth: int, *, in_list: bool) -> Any:
         if depth > MAX_DEPTH:
@@ -85,14 +156,19 @@ class Reader:
         if kind == BINARY:
             return self._bytes(self._varint())
         if kind in (LIST, SET):
-            head = self._byte()
-            count = head >> 4 if head >> 4 != 15 else self._varint()
-            if count > min(MAX_ITEMS, len(self._data) - self.at):
-                raise MalformedError("a list of more items than there are bytes")
-            return head & 15, [self._value(head & 15, depth + 1, in_list=True) for _ in range(count)]
+            of, count = self._list_head()
+            return of, [self._value(of, depth + 1, in_list=True) for _ in range(count)]
         if kind == STRUCT:
             return self.struct(depth + 1)
         raise MalformedError(f"a value of the unknown kind {kind}")
+
+
+def from_varint(varint: bytes) -> int:
+    """The number with a sign that some bytes are, which are all that it has."""
+    value = 0
+    for byte in reversed(varint):
+        value = value << 7 | byte & 127
+    return value >> 1 ^ -(value & 1)
 
 
 def written(fields: Struct) -> bytes:

@@ -15,16 +15,25 @@ import pyarrow.parquet as pq
 
 from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.promises import too_much
+from occlog.io.files.tables.footer import (
+    CHUNK,
+    COLUMNS,
+    DATA_PAGE,
+    DICTIONARY_PAGE,
+    GROUP_BYTES,
+    GROUP_ROWS,
+    NUM_ROWS,
+    PACKED,
+    PLACE,
+    ROW_GROUPS,
+    UNPACKED,
+    VALUES,
+)
 from occlog.io.files.tables.pages import DICTIONARY, Page, read_head
 from occlog.io.files.tables.parquet import promised
 from occlog.io.files.tables.salvage.marks import Group
 from occlog.io.files.tables.thrift import I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
 
-# Fields of Parquet's structures, by the numbers of its definition
-NUM_ROWS, ROW_GROUPS = 3, 4  # of the footer
-COLUMNS, GROUP_BYTES, GROUP_ROWS = 1, 2, 3  # of a group of rows
-PLACE, CHUNK = 2, 3  # of a column of a group
-VALUES, UNPACKED, PACKED, DATA_PAGE, DICTIONARY_PAGE = 5, 6, 7, 9, 11  # of its description
 NEEDED = (1, 2, 3, 4)  # type, encodings, path and codec, which are those of the pattern
 
 

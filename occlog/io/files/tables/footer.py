@@ -1,0 +1,161 @@
+"""Where the footer of a Parquet file says that the columns are.
+
+The library gives this as well, but a footer whose statistics do not fit its columns ends the process there.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from sys import intern
+from typing import NamedTuple
+
+from .check_sums import Checked
+from .thrift import BINARY, I32, I64, STRUCT, MalformedError, Reader, from_varint
+
+# Fields of Parquet's structures, by the numbers of its definition
+NUM_ROWS, ROW_GROUPS = 3, 4  # of the footer
+COLUMNS, GROUP_BYTES, GROUP_ROWS = 1, 2, 3  # of a group of rows
+PLACE, CHUNK = 2, 3  # of a column of a group
+PATH, VALUES, UNPACKED, PACKED, DATA_PAGE, DICTIONARY_PAGE, STATISTICS = 3, 5, 6, 7, 9, 11, 12  # of its description
+GREATEST, LEAST = 5, 6  # of its statistics
+LENGTH = struct.Struct("<I4s")
+"""What a file ends with: bytes of the footer, and a mark."""
+
+
+def _usual() -> tuple[re.Pattern[bytes], re.Pattern[bytes]]:
+    """How a column is mostly described: what stands before its name, and what behind it."""
+    number = rb"[\x80-\xff]{0,9}[\x00-\x7f]"
+    encodings, longs, counted = (
+        b"|".join(re.escape(bytes([count << 4 | kind])) + b"(?:%b){%d}" % (item, count) for count in range(1, 15))
+        for kind, item in ((I32, number), (I64, number), (STRUCT, rb"(?:\x15%b){3}\x00" % number))
+    )
+    texts = b"|".join(re.escape(bytes([size])) + b".{%d}" % size for size in range(33))
+    value = rb"[\x18\x28\x38\x48\x58](?:%b)|[\x16\x26\x36]%b|[\x11\x12\x21\x22]" % (texts, number)
+    before = rb"\x26%b\x1c\x15%b\x19(?:%b)\x19\x18([\x00-\x7f])" % (number, number, encodings)
+    behind = (
+        rb"\x15N(?:\x16N){2}\x16(?P<size>N)\x26(?P<data>N)"  # codec, number of values, sizes, place of the data
+        rb"(?:\x26(?P<dictionary>N)(?:\x1c(?:V)*\x00)?|\x3c(?:V)*\x00)?"  # place of the dictionary, statistics
+        rb"(?:[\x19\x29\x49](?:C))?"  # how many pages there are of each encoding
+        rb"(?:[\x3c\x4c\x5c](?:\x16N)?(?:[\x19\x29\x39](?:\x06|L))*\x00)?"  # histograms
+        rb"\x00(?:[\x15\x16\x25\x26\x35\x36]N)*\x00"  # the description ends; places of indices; the column ends
+    )
+    for name, part in ((b"V", value), (b"C", counted), (b"L", longs), (b"N", number)):
+        behind = behind.replace(name, part)
+    return re.compile(before, re.DOTALL), re.compile(behind, re.DOTALL)
+
+
+_BEFORE, _BEHIND = _usual()
+
+
+class Chunk(NamedTuple):
+    """A column of a group of rows.
+
+    Attributes:
+        path: names of the column and of what is in it, e.g. `("views", "list", "element")`.
+        begin: its first byte.
+        end: the byte after its last.
+    """
+
+    path: tuple[str, ...]
+    begin: int
+    end: int
+
+
+def read_chunks(source: Checked) -> Iterator[list[Chunk]]:
+    """The columns of each group of rows; MalformedError for a footer that does not say where they are."""
+    reader = _reader(source)
+    for columns in _groups(reader):
+        chunks = [_usual_column(reader) or _column(reader) for _ in range(columns)]
+        if any(chunk.end > source.size for chunk in chunks):
+            raise MalformedError("a column beyond the end of the file")
+        yield chunks
+
+
+def read_spans(source: Checked) -> Iterator[tuple[bytes, bytes]]:
+    """The least and the greatest value of the first column in each group of rows whose statistics have them.
+
+    They are as the column stores them.
+    """
+    reader = _reader(source)
+    for columns in _groups(reader):
+        for number in range(columns):
+            if number:
+                reader.skip(STRUCT)
+                continue
+            described = reader.struct().get(CHUNK)
+            told = described.value.get(STATISTICS) if described and described.kind == STRUCT else None
+            span = (told.value.get(LEAST), told.value.get(GREATEST)) if told and told.kind == STRUCT else (None, None)
+            if span[0] and span[1] and span[0].kind == span[1].kind == BINARY:
+                yield span[0].value, span[1].value
+
+
+def _reader(source: Checked) -> Reader:
+    """Reads the footer."""
+    length, _ = LENGTH.unpack(source.peek(source.size - LENGTH.size, LENGTH.size))
+    return Reader(source.peek(source.size - LENGTH.size - length, length))
+
+
+def _groups(reader: Reader) -> Iterator[int]:
+    """How many columns each group of rows has; all are read before the next."""
+    for number, kind in reader.fields():
+        if number != ROW_GROUPS:
+            reader.skip(kind)
+            continue
+        for _ in reader.items(kind, STRUCT):
+            for field, of in reader.fields():
+                if field == COLUMNS:
+                    yield len(reader.items(of, STRUCT))
+                else:
+                    reader.skip(of)
+
+
+def _usual_column(reader: Reader) -> Chunk | None:
+    """The column that begins here, where it is described as mostly: in a tenth of the time."""
+    before = _BEFORE.match(reader.data, reader.at)
+    if before is None:
+        return None
+    name, stop = before.end(), before.end() + before.group(1)[0]
+    behind = _BEHIND.match(reader.data, stop)
+    if behind is None:
+        return None
+    reader.at = behind.end()
+    size, data, dictionary = (from_varint(n) if n else 0 for n in behind.group("size", "data", "dictionary"))
+    return _chunk((intern(str(reader.data[name:stop], errors="replace")),), size, data, dictionary)
+
+
+def _column(reader: Reader) -> Chunk:
+    chunk = None
+    for number, kind in reader.fields():
+        if number == CHUNK and kind == STRUCT:
+            chunk = _described(reader)
+        else:
+            reader.skip(kind)
+    if chunk is None:
+        raise MalformedError("a column without a description")
+    return chunk
+
+
+def _described(reader: Reader) -> Chunk:
+    path: tuple[str, ...] = ()
+    size, data, dictionary = -1, -1, 0
+    for number, kind in reader.fields():
+        if number == PATH:
+            path = tuple(intern(str(reader.text(BINARY), errors="replace")) for _ in reader.items(kind, BINARY))
+        elif number == PACKED:
+            size = reader.long(kind)
+        elif number == DATA_PAGE:
+            data = reader.long(kind)
+        elif number == DICTIONARY_PAGE:
+            dictionary = reader.long(kind)
+        else:
+            reader.skip(kind)
+    return _chunk(path, size, data, dictionary)
+
+
+def _chunk(path: tuple[str, ...], size: int, data: int, dictionary: int) -> Chunk:
+    if min(size, data) < 0 or not path:
+        raise MalformedError("a column without its name, its size or its place")
+    begin = dictionary if 0 < dictionary < data else data
+    return Chunk(path, begin, begin + size)

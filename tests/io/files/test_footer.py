@@ -1,0 +1,207 @@
+"""Where a footer says that the columns are, against what the library says, and footers that say it wrongly."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from apart import check_apart
+from random_tables import random_table
+
+from occlog.errors import ExitCode
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables import footer
+from occlog.io.files.tables.check_sums import Checked
+from occlog.io.files.tables.footer import CHUNK, COLUMNS, PATH, ROW_GROUPS, STATISTICS, Chunk, read_chunks, read_spans
+from occlog.io.files.tables.table_writer import write_table
+from occlog.io.files.tables.thrift import BINARY, I32, I64, LIST, STRUCT, Field, MalformedError, Reader, written
+from occlog.records.tables import Tracks
+
+HISTOGRAMS = 16
+"""The field of a column's description with how often values are none."""
+
+
+def columns(random: np.random.Generator, rows: int) -> dict[str, pa.Array]:
+    texts = np.array(["", "a", "north", "a" * 16, "b" * 32, "c" * 33, "d" * 200])
+    return {
+        "t_ns": pa.array(np.sort(random.integers(0, 1 << 62, rows))),
+        "x": pa.array(random.normal(size=rows)),
+        "small": pa.array(random.integers(0, 9, rows).astype(np.int32)),
+        "yes": pa.array(random.random(rows) < 0.5),
+        "sensor": pa.array(texts[random.integers(0, len(texts), rows)]),
+        "missing": pa.array(random.normal(size=rows), mask=random.random(rows) < 0.3),
+        "none": pa.nulls(rows, pa.float32()),
+        "list": pa.array([[1.0] * n for n in random.integers(0, 4, rows)], pa.list_(pa.float64())),
+        "pair": pa.StructArray.from_arrays([pa.array(np.zeros(rows)), pa.array(np.ones(rows))], ["a", "b"]),
+    }
+
+
+WRITTEN = [
+    {},
+    {"compression": "none", "use_dictionary": False},
+    {"compression": "zstd", "write_statistics": False},
+    {"data_page_version": "2.0", "write_page_index": True, "write_page_checksum": True},
+    {"version": "1.0", "use_byte_stream_split": ["x"], "use_dictionary": ["sensor"]},
+    {"row_group_size": 7, "store_schema": False},
+]
+
+
+def write(path: Path, rows: int, options: dict[str, object], seed: int = 1) -> None:
+    pq.write_table(pa.table(columns(np.random.default_rng(seed), rows)), path, **options)
+
+
+def by_library(path: Path) -> list[list[Chunk]]:
+    told, groups = pq.read_metadata(path), []
+    for group in map(told.row_group, range(told.num_row_groups)):
+        chunks = []
+        for column in map(group.column, range(group.num_columns)):
+            begin = column.data_page_offset
+            if column.has_dictionary_page and 0 < column.dictionary_page_offset < begin:
+                begin = column.dictionary_page_offset
+            path_in = tuple(column.path_in_schema.split("."))
+            chunks.append(Chunk(path_in, begin, begin + column.total_compressed_size))
+        groups.append(chunks)
+    return groups
+
+
+def in_general(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read no column in the short way."""
+    monkeypatch.setattr(footer, "_usual_column", lambda _: None)
+
+
+@pytest.mark.parametrize("options", WRITTEN)
+@pytest.mark.parametrize("rows", [0, 1, 100])
+def test_columns_are_where_the_library_finds_them(
+    tmp_path: Path, rows: int, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(path := tmp_path / "t.parquet", rows, options)
+    with Checked(path) as source:
+        assert list(read_chunks(source)) == by_library(path)
+        in_general(monkeypatch)
+        assert list(read_chunks(source)) == by_library(path)
+
+
+def test_most_columns_are_read_in_the_short_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wide = {
+        name: column for name, column in columns(np.random.default_rng(1), 100).items() if name not in ("list", "pair")
+    }
+    wide["sensor"] = pa.array(["north", "southwest"] * 50)
+    monkeypatch.setattr(footer, "_column", lambda _: pytest.fail("a column that was read in the long way"))
+    for options in WRITTEN[:3]:
+        pq.write_table(pa.table(wide), path := tmp_path / "t.parquet", **options)
+        with Checked(path) as source:
+            assert len(next(read_chunks(source))) == len(wide)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_both_ways_agree_on_damaged_footers(tmp_path: Path, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(path := tmp_path / "t.parquet", 30, WRITTEN[seed], seed)
+    whole, random = path.read_bytes(), Random(seed)
+    begin = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    damaged = []
+    for _ in range(400):
+        data = bytearray(whole)
+        for _ in range(random.choice([1, 1, 1, 3])):
+            data[random.randrange(begin, len(data) - 8)] = random.choice([random.randrange(256), random.randrange(32)])
+        damaged.append(bytes(data))
+    found = []
+    for general in (False, True):
+        if general:
+            in_general(monkeypatch)
+        found.append([chunks_of(tmp_path / "d.parquet", data) for data in damaged])
+    assert found[0] == found[1]
+    assert len({str(each) for each in found[0]}) > 10
+
+
+def chunks_of(path: Path, data: bytes) -> object:
+    path.write_bytes(data)
+    with Checked(path) as source:
+        try:
+            return list(read_chunks(source))
+        except MalformedError:
+            return "malformed"
+
+
+def changed(data: bytes, number: int, field: Field, *, column: int = 2) -> bytes:
+    """A Parquet file with another field in the description of a column."""
+    length = int.from_bytes(data[-8:-4], "little")
+    told = Reader(data, len(data) - 8 - length).struct()
+    told[ROW_GROUPS].value[1][0][COLUMNS].value[1][column][CHUNK].value[number] = field
+    end = written(told)
+    return data[: -8 - length] + end + len(end).to_bytes(4, "little") + b"PAR1"
+
+
+def tracks() -> bytes:
+    out = io.BytesIO()
+    times = np.arange(20) * 1_000_000_000
+    table = {"t_ns": times, "target_id": np.ones(20, np.int32), "x": times / 1e9, "y": times / 2e9}
+    pq.write_table(pa.table(table), out, use_dictionary=["target_id"])
+    return out.getvalue()
+
+
+SHORT = Field(STRUCT, {2: Field(LIST, (I64, [])), 3: Field(LIST, (I64, [20]))})
+"""How often a value is none, for one level of two: the library ends the process where this is asked for."""
+
+
+@pytest.mark.parametrize("column", [0, 3])
+def test_statistics_that_do_not_fit_are_one_line(tmp_path: Path, column: int) -> None:
+    path = tmp_path / "t.parquet"
+    path.write_bytes(changed(tracks(), HISTOGRAMS, SHORT, column=column))
+    done = check_apart("doctor", path)
+    assert done.code == ExitCode.BAD_INPUT
+    assert f"{path}: cannot be read: damaged or not a Parquet file" in done.told
+
+
+def test_times_of_a_table_are_told_whatever_its_statistics_are(tmp_path: Path) -> None:
+    write_table(tmp_path / "ours.parquet", random_table(Tracks, 50, 1), Provenance("track"))
+    rows = pq.read_table(tmp_path / "ours.parquet")
+    pq.write_table(rows, path := tmp_path / "plain.parquet")
+    path.write_bytes(changed(path.read_bytes(), HISTOGRAMS, SHORT, column=0))
+    done = check_apart("info", path, "--json")
+    assert json.loads(done.told.strip())["time_ns"] == [rows["t_ns"][0].as_py(), rows["t_ns"][-1].as_py()]
+
+
+@pytest.mark.parametrize(
+    ("number", "field", "reason"),
+    [
+        (footer.PACKED, Field(I64, -1), "without its name, its size or its place"),
+        (footer.PACKED, Field(I64, 1 << 40), "beyond the end"),
+        (footer.PACKED, Field(I32, 5), "number of 64 bits"),
+        (footer.DATA_PAGE, Field(I64, (1 << 63) - 1), "beyond the end"),
+        (PATH, Field(LIST, (BINARY, [])), "without its name"),
+        (PATH, Field(LIST, (I64, [5])), "another kind of items"),
+        (PATH, Field(BINARY, b"x"), "where a list should stand"),
+    ],
+)
+def test_columns_that_cannot_be(tmp_path: Path, number: int, field: Field, reason: str) -> None:
+    path = tmp_path / "t.parquet"
+    path.write_bytes(changed(tracks(), number, field))
+    with Checked(path) as source, pytest.raises(MalformedError, match=reason):
+        list(read_chunks(source))
+
+
+def test_a_field_that_comes_twice_is_refused() -> None:
+    once = written({3: Field(I64, 5)})[:-1]
+    with pytest.raises(MalformedError, match="do not ascend"):
+        Reader(once + bytes([I64, 6, 14, 0])).struct()
+    assert Reader(once + bytes([I64, 8, 14, 0])).struct() == {3: Field(I64, 5), 4: Field(I64, 7)}
+
+
+def test_first_column_spans(tmp_path: Path) -> None:
+    write(path := tmp_path / "t.parquet", 50, {"row_group_size": 20})
+    times = pq.read_table(path)["t_ns"].to_numpy()
+    with Checked(path) as source:
+        spans = [tuple(int.from_bytes(each, "little") for each in span) for span in read_spans(source)]
+    assert spans == [(part[0], part[-1]) for part in (times[:20], times[20:40], times[40:])]
+    write(path, 50, {"write_statistics": False})
+    with Checked(path) as source:
+        assert not list(read_spans(source))
+    path.write_bytes(changed(tracks(), STATISTICS, Field(STRUCT, {5: Field(I64, 5)}), column=0))
+    with Checked(path) as source:
+        assert not list(read_spans(source))
