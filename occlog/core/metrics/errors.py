@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
+from occlog.core.numerics.assignment import maximum_weight_matching
 
 CHI2_95_2D = -2.0 * math.log(0.05)
 """95 % quantile of chi-square with 2 degrees of freedom (5.991)."""
@@ -145,23 +146,24 @@ def pair_tracks(squared_errors: Sequence[Sequence[Floats]]) -> list[tuple[int, i
         Pairs that share at least one time, by track.
     """
     worst = max((float(e.max()) for row in squared_errors for e in row if len(e)), default=0.0)
-    shared = np.array([[len(e) for e in row] for row in squared_errors], dtype=np.int64)
-    return pair_by_sums(shared, np.array([[float(e.sum()) for e in row] for row in squared_errors]), worst)
+    cells = [(i, j, e) for i, row in enumerate(squared_errors) for j, e in enumerate(row)]
+    track, target = np.array([(i, j) for i, j, _ in cells], dtype=np.int64).reshape(-1, 2).T
+    shared, squares = np.array([(len(e), float(e.sum())) for *_, e in cells]).reshape(-1, 2).T
+    made = pair_by_sums(track, target, shared, squares, worst)
+    return list(zip(track[made].tolist(), target[made].tolist(), strict=True))
 
 
-def pair_by_sums(shared: Ints, squares: Floats, worst: float) -> list[tuple[int, int]]:
-    """What `pair_tracks` says, of sums of squared errors.
+def pair_by_sums(tracks: Ints, targets: Ints, shared: Floats, squares: Floats, worst: float) -> Ints:
+    """Which of some couples `pair_tracks` pairs, by their sums of squared errors.
 
     Args:
-        shared: (K, G) number of times that each track and target share.
-        squares: (K, G) sum of their squared errors.
+        tracks: (n,) number of each couple's track.
+        targets: (n,) number of its target; no couple comes twice.
+        shared: (n,) number of times that they share.
+        squares: (n,) sum of their squared errors.
         worst: the largest squared error of all.
     """
-    gain = shared * (2.0 * worst + 1e-300) - squares
-    if not gain.size:
-        return []
-    rows, columns = linear_sum_assignment(gain, maximize=True)
-    return [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if shared[i, j]]
+    return maximum_weight_matching(tracks, targets, shared * (2.0 * worst + 1e-300) - squares)
 
 
 def intersection_areas(a: Floats, b: Floats) -> Floats:

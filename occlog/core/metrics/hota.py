@@ -12,6 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
 
+from .couples import Couples
 from .frame_pairs import EPS, Frames
 from .sums import Sum
 
@@ -62,7 +63,7 @@ class Alignment:
 
     def __init__(self, targets: int, tracks: int) -> None:
         """No frame yet; number of all targets and tracks."""
-        self._met = np.zeros((targets, tracks))
+        self._met = Couples(targets, tracks)
         self.life = np.zeros(targets, dtype=np.int64)
         self.length = np.zeros(tracks, dtype=np.int64)
 
@@ -74,14 +75,16 @@ class Alignment:
             whole = similarity.sum(axis=0)[None, :] + similarity.sum(axis=1)[:, None] - similarity
             some = whole > EPS
             share = similarity * some / np.where(some, whole, 1.0)
-            self._met[frames.truth[left][:, None], frames.track[right][None, :]] += share
+            i, j = np.nonzero(share)
+            self._met.add(frames.truth[left][i], frames.track[right][j], share[None, i, j])
         self.life += np.bincount(frames.truth, minlength=len(self.life))
         self.length += np.bincount(frames.track, minlength=len(self.length))
 
-    def values(self) -> Floats:
-        """(G, K) alignment of each target and track over all frames, 0 to 1: shared rows over rows of either."""
-        either = self.life[:, None] + self.length[None, :] - self._met
-        return np.asarray(self._met / np.where(either > 0, either, 1.0))
+    def of(self, target: Ints, track: Ints) -> Floats:
+        """(n,) alignment of couples over all frames, 0 to 1: shared rows over rows of either."""
+        (met,) = self._met.at(target, track)
+        either = self.life[target] + self.length[track] - met
+        return np.asarray(met / np.where(either > 0, either, 1.0))
 
 
 class HotaCounts:
@@ -97,14 +100,14 @@ class HotaCounts:
             known: of all frames.
             alphas: (A,) thresholds of similarity in (0, 1).
         """
-        self._known, self._alike, self._alphas = known, known.values(), alphas
+        self._known, self._alphas = known, alphas
         self._couples = np.zeros(0, dtype=np.int64)  # target times number of tracks plus track, rising
         self._tpa = np.zeros((0, len(alphas)), dtype=np.int64)
         self._similarity = [Sum() for _ in alphas]
 
     def add(self, frames: Frames) -> None:
         """Some more frames."""
-        _, target, track, similarity = _assigned(frames, self._alike)
+        _, target, track, similarity = _assigned(frames, self._known)
         couple = target * max(len(self._known.length), 1) + track
         both = np.union1d(self._couples, couple)
         counts = np.zeros((len(both), len(self._alphas)), dtype=np.int64)
@@ -189,7 +192,7 @@ def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
         and of its track (TPA + FPA); (n,) similarity of each pair.
     """
     known = _aligned(frames)
-    frame, target, track, similarity = _assigned(frames, known.values())
+    frame, target, track, similarity = _assigned(frames, known)
     tracks = max(len(frames.track_key), 1)
     couples, couple = np.unique(target * tracks + track, return_inverse=True)
     return frame, couple, known.life[couples // tracks], known.length[couples % tracks], similarity
@@ -202,7 +205,7 @@ def _aligned(frames: Frames) -> Alignment:
     return out
 
 
-def _assigned(frames: Frames, alike: Floats) -> tuple[Ints, Ints, Ints, Floats]:
+def _assigned(frames: Frames, known: Alignment) -> tuple[Ints, Ints, Ints, Floats]:
     """Frames, targets, tracks and similarities of the pairs of all frames, four arrays (n,).
 
     In each frame the assignment has the largest sum of similarity times alignment, so that of two tracks
@@ -214,7 +217,9 @@ def _assigned(frames: Frames, alike: Floats) -> tuple[Ints, Ints, Ints, Floats]:
         left, right = frames.rows(t)
         truth, track = frames.truth[left], frames.track[right]
         similarity = frames.compare(t)[1]
-        i, j = linear_sum_assignment(similarity * alike[truth[:, None], track[None, :]], maximize=True)
+        worth, (near, by) = np.zeros_like(similarity), np.nonzero(similarity)
+        worth[near, by] = similarity[near, by] * known.of(truth[near], track[by])
+        i, j = linear_sum_assignment(worth, maximize=True)
         places.append(np.full(len(i), t, dtype=np.int64))
         targets.append(truth[i])
         tracks.append(track[j])

@@ -8,10 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Ints
+from occlog.core.numerics.assignment import maximum_weight_matching
 
+from .couples import Couples
 from .errors import ratio
 from .frame_pairs import Frames, reaches
 
@@ -43,7 +44,7 @@ class IdentityCounts:
 
     def __init__(self, targets: int, tracks: int, threshold: float = 0.5) -> None:
         """No frame yet; number of all targets and tracks, and the least similarity at which a track meets a target."""
-        self._met = np.zeros((targets, tracks), dtype=np.int64)
+        self._met, self._targets = Couples(targets, tracks), targets
         self._objects = self._estimates = 0
         self._threshold = threshold
 
@@ -52,17 +53,18 @@ class IdentityCounts:
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
         for t in frames.meeting():
             left, right = frames.rows(t)
-            met = reaches(frames.compare(t)[1], self._threshold)
-            # No label comes twice in a frame, so no element is added to twice.
-            self._met[frames.truth[left][:, None], frames.track[right][None, :]] += met
+            i, j = np.nonzero(reaches(frames.compare(t)[1], self._threshold))
+            # No label comes twice in a frame, so no couple is added to twice.
+            self._met.add(frames.truth[left][i], frames.track[right][j], np.ones((1, len(i))))
 
     def result(self) -> Identity:
         """Assign targets and tracks: the least IDFN + IDFP = N + M - 2 IDTP has the most IDTP."""
-        met, n, m = self._met, self._objects, self._estimates
-        rows, columns = linear_sum_assignment(met, maximize=True)
-        idtp = int(met[rows, columns].sum())
-        given = np.full(len(met), -1, dtype=np.int64)
-        given[rows] = np.where(met[rows, columns] > 0, columns, -1)
+        n, m = self._objects, self._estimates
+        target, track, (met,) = self._met.all()
+        made = maximum_weight_matching(target, track, met)
+        idtp = int(met[made].sum())
+        given = np.full(self._targets, -1, dtype=np.int64)
+        given[target[made]] = track[made]
         return Identity(
             idtp=idtp,
             idfp=m - idtp,

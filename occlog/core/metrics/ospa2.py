@@ -10,10 +10,11 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
+from occlog.core.numerics.assignment import maximum_weight_matching
 
+from .couples import Couples
 from .frame_pairs import Frames
 
 
@@ -88,8 +89,7 @@ class Ospa2Sums:
         self._cutoff, self._p = cutoff, p
         self._truth: Ints = np.zeros(targets, dtype=np.int64)
         self._track: Ints = np.zeros(tracks, dtype=np.int64)
-        self._both: Ints = np.zeros((targets, tracks), dtype=np.int64)
-        self._apart: Floats = np.zeros((targets, tracks))
+        self._couples = Couples(targets, tracks, sums=2)
 
     def add(self, frames: Frames) -> None:
         """Add some more frames; targets and tracks have the same numbers in all parts."""
@@ -106,28 +106,27 @@ class Ospa2Sums:
 
     def count(self, seen: _Seen, sign: int) -> None:
         """Add a frame (sign 1), or take it away again (-1)."""
-        # No label comes twice in a frame, so no element is added to twice.
+        # No label comes twice in a frame, so nothing is added to twice.
         self._truth[seen.truth] += sign
         self._track[seen.track] += sign
         if seen.apart.size:
-            pairs = seen.truth[:, None], seen.track[None, :]
-            self._both[pairs] += sign
-            self._apart[pairs] += sign * seen.apart
+            n, m = seen.apart.shape
+            together = np.stack([np.ones(n * m), seen.apart.reshape(-1)])
+            self._couples.add(np.repeat(seen.truth, m), np.tile(seen.track, n), sign * together)
 
     def distance(self) -> Ospa2:
         """OSPA(2) of the frames that are counted."""
-        there, found = np.flatnonzero(self._truth), np.flatnonzero(self._track)
-        n, m, c = len(there), len(found), self._cutoff**self._p
+        n, m, c = np.count_nonzero(self._truth), np.count_nonzero(self._track), self._cutoff**self._p
         if not n and not m:
             return Ospa2(0.0, 0.0, 0.0)
-        total = 0.0
-        if n and m:
-            both = self._both[there[:, None], found[None, :]]
-            each = self._truth[there][:, None] + self._track[found][None, :]
-            # Base distance of each pair: mean over the frames in which one of them is there
-            apart = np.where(both > 0, self._apart[there[:, None], found[None, :]], 0.0)
-            base = (np.maximum(apart, 0.0) + c * (each - 2 * both)) / (each - both)
-            total = float(base[linear_sum_assignment(base)].sum())
+        target, track, (both, apart) = self._couples.all()
+        together = both > 0
+        target, track, both, apart = target[together], track[together], both[together], apart[together]
+        each = self._truth[target] + self._track[track]
+        # Base distance of each pair: mean over the frames in which one of them is there; c of those never together
+        base = (np.maximum(apart, 0.0) + c * (each - 2 * both)) / (each - both)
+        made = maximum_weight_matching(target, track, c - base)
+        total = float(base[made].sum()) + c * (min(n, m) - len(made))
         # Cardinality: c^p for each trajectory without a partner
         localisation, cardinality = total / max(n, m), c * abs(n - m) / max(n, m)
         root = 1.0 / self._p

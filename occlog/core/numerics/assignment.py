@@ -1,9 +1,11 @@
-"""Data association by global nearest neighbours: one-to-one assignment of least cost within a gate."""
+"""One-to-one assignments: of least cost within a gate (global nearest neighbours), and of greatest weight."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from occlog.array_types import Floats, Ints
 
@@ -26,3 +28,30 @@ def assign(cost: Floats, gate: float) -> tuple[Ints, Ints]:
     rows, columns = linear_sum_assignment(capped)
     good = cost[rows, columns] <= gate
     return rows[good].astype(np.int64), columns[good].astype(np.int64)
+
+
+def maximum_weight_matching(rows: Ints, columns: Ints, weights: Floats) -> Ints:
+    """Pair rows with columns one to one, so that the sum of weights is as large as it can be.
+
+    Time and memory grow with the number of pairs that may be, not with rows times columns.
+
+    Args:
+        rows: (n,) row of each pair that may be, >= 0.
+        columns: (n,) its column, >= 0; no pair comes twice.
+        weights: (n,) finite; pairs of 0 or less are not made.
+
+    Returns:
+        (k,) which of the pairs are made, by row.
+    """
+    able = np.flatnonzero(np.asarray(weights) > 0)
+    if not len(able):
+        return able
+    left, row = np.unique(rows[able], return_inverse=True)
+    right, column = np.unique(columns[able], return_inverse=True)
+    n, m, top = len(left), len(right), float(np.max(weights[able]))
+    # A row without a partner is paired with a column of its own, which weighs nothing; the library takes no cost of 0
+    cost = np.concatenate([2.0 * top - weights[able], np.full(n, 2.0 * top)])
+    place = np.concatenate([row, np.arange(n)]), np.concatenate([column, m + np.arange(n)])
+    made = min_weight_full_bipartite_matching(csr_array((cost, place), shape=(n, m + n)))[1]
+    pairs: Ints = able[made[row] == column]
+    return pairs[np.argsort(rows[pairs])]

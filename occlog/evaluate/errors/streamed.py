@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Ints
+from occlog.core.metrics.couples import Couples
 from occlog.core.metrics.errors import pair_by_sums, ratio
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Path, paths_of
+from occlog.evaluate.matching.paths import Path, paths_of, rows_by_label
 from occlog.io.files.put_aside.spool import IN_MEMORY
 from occlog.records.pieces import Limits, Side, in_step
 from occlog.records.tables import Errors, Tracks, Truth
@@ -110,34 +111,36 @@ class PairSums:
         """No estimate yet."""
         self._tracks, self._targets = list(known.tracks), list(known.targets)
         self._place = {label: n for n, label in enumerate(self._targets)}
-        shape = len(self._tracks), len(self._targets)
-        self._shared, self._worst = np.zeros(shape, dtype=np.int64), 0.0
-        self._squares, self._lost = np.zeros(shape), np.zeros(shape)
+        self._sums, self._worst = Couples(len(self._targets), len(self._tracks), sums=3), 0.0
 
     def add(self, part: Stretch, config: EvaluateConfig) -> None:
         """Estimates of another stretch."""
-        k, rows = len(self._tracks), part.rows
-        track = np.searchsorted(self._tracks, rows.target_id)
+        rows = part.rows
+        number = np.searchsorted(self._tracks, rows.target_id)
         xy = np.column_stack([rows.x, rows.y])
+        found = []
         for label, path in part.targets.items():
-            true, good = path.at(rows.t_ns, config.limit_ns)
+            begin, end = np.searchsorted(rows.t_ns, path.t_ns[0]), np.searchsorted(rows.t_ns, path.t_ns[-1], "right")
+            true, good = path.at(rows.t_ns[begin:end], config.limit_ns)
             if not good.any():
                 continue
-            square = np.sum((xy[good] - true[good]) ** 2, axis=1)
-            column = self._place[label]
-            self._shared[:, column] += np.bincount(track[good], minlength=k)
+            square = np.sum((xy[begin:end][good] - true[good]) ** 2, axis=1)
             self._worst = max(self._worst, float(square.max()))
+            track, which, shared = np.unique(number[begin:end][good], return_inverse=True, return_counts=True)
+            found.append((np.full(len(track), self._place[label]), track, shared, np.bincount(which, square)))
+        if found:
+            target, track, shared, more = (np.concatenate(column) for column in zip(*found, strict=True))
             # The rounding of each addition is kept beside the sum (Neumaier 1974)
-            more, before = np.bincount(track[good], square, minlength=k), self._squares[:, column].copy()
+            before = self._sums.at(target, track)[1]
             total = before + more
-            swap = before >= more
-            self._lost[:, column] += np.where(swap, (before - total) + more, (more - total) + before)
-            self._squares[:, column] = total
+            lost = np.where(before >= more, (before - total) + more, (more - total) + before)
+            self._sums.add(target, track, np.stack([shared, more, lost]))
 
     def pairs(self) -> dict[int, int]:
         """Which target each track is of."""
-        found = pair_by_sums(self._shared, self._squares + self._lost, self._worst)
-        return {self._tracks[i]: self._targets[j] for i, j in found}
+        target, track, (shared, squares, lost) = self._sums.all()
+        made = pair_by_sums(track, target, shared, squares + lost, self._worst)
+        return {self._tracks[track[n]]: self._targets[target[n]] for n in made.tolist()}
 
 
 class CompareStreams:
@@ -168,11 +171,11 @@ class CompareStreams:
         """Estimates of another stretch, in the order of time; their errors."""
         config, nothing = self._config, Path(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
         found = []
-        for track in np.unique(part.rows.target_id).tolist():
+        for track, which in rows_by_label(part.rows.target_id):
             target = self._pairs.get(track)
             if target is None:
                 continue
-            rows = part.rows.take(part.rows.target_id == track)
+            rows = part.rows.take(which)
             path = part.targets.get(target, replace(nothing, gap_ns=self._known.gaps_ns[target]))
             errors, good = errors_of(rows, target, path, config)
             life = self._known.targets[target]
@@ -180,11 +183,11 @@ class CompareStreams:
             self._left_out += int(np.count_nonzero(~good))
             self._interpolated += int(np.count_nonzero(~path.sampled(errors.t_ns)))
             found.append(errors)
-        own = part.truth.role == "target"
-        for target in np.unique(part.truth.target_id[own]).tolist():
-            estimated = part.tracks.get(self._track_of.get(target, -1)) if target in self._track_of else None
+        own = np.flatnonzero(part.truth.role == "target")
+        for target, which in rows_by_label(part.truth.target_id[own]):
+            estimated = part.tracks.get(self._track_of[target]) if target in self._track_of else None
             if estimated is not None:
-                times = part.truth.t_ns[own & (part.truth.target_id == target)]
+                times = part.truth.t_ns[own[which]]
                 self._covered += int(np.count_nonzero(estimated.at(times, config.bridge_ns)[1]))
         errors = Errors.merge(found)
         self._figures.add(errors)

@@ -94,10 +94,15 @@ def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Path]:
         keep = table.role == role
     t_ns, ids, xy = table.t_ns[keep], table.target_id[keep], np.column_stack([table.x, table.y])[keep]
     z = table.z[keep]
-    order = np.argsort(ids, kind="stable")
-    names, first = np.unique(ids[order], return_index=True)
+    return {name: Path(t_ns[rows], xy[rows], z[rows]) for name, rows in rows_by_label(ids)}
+
+
+def rows_by_label(labels: np.ndarray) -> list[tuple[int, Ints]]:
+    """Each of (n,) whole numbers, rising, and the rows that have it, rising."""
+    order = np.argsort(labels, kind="stable")
+    names, first = np.unique(labels[order], return_index=True)
     pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing
-    return {int(name): Path(t_ns[rows], xy[rows], z[rows]) for name, rows in zip(names, pieces, strict=True)}
+    return list(zip(names.tolist(), pieces, strict=True))
 
 
 class Expected(NamedTuple):

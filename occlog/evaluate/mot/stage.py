@@ -12,13 +12,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.core.metrics import failure_rates
 from occlog.core.metrics.failure_rates import NONE
 from occlog.core.metrics.frame_pairs import Frames, Objects, numbered, of_boxes, of_points
 from occlog.core.metrics.idf1 import IdentityCounts
+from occlog.core.numerics.assignment import maximum_weight_matching
 from occlog.evaluate.stage import Evaluation
 from occlog.records.declared.views import Failures
 
@@ -60,7 +60,6 @@ class Owners:
         self._how = how
         self._first: dict[int, int] = {}
         self._met: Counter[tuple[int, int]] = Counter()
-        self._labels: tuple[set[int], set[int]] = set(), set()
 
     def add(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
         """Another part; see `own_targets`."""
@@ -72,8 +71,6 @@ class Owners:
             for row in np.lexsort((target, near.share, t_ns[near.track])).tolist():
                 self._first.setdefault(int(track[row]), int(target[row]))
             return
-        self._labels[0].update(np.unique(tracks.label).tolist())
-        self._labels[1].update(np.unique(truth.label).tolist())
         pairs, count = np.unique(np.column_stack([track, target]), axis=0, return_counts=True)
         self._met.update(dict(zip(map(tuple, pairs.tolist()), count.tolist(), strict=True)))
 
@@ -87,14 +84,12 @@ class Owners:
 
     @cached_property
     def _best(self) -> dict[int, int]:
-        """One-to-one assignment of tracks to targets with the most pairs (Hungarian algorithm); only pairs that met."""
-        keys, targets = (sorted(each) for each in self._labels)
-        row, column = ({key: n for n, key in enumerate(each)} for each in (keys, targets))
-        met = np.zeros((len(keys), len(targets)), dtype=np.int64)
-        for (track, target), count in self._met.items():
-            met[row[track], column[target]] = count
-        rows, columns = linear_sum_assignment(met, maximize=True)
-        return {keys[r]: targets[c] for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if met[r, c]}
+        """One-to-one assignment of tracks to targets with the most pairs."""
+        couples = sorted(self._met.items())
+        track, target = np.array([couple for couple, _ in couples], dtype=np.int64).reshape(-1, 2).T
+        met = np.array([count for _, count in couples], dtype=np.float64)
+        made = maximum_weight_matching(track, target, met)
+        return dict(zip(track[made].tolist(), target[made].tolist(), strict=True))
 
 
 def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:

@@ -6,8 +6,9 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
 
-from occlog.core.numerics.assignment import assign
+from occlog.core.numerics.assignment import assign, maximum_weight_matching
 
 
 def best(cost: np.ndarray, gate: float) -> tuple[int, float]:
@@ -56,3 +57,27 @@ def test_without_a_side_there_are_no_pairs(shape: tuple[int, int]) -> None:
     rows, columns = assign(np.zeros(shape), 1.0)
     assert len(rows) == len(columns) == 0
     assert rows.dtype == columns.dtype == np.int64
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-9, 1.0, 1e12, 1e300])
+@pytest.mark.parametrize("seed", range(6))
+def test_matchings_weigh_as_much_as_those_of_the_whole_matrix(seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    n, m = rng.integers(1, 40, 2)
+    weights = np.where(rng.random((n, m)) < rng.choice([0.05, 0.5, 1.0]), rng.uniform(-2.0, 9.0, (n, m)), 0.0)
+    rows, columns = np.nonzero(weights)
+    order = rng.permutation(len(rows))
+    rows, columns = rows[order], columns[order]
+    made = maximum_weight_matching(rows, columns, scale * weights[rows, columns])
+    assert (np.diff(rows[made]) > 0).all()
+    assert len(set(columns[made].tolist())) == len(made)
+    whole = linear_sum_assignment(np.maximum(weights, 0.0), maximize=True)
+    assert weights[rows[made], columns[made]].sum() == pytest.approx(np.maximum(weights, 0.0)[whole].sum(), rel=1e-12)
+    assert (weights[rows[made], columns[made]] > 0).all()
+
+
+def test_a_matching_of_nothing_is_empty() -> None:
+    none = np.zeros(0, dtype=np.int64)
+    assert not len(maximum_weight_matching(none, none, np.zeros(0)))
+    assert not len(maximum_weight_matching(np.array([3]), np.array([-5]), np.array([0.0])))
+    assert maximum_weight_matching(np.array([3]), np.array([-5]), np.array([1e-320])).tolist() == [0]
