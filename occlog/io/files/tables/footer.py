@@ -12,7 +12,7 @@ from sys import intern
 from typing import NamedTuple
 
 from .check_sums import Checked
-from .thrift import BINARY, I32, I64, STRUCT, MalformedError, Reader, from_varint
+from .thrift import BINARY, I32, I64, SHORT, STRUCT, VARINT, MalformedError, Reader, from_varint
 
 # Fields of Parquet's structures, by the numbers of its definition
 NUM_ROWS, ROW_GROUPS = 3, 4  # of the footer
@@ -26,22 +26,19 @@ LENGTH = struct.Struct("<I4s")
 
 def _usual() -> tuple[re.Pattern[bytes], re.Pattern[bytes]]:
     """How a column is mostly described: what stands before its name, and what behind it."""
-    number = rb"[\x80-\xff]{0,9}[\x00-\x7f]"
     encodings, longs, counted = (
         b"|".join(re.escape(bytes([count << 4 | kind])) + b"(?:%b){%d}" % (item, count) for count in range(1, 15))
-        for kind, item in ((I32, number), (I64, number), (STRUCT, rb"(?:\x15%b){3}\x00" % number))
+        for kind, item in ((I32, VARINT), (I64, VARINT), (STRUCT, rb"(?:\x15%b){3}\x00" % VARINT))
     )
-    texts = b"|".join(re.escape(bytes([size])) + b".{%d}" % size for size in range(33))
-    value = rb"[\x18\x28\x38\x48\x58](?:%b)|[\x16\x26\x36]%b|[\x11\x12\x21\x22]" % (texts, number)
-    before = rb"\x26%b\x1c\x15%b\x19(?:%b)\x19\x18([\x00-\x7f])" % (number, number, encodings)
+    before = rb"\x26%b\x1c\x15%b\x19(?:%b)\x19\x18([\x00-\x7f])" % (VARINT, VARINT, encodings)
     behind = (
         rb"\x15N(?:\x16N){2}\x16(?P<size>N)\x26(?P<data>N)"  # codec, number of values, sizes, place of the data
-        rb"(?:\x26(?P<dictionary>N)(?:\x1c(?:V)*\x00)?|\x3c(?:V)*\x00)?"  # place of the dictionary, statistics
+        rb"(?:\x26(?P<dictionary>N)(?:\x1cS)?|\x3cS)?"  # place of the dictionary, statistics
         rb"(?:[\x19\x29\x49](?:C))?"  # how many pages there are of each encoding
         rb"(?:[\x3c\x4c\x5c](?:\x16N)?(?:[\x19\x29\x39](?:\x06|L))*\x00)?"  # histograms
         rb"\x00(?:[\x15\x16\x25\x26\x35\x36]N)*\x00"  # the description ends; places of indices; the column ends
     )
-    for name, part in ((b"V", value), (b"C", counted), (b"L", longs), (b"N", number)):
+    for name, part in ((b"S", SHORT), (b"C", counted), (b"L", longs), (b"N", VARINT)):
         behind = behind.replace(name, part)
     return re.compile(before, re.DOTALL), re.compile(behind, re.DOTALL)
 

@@ -19,7 +19,7 @@ from occlog.io.files.promises import most_unpacked
 
 from .check_sums import Checked
 from .footer import Chunk, read_chunks
-from .thrift import I32, STRUCT, MalformedError, Reader, Struct, from_varint
+from .thrift import I32, SHORT, STRUCT, VARINT, MalformedError, Reader, Struct, from_varint
 
 DICTIONARY = 2
 """The kind of a page that has no rows, but what they refer to."""
@@ -27,11 +27,12 @@ BYTES_PER_VALUE = 8
 KIND, UNPACKED, PACKED, DATA_HEAD, DATA_HEAD_2, VALUES = 1, 2, 3, 5, 8, 1  # fields, by the numbers of the format
 WINDOWS = (128, 1 << 16, 1 << 24)
 """Bytes that a head is looked for in: most are of 40, some have long statistics."""
-_VARINT = rb"[\x80-\xff]{0,4}[\x00-\x7f]"
 _USUAL = re.compile(
-    rb"\x15(%b)\x15(%b)\x15(%b)(?:\x15%b)?[\x1c\x2c]\x15(%b)(?:\x15%b){3}\0\0" % ((_VARINT,) * 6), re.DOTALL
+    rb"\x15(%b)\x15(%b)\x15(%b)(?:(?:\x15%b\x1c|\x2c)\x15(%b)(?:\x15%b){3}(?:\x1c%b)?|(?:\x15%b\x3c|\x4c)(?:\x15%b){2}[\x11\x12]?)\0\0"
+    % (*(VARINT,) * 6, SHORT, VARINT, VARINT),
+    re.DOTALL,
 )
-"""The head of a page of data without statistics: kind, sizes, perhaps a check sum, number of values, encodings."""
+"""Kind, sizes, perhaps a check sum; number of values, encodings, perhaps statistics; or what dictionaries have."""
 
 
 class Page(NamedTuple):
@@ -56,7 +57,7 @@ def read_head(data: bytes | memoryview, at: int = 0) -> Page:
     """The head of the page that begins at a byte; MalformedError if there is none."""
     usual = _USUAL.match(data, at)
     if usual is not None:  # a tenth of the time
-        kind, unpacked, packed, values = map(from_varint, usual.groups())
+        kind, unpacked, packed, values = (from_varint(each or b"\0") for each in usual.groups())
         end = usual.end()
     else:
         reader = Reader(data, at)
