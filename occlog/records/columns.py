@@ -276,6 +276,14 @@ def _comparable(table: Table, c: Column, rows: Ints) -> NDArray[np.generic]:
     return np.ascontiguousarray(values).view(f"i{values.itemsize}") if values.dtype.kind == "f" else values
 
 
+def rows_by_label(labels: NDArray[np.signedinteger]) -> list[tuple[int, Ints]]:
+    """Each of (n,) whole numbers, rising, and the rows that have it, rising."""
+    order = np.argsort(labels, kind="stable")
+    names, first = np.unique(labels[order], return_index=True)
+    pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing
+    return list(zip(names.tolist(), pieces, strict=True))
+
+
 def first_row(mask: Bools) -> int:
     """Index of the first true row of a mask that has one."""
     return int(np.flatnonzero(mask)[0])

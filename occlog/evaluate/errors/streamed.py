@@ -17,8 +17,9 @@ from occlog.array_types import Bools, Ints
 from occlog.core.metrics.couples import Couples
 from occlog.core.metrics.errors import pair_by_sums, ratio
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Path, paths_of, rows_by_label
+from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.io.files.put_aside.spool import IN_MEMORY
+from occlog.records.columns import rows_by_label
 from occlog.records.pieces import Limits, Side, in_step
 from occlog.records.tables import Errors, Tracks, Truth
 

@@ -18,6 +18,7 @@ from occlog.core.metrics.errors import (
 )
 from occlog.core.metrics.sums import Sum, group_medians, quantiles
 from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
+from occlog.records.columns import rows_by_label
 from occlog.records.tables import Errors
 
 from .on_ground import in_space
@@ -176,9 +177,9 @@ class ErrorFigures:
     def add(self, errors: Errors) -> None:
         """Some more, in any order."""
         self.rows += len(errors)
-        for k in np.unique(errors.target_id).tolist():
-            part = errors.take(errors.target_id == k)
-            self._targets.setdefault(int(k), _Target()).add(part, part.take(in_space(part)))
+        for k, rows in rows_by_label(errors.target_id):
+            part = errors.take(rows)
+            self._targets.setdefault(k, _Target()).add(part, part.take(in_space(part)))
         self._spread.add(errors.error)
         for axis in "xy":
             self._bias[axis].add(float(getattr(errors, f"error_{axis}").sum()))

@@ -15,6 +15,7 @@ from occlog.core.numerics.interpolate import hold_positions, interpolate_positio
 from occlog.core.sight.camera import planar_offsets, wrap_angle
 from occlog.core.sight.visibility import behind_walls, in_view
 from occlog.errors import InputError
+from occlog.records.columns import rows_by_label
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth
 
@@ -95,14 +96,6 @@ def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Path]:
     t_ns, ids, xy = table.t_ns[keep], table.target_id[keep], np.column_stack([table.x, table.y])[keep]
     z = table.z[keep]
     return {name: Path(t_ns[rows], xy[rows], z[rows]) for name, rows in rows_by_label(ids)}
-
-
-def rows_by_label(labels: np.ndarray) -> list[tuple[int, Ints]]:
-    """Each of (n,) whole numbers, rising, and the rows that have it, rising."""
-    order = np.argsort(labels, kind="stable")
-    names, first = np.unique(labels[order], return_index=True)
-    pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing
-    return list(zip(names.tolist(), pieces, strict=True))
 
 
 class Expected(NamedTuple):

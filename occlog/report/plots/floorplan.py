@@ -11,8 +11,9 @@ from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, Polygon
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Floats, Ints
 from occlog.core.metrics.errors import CHI2_95_2D
+from occlog.records.columns import rows_by_label
 from occlog.records.scene import Scene
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 from occlog.report.content.model import ReportInput
@@ -22,6 +23,8 @@ from occlog.report.drawing.thin import broken, thin_path
 
 from .planscene import draw_scale_bar, draw_scene, frame_plan, name_sensors
 
+NOBODY = np.zeros(0, dtype=np.int64)
+"""Rows of an identity that is not there."""
 ELLIPSES, ELLIPSES_OF_ALL = 24, 480
 """Ellipses along the path of a target at most, and of all targets together; each takes as much as 25 points."""
 PATH_POINTS = 1400
@@ -119,10 +122,11 @@ def bold_from(data: ReportInput) -> int | None:
     limits = plan_limits(data)
     diagonal = float(np.hypot(*(limits[1] - limits[0])))
     starts = []
+    there = [(table, dict(rows_by_label(table.target_id))) for table in (data.truth, data.tracks) if table is not None]
     for target in data.targets:
-        for table in (data.truth, data.tracks):
-            rows = np.flatnonzero(table.target_id == target) if table is not None else np.empty(0, np.int64)
-            if table is None or len(rows) < 2:
+        for table, rows_of in there:
+            rows = rows_of.get(target, NOBODY)
+            if len(rows) < 2:
                 continue
             steps = np.hypot(np.diff(table.x[rows]), np.diff(table.y[rows]))
             to_go = np.cumsum(steps[::-1])[::-1]
@@ -133,17 +137,22 @@ def bold_from(data: ReportInput) -> int | None:
 
 
 def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
-    rows = truth.role == "occluder"
-    identities = np.unique(truth.target_id[rows])
-    if not len(identities) or len(identities) > MOST_MOVING_OCCLUDERS:
+    rows_of = _rows_of(truth, "occluder")
+    if not rows_of or len(rows_of) > MOST_MOVING_OCCLUDERS:
         return []
     style: Style = {"color": COLOURS["muted"], "linewidth": 0.6, "alpha": 0.45, "zorder": 2.2}
-    for identity in identities:
-        _line(axes, truth, rows & (truth.target_id == identity), PATH_POINTS // 2, **style)
+    for rows in rows_of.values():
+        _line(axes, truth, rows, PATH_POINTS // 2, **style)
     return [Line2D([], [], label="moving occluder", **style)]
 
 
-def _line(axes: Axes, table: Tracks | Truth, rows: Bools, points: int, **style: Any) -> None:
+def _rows_of(truth: Truth, role: str) -> dict[int, Ints]:
+    """Rows of each identity of a role."""
+    those = np.flatnonzero(truth.role == role)
+    return {identity: those[rows] for identity, rows in rows_by_label(truth.target_id[those])}
+
+
+def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: Any) -> None:
     """One path, thinned, broken at gaps."""
     part = table.take(rows)
     keep = thin_path(np.column_stack([part.x, part.y]), points)
@@ -151,12 +160,12 @@ def _line(axes: Axes, table: Tracks | Truth, rows: Bools, points: int, **style: 
     axes.plot(x, y, **style)
 
 
-def _path(axes: Axes, table: Tracks | Truth, rows: Bools, since: int | None, points: int, **style: Any) -> None:
+def _path(axes: Axes, table: Tracks | Truth, rows: Ints, since: int | None, points: int, **style: Any) -> None:
     """One path; what is older than `since` is faint."""
     if since is not None:
         faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}
-        _line(axes, table, rows & (table.t_ns <= since), points, **faint)
-        rows = rows & (table.t_ns >= since)
+        _line(axes, table, rows[table.t_ns[rows] <= since], points, **faint)
+        rows = rows[table.t_ns[rows] >= since]
     _line(axes, table, rows, points, **style)
 
 
@@ -165,18 +174,18 @@ def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
     points = max(PATH_POINTS // max(len(data.targets), 2), FEWEST_POINTS)
     ellipses = min(ELLIPSES, ELLIPSES_OF_ALL // max(len(data.targets), 1))
     handles: list[Line2D | Patch] = []
+    estimated = {} if data.tracks is None else dict(rows_by_label(data.tracks.target_id))
     for i, target in enumerate(data.targets):
         colour = target_colour(i)
         if data.tracks is not None:
-            _estimate(axes, data.tracks, target, since, colour, points, ellipses)
+            _estimate(axes, data.tracks, estimated.get(target, NOBODY), since, colour, points, ellipses)
             name = "estimated path" if len(data.targets) == 1 else f"target {target}, estimated"
             handles += [Line2D([], [], color=colour, linewidth=1.8, label=name)] if i < MOST_NAMES else []
     if data.truth is not None:
-        true = data.truth.role == "target"
+        true = _rows_of(data.truth, "target")
         # Of those that nobody tracks, too, where names do not tell who is tracked
-        named = data.targets if data.same_names else np.unique(data.truth.target_id[true]).tolist()
-        for target in named:
-            rows = true & (data.truth.target_id == target)
+        for target in data.targets if data.same_names else true:
+            rows = true.get(target, NOBODY)
             _path(axes, data.truth, rows, since, points, zorder=4, **TRUE_PATH)
             if data.tracks is None:
                 _ends(axes, data.truth.take(rows), COLOURS["ink"])
@@ -196,11 +205,10 @@ def _path_handles(data: ReportInput) -> list[Line2D | Patch]:
 
 
 def _estimate(
-    axes: Axes, tracks: Tracks, target: int, since: int | None, colour: str, points: int, ellipses: int
+    axes: Axes, tracks: Tracks, rows: Ints, since: int | None, colour: str, points: int, ellipses: int
 ) -> None:
-    rows = tracks.target_id == target
     _path(axes, tracks, rows, since, points, color=colour, linewidth=1.8, zorder=3.5)
-    own = tracks.take(rows if since is None else rows & (tracks.t_ns >= since))
+    own = tracks.take(rows if since is None else rows[tracks.t_ns[rows] >= since])
     if not len(own):
         return
     for row in np.unique(np.linspace(0, len(own) - 1, ellipses).round().astype(int)):
