@@ -133,9 +133,11 @@ def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch
         if isinstance(reader, pa.ipc.RecordBatchFileReader)
         else iter(reader)
     )
-    for batch in several:
+    for whole in several:
+        batch = whole.select(names)
+        batch.validate(full=True)  # the library follows offsets and places in dictionaries wherever they lead
         for start in range(0, batch.num_rows, ROWS):
-            yield batch.select(names).slice(start, ROWS)
+            yield batch.slice(start, ROWS)
 
 
 def _check_messages(path: Path) -> None:
@@ -156,4 +158,6 @@ def _translated(path: Path, kind: str) -> Iterator[None]:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         reason = " ".join(str(error).split())[:160]
-        raise InputError(f"{path}: damaged or not a {kind} file ({reason}); make it again") from error
+        raise InputError(
+            f"{path}: damaged or not {'an' if kind == 'Arrow' else 'a'} {kind} file ({reason}); make it again"
+        ) from error
