@@ -185,7 +185,8 @@ class ForeignTable:
     def whose(self, cells: Cells) -> list[tuple[object, ...]]:
         """(n,) sensor and identity of some cells, in the order of the file, as far as it has them."""
         names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
-        return list(zip(*(cells.raw(name) for name in names), strict=True)) if names else [()] * len(cells)
+        columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)
+        return list(zip(*columns, strict=True)) if names else [()] * len(cells)
 
     def _values(self, cells: Cells, s: Spelling, layout: Layout) -> NDArray[np.generic]:
         """The values of a column in the table's unit."""
