@@ -19,6 +19,7 @@ from occlog.io.files.inputs import check_input
 from occlog.io.files.promises import check_promise
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, from_arrow
 from occlog.io.files.tables.check_sums import Checked
+from occlog.io.files.tables.footer import read_groups
 from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.salvage.marks import is_marked
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
@@ -57,21 +58,18 @@ def open_parquet(path: Path) -> Iterator[PagedFile]:
         pyarrow.ArrowException, OSError: it is damaged.
     """
     with Checked(path) as source:
+        groups = read_groups(source)
+        rows, unpacked = sum(group.rows for group in groups), max((group.unpacked for group in groups), default=0)
+        check_promise(path, source.size, rows, unpacked)
         told = pq.read_metadata(source)
-        check_promise(path, source.size, *promised(told))
         # Of texts each is unpacked once, not for every row that refers to it
         texts = [field.name for field in told.schema.to_arrow_schema() if _is_text(field.type)]
-        yield PagedFile(source, metadata=told, read_dictionary=texts, page_checksum_verification=source.trailer is None)
+        sums = source.trailer is None
+        yield PagedFile(source, groups, metadata=told, read_dictionary=texts, page_checksum_verification=sums)
 
 
 def _is_text(kind: pa.DataType) -> bool:
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
-
-
-def promised(told: pq.FileMetaData) -> tuple[int, int]:
-    """How many rows a footer promises, and what the largest group of them unpacks to [bytes]."""
-    groups = [told.row_group(number) for number in range(told.num_row_groups)]
-    return told.num_rows, max((group.total_byte_size for group in groups), default=0)
 
 
 def is_ours(path: Path) -> bool:
