@@ -16,13 +16,14 @@ import pyarrow.parquet as pq
 
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
-from occlog.io.files.promises import check_promise
+from occlog.io.files.promises import check_promise, most_unpacked
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, from_arrow
 from occlog.io.files.tables.check_sums import Checked
 from occlog.io.files.tables.footer import read_groups
 from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.salvage.marks import is_marked
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
+from occlog.io.files.tables.vectors import in_parts
 from occlog.records.columns import Table, check_copies, key_of
 from occlog.records.tables import has_all
 
@@ -99,10 +100,17 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
         whole = has_all(table)
         last: T | None = None
-        for batch in batches(file, rows, names):
+        texts, most = 0, most_unpacked(file.checked.size)
+        for batch in in_parts(path, file.checked.size, batches(file, rows, names)):
             chunk = from_arrow(batch, table)
             if not len(chunk):
                 continue
+            texts += sum(getattr(chunk, c.name).nbytes for c in table.columns() if c.kind == "U")
+            if texts > most:
+                raise InputError(
+                    f"{path}: texts of more than {most} bytes in a file of {file.checked.size}, since every row takes "
+                    "as much as the longest; shorten it"
+                )
             if last is not None and chunk.t_ns[0] < last.t_ns[-1]:  # type: ignore[attr-defined]
                 raise InputError(f"{path}: t_ns goes back between two chunks; sort the table by t_ns")
             if whole:
@@ -140,7 +148,7 @@ class RowGroup:
     """
 
     path: Path
-    file: pq.ParquetFile
+    file: PagedFile
     table: type[Table]
     number: int
     first: int
@@ -150,7 +158,8 @@ class RowGroup:
         """Its rows in batches of `from_arrow`; InputError where they are damaged."""
         names = [c.name for c in self.table.columns() if c.name in self.file.schema_arrow.names]
         with translate_read_errors(self.path):
-            yield from self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
+            found = self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
+            yield from in_parts(self.path, self.file.checked.size, found)
 
 
 def groups_of(path: Path, tables: Mapping[str, type[Table]]) -> Iterator[RowGroup]:
