@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from apart import check_apart
+from random_tables import random_table
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.promises import FREE_BYTES, FREE_ROWS, check_promise
-from occlog.io.files.tables.thrift import I32, I64, Field, Reader, written
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables import arrow_columns, pages, parquet, vectors
+from occlog.io.files.tables.parquet import batches, opened_table, read_table
+from occlog.io.files.tables.table_writer import write_table
+from occlog.io.files.tables.thrift import BINARY, I32, I64, LIST, STRUCT, Field, Reader, Struct, written
 from occlog.io.foreign.arrow_messages import Message, messages
+from occlog.records.tables import Bearings, Views
 
 BIG = 1 << 30
 ROWS = 50
@@ -111,6 +118,141 @@ def test_memory_stays_as_it_was(tmp_path: Path, name: str, make: Callable[[], by
         assert outcome.code == ExitCode.BAD_INPUT
         assert words in outcome.told
     assert not out.exists()
+
+
+def one_long_list(rows: int, numbers: int) -> pa.Array:
+    return pa.ListArray.from_arrays(
+        pa.array([0] + [numbers] * rows, pa.int32()), pa.array(np.zeros(numbers, np.float32))
+    )
+
+
+@pytest.mark.parametrize("name", ["ours.parquet", "others.parquet", "others.arrow"])
+def test_one_long_list_among_many_rows_is_not_one_for_each(tmp_path: Path, name: str) -> None:
+    path, rows, numbers = tmp_path / name, 3000, 1_000_000
+    write_table(tmp_path / "v.parquet", random_table(Views, rows, 1), Provenance("test"))
+    whole = pq.read_table(tmp_path / "v.parquet")
+    table = whole.set_column(
+        whole.schema.names.index("embedding"), whole.schema.field("embedding"), one_long_list(rows, numbers)
+    )
+    table = table if name == "ours.parquet" else table.replace_schema_metadata(None)
+    if name.endswith("arrow"):
+        path.write_bytes(as_arrow(table))
+    else:
+        pq.write_table(table, path, compression="zstd")
+    told = check_apart("export", path, "-o", tmp_path / "o.csv")
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert f"a list of {numbers} numbers among {rows} rows" in told.told
+
+
+def test_vectors_are_read_in_parts_of_few_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lists = pa.array([[1.0, 2.0], [], [3.0, 4.0]], pa.list_(pa.float32()))
+    batch = pa.record_batch({"a": lists, "b": pa.array([1, 2, 3])})
+    monkeypatch.setattr(vectors, "NUMBERS_AT_ONCE", 4)
+    assert [len(part) for part in vectors.in_parts(tmp_path, 100, [batch, batch.select(["b"])])] == [2, 1, 3]
+    fixed = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(9)), 3)
+    assert [len(part) for part in vectors.in_parts(tmp_path, 100, [pa.record_batch({"a": fixed})])] == [1, 1, 1]
+    monkeypatch.setattr(arrow_columns, "MOST_NUMBERS", 5)
+    (column,) = (c for c in Views.columns() if c.name == "embedding")
+    with pytest.raises(InputError, match="a list of 2 numbers among 5 rows, most without any"):
+        arrow_columns.vectors(column, pa.array([[1.0, 2.0], [], [], [], []], pa.list_(pa.float32())))
+
+
+@pytest.mark.parametrize("order", ["back", "at one time"])
+def test_rows_that_are_held_to_be_put_in_order_have_a_limit(tmp_path: Path, order: str) -> None:
+    """A million rows whose names take 800 bytes each."""
+    path, rows = tmp_path / "t.parquet", 1_000_000
+    names = pa.DictionaryArray.from_arrays(
+        pa.array(np.arange(rows) % 7, pa.int32()), pa.array([f"{n}" * 200 for n in range(7)])
+    )
+    times = np.arange(rows)[::-1] // 10 if order == "back" else np.zeros(rows, np.int64)
+    path.write_bytes(as_parquet(pa.table({"t_ns": times, "sensor": names, "azimuth_rad": np.zeros(rows)})))
+    told = check_apart("export", path, "-o", tmp_path / "o.csv")
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert "rows that are not in the order of time, or all of one time" in told.told
+
+
+def test_texts_of_our_tables_take_no_more_than_their_file_may(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = replace(random_table(Bearings, 1000, 1), sensor=np.full(1000, "a" * 100))
+    write_table(path := tmp_path / "b.parquet", made, Provenance("test"))
+    assert read_table(path, Bearings).sensor.tolist() == made.sensor.tolist()
+    monkeypatch.setattr(parquet, "most_unpacked", lambda _: 399_999)
+    with pytest.raises(InputError, match=r"b\.parquet: texts of more than 399999 bytes in a file of"):
+        read_table(path, Bearings)
+
+
+def with_footer(change: Callable[[Struct], None], rows: int = ROWS) -> bytes:
+    """Tracks as Parquet, whose footer is changed."""
+    data = as_parquet(tracks(rows))
+    length = int.from_bytes(data[-8:-4], "little")
+    footer = Reader(data[-8 - length : -8]).struct()
+    change(footer)
+    end = written(footer)
+    return data[: -8 - length] + end + len(end).to_bytes(4, "little") + b"PAR1"
+
+
+def of_no_columns(footer: Struct) -> None:
+    group = footer[4].value[1][0]
+    bare = {**group, 1: Field(LIST, (STRUCT, [{2: Field(I64, 0)}] * 900_000))}
+    footer[4] = Field(LIST, (STRUCT, [bare] * 3))
+
+
+def of_many_parts(footer: Struct) -> None:
+    part = {1: Field(I32, 2), 3: Field(I32, 1), 4: Field(BINARY, b"a")}
+    footer[2] = Field(LIST, (STRUCT, [{4: Field(BINARY, b"s"), 5: Field(I32, 900_000)}] + [part] * 900_000))
+
+
+def of_many_names(footer: Struct) -> None:
+    footer[5] = Field(LIST, (STRUCT, [{1: Field(BINARY, b"a"), 2: Field(BINARY, b"b")}] * 900_000))
+
+
+def of_one_group_again(footer: Struct) -> None:
+    footer[4] = Field(LIST, (STRUCT, footer[4].value[1] * 200))
+    footer[3] = Field(I64, ROWS * 200)
+
+
+FOOTERS = {
+    "columns without a description": (of_no_columns, "more columns than a file of its size can have"),
+    "schema": (of_many_parts, "900001 columns and parts of columns; at most 50000 are read"),
+    "entries": (of_many_names, "more values than a file of its size can have"),
+    "groups that share their bytes": (of_one_group_again, "its columns have more bytes than the file"),
+}
+
+
+@pytest.mark.parametrize(("change", "words"), FOOTERS.values(), ids=FOOTERS)
+def test_footers_take_no_more_memory_than_their_file_may(
+    tmp_path: Path, change: Callable[[Struct], None], words: str
+) -> None:
+    path = tmp_path / "t.parquet"
+    path.write_bytes(with_footer(change))
+    told = check_apart("info", path)
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in told.told
+
+
+def test_all_groups_together_unpack_to_no_more_than_their_file_may(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "t.parquet", tmp_path / "t.csv"
+    rows = pa.table(columns(20_000) | {"t_ns": np.arange(20_000), "target_id": np.arange(20_000) % 7})
+    pq.write_table(rows, path, compression="zstd", use_dictionary=False, row_group_size=1000)
+    unpacked = 20_000 * 32
+    for free, code in ((unpacked, ExitCode.DONE), (unpacked // 2, ExitCode.BAD_INPUT)):
+        monkeypatch.setattr(pages, "most_unpacked", lambda _, free=free: free + 20 * 4 * 64)
+        assert run(["export", str(path), "-o", str(out), "--overwrite"]) == code
+    assert "column t_ns unpacks to more than 325120 bytes" in capfd.readouterr().err
+
+
+def test_all_groups_together_have_no_more_numbers_than_their_file_may(tmp_path: Path) -> None:
+    """Each of 200 groups of one row has two million zeros, in a kilobyte."""
+    path, zeros = tmp_path / "v.parquet", pa.array(np.zeros(2_000_000, np.float32))
+    lists = pa.ListArray.from_arrays(pa.array([0, len(zeros)], pa.int32()), zeros)
+    rows = pa.table({"t_ns": [1], "target_id": pa.array([1], pa.int32()), "x": [0.0], "y": [0.0], "z": lists})
+    with pq.ParquetWriter(path, rows.schema, compression="zstd", data_page_size=1 << 26) as writer:
+        for _ in range(200):
+            writer.write_table(rows)
+    with opened_table(path) as file, pytest.raises(InputError, match="column z unpacks to more than"):
+        for _ in batches(file, 10, ["z"]):
+            pass
 
 
 def test_pages_as_large_as_their_file_may_have_are_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

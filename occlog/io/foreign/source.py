@@ -15,6 +15,7 @@ from occlog.io.files.inputs import STANDARD_INPUT, check_input
 from occlog.io.files.promises import check_promise
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, open_parquet
+from occlog.io.files.tables.vectors import in_parts
 from occlog.io.files.texts.by_reader import table_of
 from occlog.io.files.texts.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.times.timestamps import TIME_COLUMNS
@@ -124,8 +125,12 @@ def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch
     """Batches of some columns of at most `ROWS` rows."""
     if kind == "Parquet":
         with open_parquet(path) as file:
-            yield from batches(file, ROWS, names)
+            yield from in_parts(path, file.checked.size, batches(file, ROWS, names))
         return
+    yield from in_parts(path, path.stat().st_size, _arrow_batches(path, names))
+
+
+def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
     _check_messages(path)
     reader = _open_arrow(path)
     several = (
@@ -133,9 +138,11 @@ def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch
         if isinstance(reader, pa.ipc.RecordBatchFileReader)
         else iter(reader)
     )
-    for batch in several:
+    for whole in several:
+        batch = whole.select(names)
+        batch.validate(full=True)  # the library follows offsets and places in dictionaries wherever they lead
         for start in range(0, batch.num_rows, ROWS):
-            yield batch.select(names).slice(start, ROWS)
+            yield batch.slice(start, ROWS)
 
 
 def _check_messages(path: Path) -> None:
@@ -156,4 +163,6 @@ def _translated(path: Path, kind: str) -> Iterator[None]:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         reason = " ".join(str(error).split())[:160]
-        raise InputError(f"{path}: damaged or not a {kind} file ({reason}); make it again") from error
+        raise InputError(
+            f"{path}: damaged or not {'an' if kind == 'Arrow' else 'a'} {kind} file ({reason}); make it again"
+        ) from error

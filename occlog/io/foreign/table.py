@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.boxes.columns import both_sizes, disagree
+from occlog.io.files.promises import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
 from occlog.records.columns import Table, first_row, key_of, repeated_rows
 from occlog.records.declared.measurements import VALUES, Measurements
@@ -40,6 +41,8 @@ WHOSE = ("sensor", "target_id", "source_id", "occluder_id", "tag", "reference")
 """Columns that tell whose a row is."""
 OF_READS = {"reader", "anchor", "gateway", "tag", "beacon", "epc", "rssi", "rssi_dbm", "signal"}
 """Names that reads of tags alone have."""
+HELD_PER_BYTE = 100
+"""Memory of rows that are held together to be put in order, for each byte of the file; `FREE_BYTES` for any file."""
 FARTHEST_RAD = 4 * np.pi
 """Larger angles are not in radians."""
 
@@ -119,17 +122,31 @@ class ForeignTable:
         if self._is_in_order(layout):
             parts = self._parts(layout)
         else:
-            whole = _join(list(self._parts(layout)))
+            all_of_it: list[Values] = []
+            for part in self._parts(layout):
+                all_of_it.append(part)
+                self._check_held(all_of_it)
+            whole = _join(all_of_it)
             parts = iter([_pick(whole, np.argsort(whole[TIME], kind="stable"))])
         held: Values | None = None
         for part in parts:
             whole = part if held is None else _join([held, part])
+            self._check_held([whole])
             cut = int(np.searchsorted(whole[TIME], whole[TIME][-1]))
             if cut:
                 yield _pick(whole, slice(0, cut))
             held = _pick(whole, slice(cut, None))
         if held is not None:
             yield held
+
+    def _check_held(self, parts: Iterable[Values]) -> None:
+        """InputError for rows that take more memory together than those of a file of its size may."""
+        size, held = self.source.path.stat().st_size, sum(c.nbytes for part in parts for c in part.values())
+        if held > max(FREE_BYTES, HELD_PER_BYTE * size):
+            raise InputError(
+                f"{self.source.path}: rows that are not in the order of time, or all of one time, take {held} bytes of "
+                f"memory or more, in a file of {size}, each as much as the longest text; sort them, or shorten it"
+            )
 
     def _is_in_order(self, layout: Layout) -> bool:
         """Whether the times of the file never fall: a pass over these alone."""
@@ -185,7 +202,8 @@ class ForeignTable:
     def whose(self, cells: Cells) -> list[tuple[object, ...]]:
         """(n,) sensor and identity of some cells, in the order of the file, as far as it has them."""
         names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
-        return list(zip(*(cells.raw(name) for name in names), strict=True)) if names else [()] * len(cells)
+        columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)
+        return list(zip(*columns, strict=True)) if names else [()] * len(cells)
 
     def _values(self, cells: Cells, s: Spelling, layout: Layout) -> NDArray[np.generic]:
         """The values of a column in the table's unit."""

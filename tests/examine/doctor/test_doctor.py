@@ -352,6 +352,16 @@ def test_a_clock_that_restarts_is_named_in_tables_of_others(tmp_path: Path) -> N
     assert not found_in(path)
 
 
+def test_names_that_are_lists_are_told_and_stop_nothing(tmp_path: Path) -> None:
+    lists = pa.DictionaryArray.from_arrays(pa.array([0, 0]), pa.array([["a", "b"]]))
+    path = tmp_path / "b.arrow"
+    for sensor in (lists, pa.array([["a"], ["b"]]), pa.array([{"a": 1}, None])):
+        rows = pa.table({"t_ns": [1, 2], "sensor": sensor, "azimuth_deg": [0.0, 1]})
+        with pa.ipc.new_file(path, rows.schema) as writer:
+            writer.write_table(rows)
+        assert any(found.value.endswith("texts were expected") for found in found_in(path))
+
+
 def test_somebody_in_two_places_is_an_error_as_it_is_to_every_command(tmp_path: Path) -> None:
     one = Truth.of(t_ns=[0], target_id=[1], role=["target"], x=[0.0], y=[0.0], z=[0.0])
     write_table(tmp_path / "t.parquet", Truth.concat([one, replace(one, x=one.x + 1)]), Provenance("test"))

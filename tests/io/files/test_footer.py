@@ -18,7 +18,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import footer
 from occlog.io.files.tables.check_sums import Checked
-from occlog.io.files.tables.footer import CHUNK, COLUMNS, PATH, ROW_GROUPS, STATISTICS, Chunk, read_chunks, read_spans
+from occlog.io.files.tables.footer import CHUNK, COLUMNS, PATH, ROW_GROUPS, STATISTICS, Chunk, read_groups, read_spans
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.files.tables.thrift import BINARY, I32, I64, LIST, STRUCT, Field, MalformedError, Reader, written
 from occlog.records.tables import Tracks
@@ -70,6 +70,10 @@ def by_library(path: Path) -> list[list[Chunk]]:
     return groups
 
 
+def chunks_in(source: Checked) -> list[list[Chunk]]:
+    return [group.chunks for group in read_groups(source)]
+
+
 def in_general(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read no column in the short way."""
     monkeypatch.setattr(footer, "_usual_column", lambda _: None)
@@ -82,9 +86,9 @@ def test_columns_are_where_the_library_finds_them(
 ) -> None:
     write(path := tmp_path / "t.parquet", rows, options)
     with Checked(path) as source:
-        assert list(read_chunks(source)) == by_library(path)
+        assert chunks_in(source) == by_library(path)
         in_general(monkeypatch)
-        assert list(read_chunks(source)) == by_library(path)
+        assert chunks_in(source) == by_library(path)
 
 
 def test_most_columns_are_read_in_the_short_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,7 +100,7 @@ def test_most_columns_are_read_in_the_short_way(tmp_path: Path, monkeypatch: pyt
     for options in WRITTEN[:3]:
         pq.write_table(pa.table(wide), path := tmp_path / "t.parquet", **options)
         with Checked(path) as source:
-            assert len(next(read_chunks(source))) == len(wide)
+            assert len(chunks_in(source)[0]) == len(wide)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -123,7 +127,7 @@ def chunks_of(path: Path, data: bytes) -> object:
     path.write_bytes(data)
     with Checked(path) as source:
         try:
-            return list(read_chunks(source))
+            return chunks_in(source)
         except MalformedError:
             return "malformed"
 
@@ -186,7 +190,51 @@ def test_columns_that_cannot_be(tmp_path: Path, number: int, field: Field, reaso
     path = tmp_path / "t.parquet"
     path.write_bytes(changed(tracks(), number, field))
     with Checked(path) as source, pytest.raises(MalformedError, match=reason):
-        list(read_chunks(source))
+        chunks_in(source)
+
+
+def of(groups: int, **told: int) -> bytes:
+    """A footer of groups of one row and 100 columns of no bytes, if nothing else is told."""
+    chunk = {PATH: Field(LIST, (BINARY, [b"a"])), footer.PACKED: Field(I64, 0), footer.DATA_PAGE: Field(I64, 4)}
+    column = {CHUNK: Field(STRUCT, chunk | {1: Field(I32, 1)})}
+    sizes = {
+        footer.GROUP_BYTES: Field(I64, told.get("unpacked", 0)),
+        footer.GROUP_ROWS: Field(I64, told.get("each", 1)),
+    }
+    group = {COLUMNS: Field(LIST, (STRUCT, [column] * 100)), **sizes}
+    rows = Field(I64, told.get("rows", groups))
+    end = written({footer.NUM_ROWS: rows, ROW_GROUPS: Field(LIST, (STRUCT, [group] * groups))})
+    return b"PAR1" + end + (len(end) + told.get("longer", 0)).to_bytes(4, "little") + b"PAR1"
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (of(2, rows=3), "3 rows, in groups of 2"),
+        (of(2, each=-1), "without its sizes"),
+        (of(2, unpacked=-1), "without its sizes"),
+        (of(2, longer=99), "longer than the file"),
+        (of(11), "more columns than a file of its size can have"),
+    ],
+)
+def test_groups_that_cannot_be(tmp_path: Path, data: bytes, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(footer, "FREE_CHUNKS", 1000)
+    path = tmp_path / "t.parquet"
+    path.write_bytes(of(10))
+    with Checked(path) as source:
+        assert [len(chunks) for chunks in chunks_in(source)] == [100] * 10
+    path.write_bytes(data)
+    with Checked(path) as source, pytest.raises(MalformedError, match=reason):
+        read_groups(source)
+
+
+def test_a_reader_looks_at_no_more_bytes_than_it_may() -> None:
+    data = written({1: Field(LIST, (I64, [5] * 10)), 2: Field(BINARY, b"a" * 100)})
+    Reader(data, left=15).skip(STRUCT)
+    with pytest.raises(MalformedError, match="more values than"):
+        Reader(data, left=14).skip(STRUCT)
+    with pytest.raises(MalformedError, match="more than 64 bits"):
+        Reader(bytes([0x16]) + b"\xff" * 99 + b"\0\0").skip(STRUCT)
 
 
 def test_a_field_that_comes_twice_is_refused() -> None:

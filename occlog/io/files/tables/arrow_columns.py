@@ -15,6 +15,8 @@ from occlog.io.files.tables.arrow_arrays import to_numpy, to_texts
 from occlog.records.columns import ANY, Column, Table, in_length_unit
 
 SCHEMA_KEY = "occlog.schema"
+MOST_NUMBERS = 1 << 25
+"""Numbers that a column of vectors may have, most of which the file has not: NaN in rows without a vector."""
 T = TypeVar("T", bound=Table)
 _ARROW = {
     "i8": pa.int64(),
@@ -96,6 +98,8 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
     if others or numbers.null_count:
         fault = f"lists of {length} and of {others[0]} numbers; all must be alike" if others else "numbers are missing"
         raise InputError(f"column {c.name}: {fault}")
+    if len(values) * length > max(MOST_NUMBERS, 2 * len(numbers)):
+        raise InputError(f"column {c.name}: a list of {length} numbers among {len(values)} rows, most without any")
     out = np.full((len(values), length), np.nan, dtype=c.dtype)
     out[lengths > 0] = to_numpy(numbers).reshape(-1, max(length, 1))
     return out

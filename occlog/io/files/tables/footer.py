@@ -1,6 +1,8 @@
-"""Where the footer of a Parquet file says that the columns are.
+"""What the footer of a Parquet file says of its groups of rows: how large they are, and where their columns are.
 
-The library gives this as well, but a footer whose statistics do not fit its columns ends the process there.
+The library gives this as well, but takes a kilobyte for a column that needs three bytes, and a footer whose statistics
+do not fit its columns ends the process there. So the footer is read here first, and refused where it says more than a
+file of its size can hold.
 """
 
 from __future__ import annotations
@@ -15,13 +17,19 @@ from .check_sums import Checked
 from .thrift import BINARY, I32, I64, SHORT, STRUCT, VARINT, MalformedError, Reader, from_varint
 
 # Fields of Parquet's structures, by the numbers of its definition
-NUM_ROWS, ROW_GROUPS = 3, 4  # of the footer
+SCHEMA, NUM_ROWS, ROW_GROUPS = 2, 3, 4  # of the footer
 COLUMNS, GROUP_BYTES, GROUP_ROWS = 1, 2, 3  # of a group of rows
 PLACE, CHUNK = 2, 3  # of a column of a group
 PATH, VALUES, UNPACKED, PACKED, DATA_PAGE, DICTIONARY_PAGE, STATISTICS = 3, 5, 6, 7, 9, 11, 12  # of its description
 GREATEST, LEAST = 5, 6  # of its statistics
 LENGTH = struct.Struct("<I4s")
 """What a file ends with: bytes of the footer, and a mark."""
+FREE_CHUNKS, BYTES_PER_CHUNK = 250_000, 1000
+"""Columns of all groups of rows together that any file may have, and bytes of the file for each one more."""
+FREE_STEPS, BYTES_PER_STEP = 2_000_000, 50
+"""Bytes of any footer, without texts and what is described as mostly, and bytes of the file for each one more."""
+MAX_PARTS = 50_000
+"""Columns and parts of columns that a schema has at most."""
 
 
 def _usual() -> tuple[re.Pattern[bytes], re.Pattern[bytes]]:
@@ -60,14 +68,48 @@ class Chunk(NamedTuple):
     end: int
 
 
-def read_chunks(source: Checked) -> Iterator[list[Chunk]]:
-    """The columns of each group of rows; MalformedError for a footer that does not say where they are."""
-    reader = _reader(source)
-    for columns in _groups(reader):
-        chunks = [_usual_column(reader) or _column(reader) for _ in range(columns)]
-        if any(chunk.end > source.size for chunk in chunks):
-            raise MalformedError("a column beyond the end of the file")
-        yield chunks
+class Group(NamedTuple):
+    """A group of rows.
+
+    Attributes:
+        rows: how many there are.
+        unpacked: what they unpack to [bytes].
+        chunks: the columns.
+    """
+
+    rows: int
+    unpacked: int
+    chunks: list[Chunk]
+
+
+def read_groups(source: Checked) -> list[Group]:
+    """The groups of rows of a file, of which none share bytes.
+
+    MalformedError for a footer that does not say where they are, or that says more than such a file can hold.
+    """
+    reader, groups, rows = _reader(source), list[Group](), -1
+    left, room = FREE_CHUNKS + source.size // BYTES_PER_CHUNK, source.size
+    for number, kind in reader.fields():
+        if number == NUM_ROWS:
+            rows = reader.long(kind)
+        elif number == SCHEMA:
+            if len(parts := reader.items(kind, STRUCT)) > MAX_PARTS:
+                raise MalformedError(f"{len(parts)} columns and parts of columns; at most {MAX_PARTS} are read")
+            for _ in parts:
+                reader.skip(STRUCT)
+        elif number == ROW_GROUPS:
+            for _ in reader.items(kind, STRUCT):
+                groups.append(group := _group(reader, left))
+                left, room = left - len(group.chunks), room - sum(chunk.end - chunk.begin for chunk in group.chunks)
+                if any(chunk.end > source.size for chunk in group.chunks):
+                    raise MalformedError("a column beyond the end of the file")
+                if room < 0:
+                    raise MalformedError("its columns have more bytes than the file")
+        else:
+            reader.skip(kind)
+    if rows != sum(group.rows for group in groups):
+        raise MalformedError(f"{rows} rows, in groups of {sum(group.rows for group in groups)}")
+    return groups
 
 
 def read_spans(source: Checked) -> Iterator[tuple[bytes, bytes]]:
@@ -76,36 +118,58 @@ def read_spans(source: Checked) -> Iterator[tuple[bytes, bytes]]:
     They are as the column stores them.
     """
     reader = _reader(source)
-    for columns in _groups(reader):
-        for number in range(columns):
-            if number:
-                reader.skip(STRUCT)
-                continue
-            described = reader.struct().get(CHUNK)
-            told = described.value.get(STATISTICS) if described and described.kind == STRUCT else None
-            span = (told.value.get(LEAST), told.value.get(GREATEST)) if told and told.kind == STRUCT else (None, None)
-            if span[0] and span[1] and span[0].kind == span[1].kind == BINARY:
-                yield span[0].value, span[1].value
+    for _ in _first_columns(reader):
+        described = reader.struct().get(CHUNK)
+        told = described.value.get(STATISTICS) if described and described.kind == STRUCT else None
+        span = (told.value.get(LEAST), told.value.get(GREATEST)) if told and told.kind == STRUCT else (None, None)
+        if span[0] and span[1] and span[0].kind == span[1].kind == BINARY:
+            yield span[0].value, span[1].value
 
 
 def _reader(source: Checked) -> Reader:
     """Reads the footer."""
     length, _ = LENGTH.unpack(source.peek(source.size - LENGTH.size, LENGTH.size))
-    return Reader(source.peek(source.size - LENGTH.size - length, length))
+    if length > source.size - LENGTH.size:
+        raise MalformedError("a footer that is longer than the file")
+    data = source.peek(source.size - LENGTH.size - length, length)
+    return Reader(data, left=FREE_STEPS + source.size // BYTES_PER_STEP)
 
 
-def _groups(reader: Reader) -> Iterator[int]:
-    """How many columns each group of rows has; all are read before the next."""
+def _group(reader: Reader, most: int) -> Group:
+    """The group of rows that begins here, of so many columns at most."""
+    rows, unpacked, chunks = -1, -1, list[Chunk]()
+    for number, kind in reader.fields():
+        if number == COLUMNS:
+            if len(columns := reader.items(kind, STRUCT)) > most:
+                raise MalformedError("groups of rows with more columns than a file of its size can have")
+            chunks = [_usual_column(reader) or _column(reader) for _ in columns]
+        elif number == GROUP_BYTES:
+            unpacked = reader.long(kind)
+        elif number == GROUP_ROWS:
+            rows = reader.long(kind)
+        else:
+            reader.skip(kind)
+    if min(rows, unpacked) < 0:
+        raise MalformedError("a group of rows without its sizes")
+    return Group(rows, unpacked, chunks)
+
+
+def _first_columns(reader: Reader) -> Iterator[None]:
+    """Goes to the first column of each group of rows that has one; it is read before the next."""
     for number, kind in reader.fields():
         if number != ROW_GROUPS:
             reader.skip(kind)
             continue
         for _ in reader.items(kind, STRUCT):
             for field, of in reader.fields():
-                if field == COLUMNS:
-                    yield len(reader.items(of, STRUCT))
-                else:
+                if field != COLUMNS:
                     reader.skip(of)
+                    continue
+                for column in reader.items(of, STRUCT):
+                    if column:
+                        _usual_column(reader) or _column(reader)
+                    else:
+                        yield
 
 
 def _usual_column(reader: Reader) -> Chunk | None:

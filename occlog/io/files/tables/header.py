@@ -15,7 +15,7 @@ from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
 from occlog.io.files.tables.check_sums import Checked
-from occlog.io.files.tables.footer import read_spans
+from occlog.io.files.tables.footer import read_groups, read_spans
 from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.parquet import batches, opened_table, schema_name_of, translate_read_errors
 
@@ -45,6 +45,7 @@ def header_by_footer(path: Path) -> tuple[Header, int] | None:
         footer = source.footer()
         if footer is None:
             return None
+        read_groups(source)  # refuses what would fill the memory
         file = pq.ParquetFile(pa.BufferReader(PARQUET_MAGIC + footer))
         return header_of(path, file.schema_arrow.with_metadata(_metadata(file))), file.metadata.num_rows
 

@@ -7,8 +7,8 @@ a modest footer may unpack to gigabytes.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
-from functools import cached_property
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import pyarrow as pa
@@ -18,12 +18,14 @@ from occlog.errors import InputError
 from occlog.io.files.promises import most_unpacked
 
 from .check_sums import Checked
-from .footer import Chunk, read_chunks
+from .footer import Group
 from .thrift import I32, SHORT, STRUCT, VARINT, MalformedError, Reader, Struct, from_varint
 
 DICTIONARY = 2
 """The kind of a page that has no rows, but what they refer to."""
 BYTES_PER_VALUE = 8
+Columns = frozenset[str] | None
+"""Those that are read of a group; None: all."""
 KIND, UNPACKED, PACKED, DATA_HEAD, DATA_HEAD_2, VALUES = 1, 2, 3, 5, 8, 1  # fields, by the numbers of the format
 WINDOWS = (128, 1 << 16, 1 << 24)
 """Bytes that a head is looked for in: most are of 40, some have long statistics."""
@@ -85,15 +87,13 @@ class PagedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         checked: its bytes.
     """
 
-    def __init__(self, source: Checked, **options: object) -> None:
-        """Open `source`; `options` are those of the library."""
+    def __init__(self, source: Checked, groups: Sequence[Group], **options: object) -> None:
+        """Open `source`, whose footer has these groups of rows; `options` are those of the library."""
         super().__init__(source, **options)
         self.checked = source
-
-    @cached_property
-    def chunks(self) -> list[list[Chunk]]:
-        """The columns of each group of rows."""
-        return list(read_chunks(self.checked))
+        self._groups = groups
+        self._tried: set[tuple[Columns, int]] = set()
+        self._unpacked = Counter[Columns]()  # of the groups that were tried, with the same columns [bytes]
 
     def iter_batches(  # noqa: D102 - as the library's own
         self, batch_size: int, row_groups: Collection[int] | None = None, columns: Collection[str] | None = None
@@ -108,21 +108,28 @@ class PagedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         return super().read(columns=columns)
 
     def _check(self, number: int, columns: Collection[str] | None) -> None:
-        """InputError for a group of rows whose pages unpack to more than a file of its size can hold."""
-        most, unpacked = most_unpacked(self.checked.size), 0
-        for path, begin, end in self.chunks[number]:
-            if columns is not None and path[0] not in columns:
+        """InputError where pages of a group, with those of others before, unpack to more than such a file can hold."""
+        wanted = None if columns is None else frozenset(columns)
+        if (wanted, number) in self._tried:
+            return
+        most, before, unpacked = most_unpacked(self.checked.size), self._unpacked[wanted], 0
+        rows, _, chunks = self._groups[number]
+        for path, begin, end in chunks:
+            if wanted is not None and path[0] not in wanted:
                 continue
             values, at = 0, begin
             while at < end:
                 page = self._head(at, end)
-                unpacked, values, at = unpacked + page.unpacked, values + page.values, at + page.begin + page.packed
-                if max(unpacked, BYTES_PER_VALUE * values) > most:
+                values, at = values + page.values, at + page.begin + page.packed
+                unpacked += page.unpacked + BYTES_PER_VALUE * min(max(values - rows, 0), page.values)  # of lists
+                if before + unpacked > most:
                     self.checked.read_at(begin, at - begin)  # a damaged head is told as that
                     raise InputError(
                         f"{self.checked.path}: column {path[0]} unpacks to more than {most} bytes in a "
                         f"file of {self.checked.size} bytes, which no measurements fit into"
                     )
+        self._tried.add((wanted, number))
+        self._unpacked[wanted] += unpacked
 
     def _head(self, at: int, end: int) -> Page:
         """The head at a byte of a column that goes on up to `end`.

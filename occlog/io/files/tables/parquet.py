@@ -16,12 +16,14 @@ import pyarrow.parquet as pq
 
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
-from occlog.io.files.promises import check_promise
+from occlog.io.files.promises import check_promise, most_unpacked
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, from_arrow
 from occlog.io.files.tables.check_sums import Checked
+from occlog.io.files.tables.footer import read_groups
 from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.salvage.marks import is_marked
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
+from occlog.io.files.tables.vectors import in_parts
 from occlog.records.columns import Table, check_copies, key_of
 from occlog.records.tables import has_all
 
@@ -57,21 +59,18 @@ def open_parquet(path: Path) -> Iterator[PagedFile]:
         pyarrow.ArrowException, OSError: it is damaged.
     """
     with Checked(path) as source:
+        groups = read_groups(source)
+        rows, unpacked = sum(group.rows for group in groups), max((group.unpacked for group in groups), default=0)
+        check_promise(path, source.size, rows, unpacked)
         told = pq.read_metadata(source)
-        check_promise(path, source.size, *promised(told))
         # Of texts each is unpacked once, not for every row that refers to it
         texts = [field.name for field in told.schema.to_arrow_schema() if _is_text(field.type)]
-        yield PagedFile(source, metadata=told, read_dictionary=texts, page_checksum_verification=source.trailer is None)
+        sums = source.trailer is None
+        yield PagedFile(source, groups, metadata=told, read_dictionary=texts, page_checksum_verification=sums)
 
 
 def _is_text(kind: pa.DataType) -> bool:
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
-
-
-def promised(told: pq.FileMetaData) -> tuple[int, int]:
-    """How many rows a footer promises, and what the largest group of them unpacks to [bytes]."""
-    groups = [told.row_group(number) for number in range(told.num_row_groups)]
-    return told.num_rows, max((group.total_byte_size for group in groups), default=0)
 
 
 def is_ours(path: Path) -> bool:
@@ -101,10 +100,18 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
         whole = has_all(table)
         last: T | None = None
-        for batch in batches(file, rows, names):
+        size, texts = path.stat().st_size, 0
+        most = most_unpacked(size)
+        for batch in in_parts(path, size, batches(file, rows, names)):
             chunk = from_arrow(batch, table)
             if not len(chunk):
                 continue
+            texts += sum(getattr(chunk, c.name).nbytes for c in table.columns() if c.kind == "U")
+            if texts > most:
+                raise InputError(
+                    f"{path}: texts of more than {most} bytes in a file of {size}, since every row takes "
+                    "as much as the longest; shorten it"
+                )
             if last is not None and chunk.t_ns[0] < last.t_ns[-1]:  # type: ignore[attr-defined]
                 raise InputError(f"{path}: t_ns goes back between two chunks; sort the table by t_ns")
             if whole:
@@ -142,7 +149,7 @@ class RowGroup:
     """
 
     path: Path
-    file: pq.ParquetFile
+    file: PagedFile
     table: type[Table]
     number: int
     first: int
@@ -152,7 +159,8 @@ class RowGroup:
         """Its rows in batches of `from_arrow`; InputError where they are damaged."""
         names = [c.name for c in self.table.columns() if c.name in self.file.schema_arrow.names]
         with translate_read_errors(self.path):
-            yield from self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
+            found = self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
+            yield from in_parts(self.path, self.file.checked.size, found)
 
 
 def groups_of(path: Path, tables: Mapping[str, type[Table]]) -> Iterator[RowGroup]:

@@ -7,6 +7,7 @@ knows go through unchanged.  Source: the compact protocol of Apache Thrift.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -42,11 +43,12 @@ class Reader:
     Attributes:
         data: the bytes.
         at: where it reads next.
+        left: how many bytes it will look at, those of texts left out; MalformedError for more.
     """
 
-    def __init__(self, data: bytes | memoryview, at: int = 0) -> None:
+    def __init__(self, data: bytes | memoryview, at: int = 0, left: int = sys.maxsize) -> None:
         """Begin to read at a byte."""
-        self.data, self.at = memoryview(data), at
+        self.data, self.at, self.left = memoryview(data), at, left
 
     def struct(self, depth: int = 0) -> Struct:
         """The structure that begins here; MalformedError if there is none."""
@@ -89,8 +91,7 @@ class Reader:
         if depth > MAX_DEPTH:
             raise MalformedError("values within values without end")
         if kind in (I16, I32, I64):
-            while self._byte() > 127:
-                pass
+            self._varint()
         elif kind == BINARY:
             self._pass(self._varint())
         elif kind == STRUCT:
@@ -128,6 +129,9 @@ class Reader:
     def _byte(self) -> int:
         if self.at >= len(self.data):
             raise MalformedError("the bytes end too early")
+        if self.left <= 0:
+            raise MalformedError("more values than a file of its size can have")
+        self.left -= 1
         self.at += 1
         return self.data[self.at - 1]
 

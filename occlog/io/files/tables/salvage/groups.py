@@ -30,7 +30,6 @@ from occlog.io.files.tables.footer import (
     VALUES,
 )
 from occlog.io.files.tables.pages import DICTIONARY, Page, read_head
-from occlog.io.files.tables.parquet import promised
 from occlog.io.files.tables.salvage.marks import Group
 from occlog.io.files.tables.thrift import I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
 
@@ -64,17 +63,17 @@ def rows_of(data: memoryview, group: Group, pattern: Struct) -> pa.Table:
         chunks.append(chunk)
     if at != len(data):
         raise MalformedError("more pages than its columns have")
+    unpacked = sum(c[CHUNK].value[UNPACKED].value for c in chunks)
+    if fault := too_much(len(data), group.rows, unpacked):
+        raise MalformedError(fault)
     own: Struct = {
         COLUMNS: Field(LIST, (STRUCT, chunks)),
-        GROUP_BYTES: Field(I64, sum(c[CHUNK].value[UNPACKED].value for c in chunks)),
+        GROUP_BYTES: Field(I64, unpacked),
         GROUP_ROWS: Field(I64, group.rows),
     }
     footer = written({**pattern, NUM_ROWS: Field(I64, group.rows), ROW_GROUPS: Field(LIST, (STRUCT, [own]))})
     whole = b"".join([PARQUET_MAGIC, data, footer, struct.pack("<I", len(footer)), PARQUET_MAGIC])
-    file = pq.ParquetFile(io.BytesIO(whole), page_checksum_verification=True)
-    if fault := too_much(len(whole), *promised(file.metadata)):
-        raise MalformedError(fault)
-    return file.read()
+    return pq.ParquetFile(io.BytesIO(whole), page_checksum_verification=True).read()
 
 
 def _chunk(data: memoryview, begin: int, values: int, pattern: Struct) -> tuple[Struct, int]:
