@@ -16,6 +16,7 @@ from occlog.track.jipda.interface import Directions, Look, Moment
 from .agreement import Agreement
 from .boxes_by_moment import FrameLook
 from .meetings import Meetings
+from .near import camera_from, map_origin, moment_to, scene_from
 from .rows import EverybodyInViews, MomentTables, SeenMoment, events_of, support_of, tracks_of
 
 State = TypeVar("State")
@@ -68,10 +69,14 @@ def follow(
     held: list[SeenMoment] = []
     rows = 0
     meetings = Meetings(config)
-    steps = _steps(moments, scene, follower.begin(scene, cameras, config), follower, heard)
+    origin = map_origin(cameras)
+    near = scene_from(scene, origin)
+    state = follower.begin(near, [camera_from(c, origin) for c in cameras], config)
+    steps = _steps(moments, near, state, follower, heard)
     for said in _reported(steps, follower, config, seed):
         doubts = meetings.add(said.moment)
-        each = said._replace(moment=said.moment._replace(events=(*said.moment.events, *doubts)))
+        told = said.moment._replace(events=(*said.moment.events, *doubts))
+        each = said._replace(moment=moment_to(told, origin))
         held.append(each)
         # Even a moment without anybody is kept with its looks
         rows += 1 + len(each.moment.support.row) + len(each.moment.ids) * (1 + len(each.looks))
