@@ -91,8 +91,8 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     for j, target in enumerate(objects):
         rows = looks[target].rows
         if target in anew:
-            first, _ = first_place(state.anywhere, rows, state.world, config.gate)
-            particles[:, j] = rng.multivariate_normal(first.state.mean, first.state.covariance, L, method="cholesky")
+            particles[:, j], corrected = _placed(rows, state, rng)
+            log_weights += corrected
             astray[target] = 0
             continue
         before = state.particles[:, j]
@@ -118,6 +118,21 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         objects=objects, astray=tuple(astray[t] for t in objects), particles=particles, t_ns=scan.t_ns
     )
     return after, estimates
+
+
+def _placed(rows: Rows, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
+    """(L, 4) states of an object drawn where its first rows say, and (L,) logarithms of anywhere over proposal."""
+    first, _ = first_place(state.anywhere, rows, state.world, state.config.gate)
+    drawn = Gaussian(first.state.mean, WIDER**2 * first.state.covariance)
+    states = rng.multivariate_normal(drawn.mean, drawn.covariance, state.config.particles, method="cholesky")
+    return states, _log_density(states, state.anywhere) - _log_density(states, drawn)
+
+
+def _log_density(states: Floats, of: Gaussian) -> Floats:
+    """(L,) logarithms of a normal density at (L, 4) states, but for its constant."""
+    off = states - of.mean
+    square = np.einsum("li,ij,lj->l", off, np.linalg.inv(of.covariance), off)
+    return np.asarray(-0.5 * (square + np.linalg.slogdet(of.covariance)[1]))
 
 
 def _proposed(before: Floats, rows: Rows, dt: float, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
@@ -173,21 +188,23 @@ def hidden_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
 
 
 def log_factors(xy: Floats, looks: list[Look], world: World, config: JointConfig) -> Floats:
-    """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places.
+    """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places; nobody hides sounds from arrays.
 
     A report z of an object in plain view has the density P_D N(z) + (1 - P_D) P_F / W, of one that is hidden P_F / W;
     "not seen" has 1 - P_D and 1 - P_F.  W is the width of the image.
     """
     total = np.zeros(len(xy))
     sensors = sorted({int(i) for look in looks for i in look.packed.sensor})
-    cameras = len(world.noise.focal_px)
-    hidden = {i: hidden_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in sensors if i < cameras}
+    cameras = [i for i in sensors if world.sensors.cos2[i] >= 0.0]
+    hidden = {i: hidden_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
     for j, look in enumerate(looks):
         place = np.ascontiguousarray(xy[:, j])
         expected, _ = measured(place, look.rows, world)
         _, variance = linearised(place.mean(axis=0), look.rows, world)
         for k, sensor in enumerate(look.packed.sensor.tolist()):
-            seen = seen_from(place, sensor, world.sensors) & ~hidden[sensor][:, j]
+            seen = seen_from(place, sensor, world.sensors)
+            if sensor in hidden:
+                seen &= ~hidden[sensor][:, j]
             first, last = int(look.packed.first[k]), int(look.packed.first[k + 1])
             if first == last:
                 total += np.log(np.where(seen, 1.0 - config.detection, 1.0 - config.false))

@@ -17,6 +17,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.stage import track
@@ -73,6 +74,25 @@ def test_one_object_is_where_a_kalman_filter_of_the_same_motion_has_it() -> None
         np.mean((peer.cov_xx + peer.cov_yy)[late]), rel=0.25
     )
     assert notes.ess[5:].mean() > 400
+
+
+def test_the_first_scan_of_an_object_counts_once() -> None:
+    one = SEEN.take((SEEN.target_id == 0) & (SEEN.t_ns == SEEN.t_ns[0]))
+    tracks, _ = follow("joint", JointConfig(particles=4000), bearings=one)
+    peer, _ = follow("ekf", EkfConfig(), bearings=one)
+    assert tracks.cov_xx == pytest.approx(peer.cov_xx, rel=0.25)
+    assert tracks.cov_yy == pytest.approx(peer.cov_yy, rel=0.25)
+
+
+def test_nobody_hides_sounds_from_arrays() -> None:
+    config = JointConfig(detection=0.9, false=0.01)
+    scene = Scene(arrays=(MicrophoneArray("mic", np.array([50.0, 0.0, 1.0])),), room=SCENE.room, length_unit="unit")
+    state = joint.init(scene, config, generator(0, Stage.TRACK, 0))
+    silent = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
+    nothing = joint.Look(silent._replace(sensor=silent.sensor[:0], first=silent.first[:1]), rows_of(silent))
+    behind = np.array([[[50.0, 50.0], [50.0, 30.0]]])
+    found = joint.log_factors(behind, [joint.Look(silent, rows_of(silent)), nothing], state.world, config)
+    assert np.exp(found) == pytest.approx(0.1)
 
 
 def test_several_objects_are_followed_and_candidates_left_out() -> None:
