@@ -34,6 +34,15 @@ from .config import JointConfig
 
 WIDER = 1.2
 """Proposals are so much wider than the linearised posterior, so that weights stay bounded."""
+CERTAIN = 1.0 - 1e-6
+"""Largest probability of a detection, or of none."""
+
+
+class Chances(NamedTuple):
+    """Of S sensors: a camera's own by the scene, else those of the settings."""
+
+    detection: Floats  # (S,) P_D
+    false: Floats  # (S,) P_F
 
 
 class JointState(NamedTuple):
@@ -41,6 +50,7 @@ class JointState(NamedTuple):
 
     config: JointConfig
     world: World
+    chances: Chances
     read_px: Floats
     anywhere: Gaussian
     objects: tuple[int, ...]  # their identities, in the order in which they were first seen
@@ -60,7 +70,24 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
     """State without objects; InputError for a scene without free floor."""
     world = world_of(scene)
     none = np.empty((config.particles, 0, 4))
-    return JointState(config, world, read_noise(scene), anywhere_of(scene, world, config, rng), (), (), none)
+    return JointState(
+        config,
+        world,
+        chances_of(scene, config),
+        read_noise(scene),
+        anywhere_of(scene, world, config, rng),
+        (),
+        (),
+        none,
+    )
+
+
+def chances_of(scene: Scene, config: JointConfig) -> Chances:
+    """How reliable sensors are; none is so to more than `CERTAIN`, or one look could contradict every particle."""
+    own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
+    found = [config.detection if detection is None else detection for detection, _ in own]
+    false = [config.false if false is None else false for _, false in own]
+    return Chances(*(np.clip(np.array(p, dtype=np.float64), 1.0 - CERTAIN, CERTAIN) for p in (found, false)))
 
 
 def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, list[tuple[int, Estimate]]]:
@@ -104,7 +131,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         particles[:, j], corrected = _proposed(before, rows.take(inside), dt, state, rng)
         log_weights += corrected
     # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
-    log_weights += log_factors(particles[:, :, :2], [looks[t] for t in objects], state.world, config)
+    log_weights += log_factors(particles[:, :, :2], [looks[t] for t in objects], state.world, state.chances, config)
     if not objects:
         return state._replace(t_ns=scan.t_ns), []
     weights, log_likelihood = normalise(log_weights)
@@ -187,7 +214,7 @@ def hidden_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
     return np.asarray(inside.any(axis=2))
 
 
-def log_factors(xy: Floats, looks: list[Look], world: World, config: JointConfig) -> Floats:
+def log_factors(xy: Floats, looks: list[Look], world: World, chances: Chances, config: JointConfig) -> Floats:
     """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places; nobody hides sounds from arrays.
 
     A report z of an object in plain view has the density P_D N(z) + (1 - P_D) P_F / W, of one that is hidden P_F / W;
@@ -206,15 +233,16 @@ def log_factors(xy: Floats, looks: list[Look], world: World, config: JointConfig
             if sensor in hidden:
                 seen &= ~hidden[sensor][:, j]
             first, last = int(look.packed.first[k]), int(look.packed.first[k + 1])
+            detection, false = float(chances.detection[sensor]), float(chances.false[sensor])
             if first == last:
-                total += np.log(np.where(seen, 1.0 - config.detection, 1.0 - config.false))
+                total += np.log(np.where(seen, 1.0 - detection, 1.0 - false))
                 continue
             row = look.rows.take(np.arange(first, first + 1))
             off = residuals(expected[:, first : first + 1], row)[:, 0]
             density = np.exp(-0.5 * off**2 / variance[first]) / math.sqrt(2.0 * math.pi * variance[first])
             widths = world.noise.width_px if row.pixel[0] else world.noise.width
-            floor = config.false / widths[sensor]
-            total += np.log(np.where(seen, config.detection * density + (1.0 - config.detection) * floor, floor))
+            floor = false / widths[sensor]
+            total += np.log(np.where(seen, detection * density + (1.0 - detection) * floor, floor))
     return total
 
 

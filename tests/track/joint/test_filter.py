@@ -55,9 +55,13 @@ def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
         joint.pack_scan(scan(0.0, [(1, u)]), state.read_px, False) for u in (None, true_u(SCENE, (50, 50))[1])
     )
     nothing = joint.Look(missed._replace(sensor=missed.sensor[:0], first=missed.first[:1]), rows_of(missed))
-    plain, hidden = np.exp(joint.log_factors(xy, [joint.Look(missed, rows_of(missed)), nothing], state.world, config))
+    plain, hidden = np.exp(
+        joint.log_factors(xy, [joint.Look(missed, rows_of(missed)), nothing], state.world, state.chances, config)
+    )
     assert (plain, hidden) == (pytest.approx(0.1), pytest.approx(0.99))
-    plain, hidden = np.exp(joint.log_factors(xy, [joint.Look(seen, rows_of(seen)), nothing], state.world, config))
+    plain, hidden = np.exp(
+        joint.log_factors(xy, [joint.Look(seen, rows_of(seen)), nothing], state.world, state.chances, config)
+    )
     sigma = np.sqrt(4900 * (1e-4 + 1 / 2500) + 4.0)  # [Ercan] Eq. 2 on the axis, 50 away
     floor = 0.01 / 140.0
     assert plain == pytest.approx(0.9 / (np.sqrt(2 * np.pi) * sigma) + 0.1 * floor)
@@ -84,6 +88,19 @@ def test_the_first_scan_of_an_object_counts_once() -> None:
     assert tracks.cov_yy == pytest.approx(peer.cov_yy, rel=0.25)
 
 
+def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
+    config = JointConfig(detection=0.9, false=0.01)
+    own = replace(SCENE, cameras=(SCENE.cameras[0], replace(SCENE.cameras[1], detection=0.4, false_alarm=0.2)))
+    chances = joint.chances_of(own, config)
+    assert chances.detection.tolist() == [0.9, 0.4]
+    assert chances.false.tolist() == [0.01, 0.2]
+    sure = replace(SCENE, cameras=(replace(SCENE.cameras[1], detection=1.0, false_alarm=0.0),))
+    state = joint.init(sure, config, generator(0, Stage.TRACK, 0))
+    missed = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
+    look = joint.Look(missed, rows_of(missed))
+    assert np.isfinite(joint.log_factors(np.array([[[50.0, 50.0]]]), [look], state.world, state.chances, config)).all()
+
+
 def test_nobody_hides_sounds_from_arrays() -> None:
     config = JointConfig(detection=0.9, false=0.01)
     scene = Scene(arrays=(MicrophoneArray("mic", np.array([50.0, 0.0, 1.0])),), room=SCENE.room, length_unit="unit")
@@ -91,7 +108,9 @@ def test_nobody_hides_sounds_from_arrays() -> None:
     silent = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
     nothing = joint.Look(silent._replace(sensor=silent.sensor[:0], first=silent.first[:1]), rows_of(silent))
     behind = np.array([[[50.0, 50.0], [50.0, 30.0]]])
-    found = joint.log_factors(behind, [joint.Look(silent, rows_of(silent)), nothing], state.world, config)
+    found = joint.log_factors(
+        behind, [joint.Look(silent, rows_of(silent)), nothing], state.world, state.chances, config
+    )
     assert np.exp(found) == pytest.approx(0.1)
 
 
