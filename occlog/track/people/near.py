@@ -17,7 +17,7 @@ SIDE = 1024.0
 
 def map_origin(cameras: Sequence[Camera]) -> Floats:
     """(2,) point of the grid of `SIDE` that is nearest to the middle of the cameras."""
-    return SIDE * np.round(np.mean([c.ground for c in cameras], axis=0) / SIDE)
+    return np.asarray(SIDE * np.round(np.mean([c.ground for c in cameras], axis=0) / SIDE))
 
 
 def camera_from(camera: Camera, origin: Floats) -> Camera:
