@@ -6,9 +6,11 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
+import numpy as np
 from numpy.random import Generator
 
 from occlog.core.numerics.seeds import Stage, generator
+from occlog.records.near_origin import camera_from, map_origin, scene_from
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Directions, Look, Moment
@@ -16,7 +18,6 @@ from occlog.track.jipda.interface import Directions, Look, Moment
 from .agreement import Agreement
 from .boxes_by_moment import FrameLook
 from .meetings import Meetings
-from .near import camera_from, map_origin, moment_to, scene_from
 from .rows import EverybodyInViews, MomentTables, SeenMoment, events_of, support_of, tracks_of
 
 State = TypeVar("State")
@@ -76,7 +77,7 @@ def follow(
     for said in _reported(steps, follower, config, seed):
         doubts = meetings.add(said.moment)
         told = said.moment._replace(events=(*said.moment.events, *doubts))
-        each = said._replace(moment=moment_to(told, origin))
+        each = said._replace(moment=told._replace(mean=told.mean + np.append(origin, np.zeros(4))))
         held.append(each)
         # Even a moment without anybody is kept with its looks
         rows += 1 + len(each.moment.support.row) + len(each.moment.ids) * (1 + len(each.looks))

@@ -8,11 +8,11 @@ from crowds import crowd
 from people_boxes import hall
 
 from occlog.array_types import Floats
+from occlog.records.near_origin import scene_from
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Look, Moment, no_support
 from occlog.track.people.boxes_by_moment import FrameLook
 from occlog.track.people.catalogue import JIPDA
-from occlog.track.people.near import scene_from
 from occlog.track.people.stage import ROWS_PER_PART, Follower, follow
 
 SCENE = hall("ab")

@@ -1,4 +1,4 @@
-"""Scenes with coordinates of maps, brought near the origin: filters lose digits where places are millions of metres."""
+"""Scenes with coordinates of maps, brought near the origin: sums of squares lose digits at millions of metres."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.records.scene import Camera, Scene
-from occlog.track.jipda.interface import Moment
+
+from .scene import Camera, Scene
 
 SIDE = 1024.0
 """Scenes are moved by multiples of this, in units of length: those that are near stay, and nothing is rounded."""
 
 
 def map_origin(cameras: Sequence[Camera]) -> Floats:
-    """(2,) point of the grid of `SIDE` that is nearest to the middle of the cameras."""
+    """(2,) point of the grid of `SIDE` that is nearest to the middle of the cameras, of which there is one at least."""
     return np.asarray(SIDE * np.round(np.mean([c.ground for c in cameras], axis=0) / SIDE))
 
 
@@ -36,8 +36,3 @@ def scene_from(scene: Scene, origin: Floats) -> Scene:
         occluders=tuple(replace(o, polygon=o.polygon - origin) for o in scene.occluders),
         room=None if scene.room is None else scene.room - origin,
     )
-
-
-def moment_to(moment: Moment, origin: Floats) -> Moment:
-    """A moment that was seen from a (2,) origin, on the map."""
-    return moment._replace(mean=moment.mean + np.append(origin, np.zeros(4)))
