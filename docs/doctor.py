@@ -55,6 +55,8 @@ The times of each camera, array, reader and topic are looked at, and of text tab
   less), and begins and ends later by the same time, more than {LONGEST:g} intervals. A sensor that was switched
   on late ends with the others, and has fewer. An offset that is shorter shows in no clock, but in the
   [residuals](../explanation/believe.md) of tracks.
+* **Truth.** True positions and boxes of a recording that are of none of the times of its sensors can be compared
+  with nothing, most often since they count from another origin.
 
 ## Findings
 

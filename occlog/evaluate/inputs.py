@@ -135,7 +135,7 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
         raise UsageError(f"{path}: stations have no places without a scene; give one")
-    if opened.made_in_a_scene:
+    if opened.has_lengths(Measurements):
         check_unit(opened, scene.length_unit, error=InputError)
 
     def rows() -> Iterator[Measurements]:

@@ -231,6 +231,8 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Finding]:
             f"{singular} of {rows} estimates have a singular covariance (allowed: {SINGULAR:.0%}): the filter has "
             "run out of particles, or the noise that is stated is zero; use more particles, or state the noise",
         )
+    if not found.told:
+        return
     large = mean.value > NEES_HIGH and mean.interval(CHANCE)[0] > 1.0
     many = 0.05 * share.value > OUTSIDE and share.interval(CHANCE)[0] > 1.0
     words = (

@@ -22,7 +22,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
 from occlog.io.files.tables.header import describe, read_header
 from occlog.io.files.tables.parquet import is_ours, iter_table
-from occlog.records.columns import Table
+from occlog.records.columns import LENGTHS, Table
 from occlog.records.losses import Loss
 from occlog.records.tables import table_with
 
@@ -89,6 +89,12 @@ class Opened:
         if self.foreign is not None:
             return self.length_unit is not None
         return self.recording is None and bool(self.provenance.inputs)
+
+    def has_lengths(self, table: type[Table]) -> bool:
+        """Whether lengths of a table are in a unit that the input says, so that it must be that of the scene."""
+        return self.made_in_a_scene or (
+            self.recording is not None and self.has(table) and any(c.unit in LENGTHS for c in table.columns())
+        )
 
     def has(self, table: type[Table]) -> bool:
         """Whether the input holds rows of a table."""

@@ -348,3 +348,14 @@ def test_the_scene_of_another_unit_is_refused(work: Path, capsys: pytest.Capture
     code = run(["track", str(work / "b.parquet"), "--scene", str(other), "-o", str(work / "new.parquet"), "-q"])
     assert code == ExitCode.USAGE
     assert "lengths are in m, but in unit in the scene" in capsys.readouterr().err
+
+
+def test_true_places_in_another_unit_are_no_occluders(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = work / "other.yaml"
+    other.write_text(SCENE.replace("occlog_scene: 1", "occlog_scene: 1\nlength_unit: ft"))
+    feet = work / "feet.mcap"
+    assert run(["simulate", str(other), "--steps", "3", "-o", str(feet), "-q"]) == ExitCode.DONE
+    capsys.readouterr()
+    occluders = ["--occluders", str(work / "r.mcap")]
+    assert run(["track", str(feet), *occluders, "-o", str(work / "new.parquet"), "-q"]) == ExitCode.USAGE
+    assert "r.mcap: lengths are in m, but in ft in the scene" in capsys.readouterr().err

@@ -81,6 +81,7 @@ def test_singular_covariances_are_said() -> None:
     assert codes(nees) == []
     nees[: round(0.03 * N)] = np.nan
     assert codes(nees) == ["singular"]
+    assert codes(np.full_like(nees, np.nan)) == ["singular"]
 
 
 @pytest.mark.parametrize(("rate", "said"), [(DETECTED, []), (DETECTED - 0.1, ["not-detected"])])

@@ -46,8 +46,8 @@ class MeasuredNoise(NamedTuple):
 def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
     """The noise of readings in the order of time, without false ones; None for fewer than `FEWEST_READINGS`.
 
-    False readings are left out as in `occlog.evaluate.bearings.noise`: beyond the 99.9 % point, by iteration.  Error
-    bars are those of a jackknife over `STRETCHES` of time.
+    False readings are told as in `occlog.evaluate.bearings.noise`.  Error bars are those of a jackknife over
+    `STRETCHES` of time.
     """
     n = len(residual_px)
     if n < FEWEST_READINGS:
@@ -56,7 +56,7 @@ def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
     true = np.abs(residual_px) <= 4.0 * sigma
     parts = np.array_split(np.arange(n), STRETCHES)
     rest = [np.delete(residual_px, part) for part in parts]
-    sigmas = np.array([_sigma(one) for one in rest])
+    sigmas = np.array([_sigma(one, sigma) for one in rest])
     biases = np.array([one[np.abs(one) <= 4.0 * sigma].mean() for one in rest])
     return MeasuredNoise(sigma, _jackknife(sigmas), float(residual_px[true].mean()), _jackknife(biases), n)
 
@@ -75,13 +75,14 @@ def _measured_noise_of_many(residual_px: Spool) -> MeasuredNoise:
             yield np.delete(block, slice(low, high))
             at += len(block)
 
-    def scale(first: int, stop: int) -> float:
+    def scale(first: int, stop: int, near: float | None = None) -> float:
         def squares() -> Iterator[tuple[Floats, Floats]]:
             return ((one**2, np.ones(len(one))) for one in without(first, stop))
 
-        return noise_scale_of_many(squares, n - (stop - first))
+        return noise_scale_of_many(squares, n - (stop - first), near)
 
-    sigmas = [scale(*span) for span in spans]
+    whole = scale(*spans[0])
+    sigmas = [whole, *(scale(*span, whole) for span in spans[1:])]
 
     def bias(first: int, stop: int) -> float:
         total, count = Sum(), 0
@@ -96,8 +97,8 @@ def _measured_noise_of_many(residual_px: Spool) -> MeasuredNoise:
     return MeasuredNoise(sigmas[0], next(errors), biases[0], next(errors), n)
 
 
-def _sigma(residual_px: Floats) -> float:
-    return noise_scale(residual_px**2, np.ones(len(residual_px), dtype=np.int64))
+def _sigma(residual_px: Floats, near: float | None = None) -> float:
+    return noise_scale(residual_px**2, np.ones(len(residual_px), dtype=np.int64), near)
 
 
 def _jackknife(without: Floats) -> float:

@@ -2,19 +2,22 @@
 
 Two sight lines in a plane always meet, n of them leave n - 2 degrees of freedom.  The squares of a scan's residuals at
 the least-squares point, over their stated variances, sum up to S.  Where stated standard deviations are to be
-multiplied by s, S / s^2 has a chi-squared distribution of n - 2 degrees.  s^2 is the sum of all S over that of the
-degrees of freedom, without the scans that have a false bearing: those beyond the 99.9 % point of their distribution,
-found by iteration from the median of S over that of the distribution.
+multiplied by s, S / s^2 has a chi-squared distribution of n - 2 degrees; where a bearing is false, the square root of S
+is anywhere up to the largest there is.  s and the share of scans with a false bearing are found by expectation
+maximisation of this mixture, from the median of S over that of the distribution: s^2 is the sum of all S over that of
+the degrees of freedom, each by the probability that the scan has no false bearing.
 
 Errors of the poses are in it, as they are for a filter.  What is wrong in the same way in all sensors is not.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, gammaln
 
 from occlog.array_types import Floats, Ints
 from occlog.core.metrics.sums import Sum, group_medians
@@ -33,10 +36,19 @@ Metrics = dict[str, float]
 
 FEWEST_SCANS = 20
 """From fewer scans no noise is learned."""
-CHANCE = 1e-3
-"""Scans that are less probable than this have a false bearing."""
-ITERATIONS = 50
-"""Of the choice of scans; it settles in a few."""
+FALSE = 0.2
+"""Share of scans with a false bearing at first."""
+FAR = 20.0
+"""False bearings leave up to so many standard deviations at least: what lies at the end of honest noise is none."""
+LEAST_FALSE, TINY = 1e-9, 1e-30
+"""Neither share is less; nor is a square over its variance."""
+STARTS, DECIDED = (1.0, 0.01, 0.0001), 10.0
+"""The search begins at these shares of the median, in which most scans may have a false bearing; a later start counts
+if its likelihood is greater by this logarithm."""
+SETTLED = 1e-5
+"""The search ends where s^2 changes by less than this share of it, ..."""
+ITERATIONS = 200
+"""... or after so many steps."""
 
 
 def noise_metrics(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> Metrics:
@@ -98,22 +110,17 @@ class NoiseFigures:
         return zip(self._squares.blocks(), self._degrees.blocks(), strict=True)
 
 
-def noise_scale(squares: Floats, degrees: Ints) -> float:
+def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> float:
     """The factor on stated standard deviations; NaN from fewer than `FEWEST_SCANS` scans.
 
     Args:
         squares: (S,) sums of squared residuals over stated variances.
         degrees: (S,) of freedom, >= 1.
+        near: it is near to this, as that of most of the scans is; None: nothing is known.
     """
     if len(squares) < FEWEST_SCANS:
         return float("nan")
-    scale2, limits = float(np.median(squares / _points(degrees, 0.5))), _points(degrees, CHANCE)
-    for _ in range(ITERATIONS):
-        believed = squares <= scale2 * limits
-        before, scale2 = scale2, float(squares[believed].sum() / degrees[believed].sum())
-        if scale2 == before:  # nothing changes any more
-            break
-    return float(np.sqrt(scale2))
+    return noise_scale_of_many(lambda: [(squares, degrees.astype(np.float64))], len(squares), near)
 
 
 def _points(degrees: Floats | Ints, chance: float) -> Floats:
@@ -122,29 +129,72 @@ def _points(degrees: Floats | Ints, chance: float) -> Floats:
     return np.asarray(chdtri(np.arange(1, most + 1), chance)[degrees.astype(np.int64) - 1])
 
 
-def noise_scale_of_many(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int) -> float:
+def noise_scale_of_many(
+    blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, near: float | None = None
+) -> float:
     """`noise_scale` of numbers that come in blocks.
 
     Args:
         blocks: gives squares and degrees of freedom, the same every time.
         count: how many there are, at least `FEWEST_SCANS`.
+        near: as there.
     """
 
     def shares() -> Iterator[tuple[Ints, Floats]]:
         for square, degree in blocks():
             yield np.zeros(len(square), dtype=np.int64), square / _points(degree, 0.5)
 
-    scale2 = float(group_medians(shares, np.array([count]))[0])
+    most = max(float(square.max(initial=0.0)) for square, _ in blocks())
+    if near:
+        return math.sqrt(_fitted(blocks, count, near**2, most).scale2)
+    median = float(group_medians(shares, np.array([count]))[0])
+    if median == 0.0:
+        return 0.0
+    found = [_fitted(blocks, count, share * median, most) for share in STARTS]
+    best = found[0]
+    for one in found[1:]:
+        best = one if one.log_likelihood > best.log_likelihood + DECIDED else best
+    return math.sqrt(best.scale2)
+
+
+class Fit(NamedTuple):
+    """A local maximum of the likelihood."""
+
+    scale2: float
+    log_likelihood: float
+
+
+def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, start: float, most: float) -> Fit:
+    """Where the search from a factor on the variances ends; `most`: the largest sum of squares."""
+    scale2, false, reach = start, FALSE, math.sqrt(max(most, FAR**2 * start))
     for _ in range(ITERATIONS):
-        total, expected = Sum(), Sum()
+        total, expected, honest, fit = Sum(), Sum(), Sum(), Sum()
         for square, degree in blocks():
-            believed = square <= scale2 * _points(degree, CHANCE)
-            total.add(float(square[believed].sum()))
-            expected.add(float(degree[believed].sum()))
-        before, scale2 = scale2, total.value / expected.value
-        if scale2 == before:
+            density = (1.0 - false) * _density(square, degree, scale2)
+            whole = density + false / reach
+            believed = density / whole
+            total.add(float(np.dot(believed, square)))
+            expected.add(float(np.dot(believed, degree)))
+            honest.add(float(believed.sum()))
+            fit.add(float(np.log(whole).sum()))
+        before, scale2 = scale2, max(total.value / max(expected.value, TINY), TINY * start)
+        false = float(np.clip(1.0 - honest.value / count, LEAST_FALSE, 1.0 - LEAST_FALSE))
+        if abs(scale2 - before) <= SETTLED * before:
             break
-    return float(np.sqrt(scale2))
+    return Fit(scale2, fit.value)
+
+
+def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
+    """(S,) densities of the roots of sums of squared residuals that have no false bearing.
+
+    Args:
+        squares: (S,) sums of squared residuals over stated variances.
+        degrees: (S,) of freedom.
+        scale2: factor on the variances.
+    """
+    root = np.sqrt(np.maximum(squares / scale2, TINY))
+    log_density = (degrees - 1.0) * np.log(root) - 0.5 * root**2 - (0.5 * degrees - 1.0) * math.log(2.0)
+    return np.asarray(np.exp(log_density - gammaln(0.5 * degrees)) / math.sqrt(scale2))
 
 
 def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:

@@ -203,6 +203,16 @@ def judge_clocks(clocks: Sequence[Clock], findings: Findings) -> None:
         findings.add("clock-late", clock.name, f"by {late_ns / NS:.6g} s", limit=limit)
 
 
+def judge_truth(truth: Iterable[tuple[str, Clock]], sensors: Iterable[Clock], findings: Findings) -> None:
+    """Note each truth, by its place, that is of none of the times of the sensors: it can be compared with nothing."""
+    told = [sensor for sensor in sensors if sensor.count]
+    low, high = min((s.low for s in told), default=0), max((s.high for s in told), default=0)
+    for place, one in truth:
+        if told and one.count and (one.high < low or one.low > high):
+            value = f"{utc(one.low)} to {utc(one.high)}; the sensors {utc(low)} to {utc(high)}"
+            findings.add("truth-apart", place, value)
+
+
 def _apart(clocks: Sequence[Clock]) -> Iterator[Clock]:
     """Those whose times lie far from the group with the most sensors; the first such group stays."""
     groups: list[list[Clock]] = []

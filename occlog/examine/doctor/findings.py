@@ -99,6 +99,11 @@ KINDS: dict[str, Kind] = {
     "clock-apart": Kind(
         W, "times that do not meet those of the other sensors", remedy="give an offset (ingest --offset)"
     ),
+    "truth-apart": Kind(
+        W,
+        "a truth of none of the times of the sensors",
+        remedy="ingest it again with times of the same origin (ingest --start-time)",
+    ),
     "clock-late": Kind(
         W,
         "begins and ends later (or earlier, below 0) than the others, by the same time",

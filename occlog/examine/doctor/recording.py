@@ -23,13 +23,15 @@ from occlog.io.recording.rows import RECORDED, RowCollector, schema_of
 from occlog.io.recording.salvage.records import FAILURES, repeated_records, whole_records
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.records.columns import Table
+from occlog.records.tables import Truth, TruthBoxes
 
-from .clock import Clock, judge_clocks
+from .clock import Clock, judge_clocks, judge_truth
 from .findings import Findings
 from .rows import TableWatch, sift
 from .tables import note_losses
 from .video import look_at_video
 
+TRUE: tuple[type[Table], ...] = (Truth, TruthBoxes)
 TABLES = {schema_of(table): table for table in RECORDED}
 
 
@@ -174,6 +176,9 @@ class _Look:
         for sensor in self._times:
             self._tell_clock(sensor)
         judge_clocks(list(self._clocks.values()), self._findings)
+        truth = [(f"/{t.NAME}, {c.name}", c) for t, watch in self._watches.items() if t in TRUE for c in watch.clocks]
+        sensors = [c for table, watch in self._watches.items() if table not in TRUE for c in watch.clocks]
+        judge_truth(truth, [*self._clocks.values(), *sensors], self._findings)
 
     def _rows(self, table: type[Table], message: _Message) -> None:
         if table not in self._collectors:

@@ -35,6 +35,11 @@ class TableWatch:
         self._held: Table | None = None
         self._last: int | None = None
 
+    @property
+    def clocks(self) -> list[Clock]:
+        """The times of each sensor so far, or of all rows."""
+        return list(self._clocks.values())
+
     def note_order(self, t_ns: Ints, first: int) -> None:
         """Look at the order of times [ns] of rows, the first of which has the number `first` in the file."""
         whole = t_ns if self._last is None else np.concatenate([[self._last], t_ns])
@@ -60,7 +65,7 @@ class TableWatch:
         """Take what was held back, and judge."""
         if self._held is not None:
             self._settle(self._held)
-        judge_clocks(list(self._clocks.values()), self.findings)
+        judge_clocks(self.clocks, self.findings)
 
     def _settle(self, table: Table) -> None:
         if not len(table):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from occlog.array_types import Floats, Ints32
 from occlog.core.occlusion.priors import polygon_priors
 from occlog.errors import InputError
 from occlog.measure.scans.occluder_priors import none_at
+from occlog.records.near_origin import map_origin, scene_from
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
 
@@ -59,6 +61,9 @@ def hull_priors(
     Raises:
         InputError: a camera that the scene does not have, or times that go back.
     """
+    placed = [c for c in scene.cameras if c.placed]
+    origin = map_origin(placed) if placed else np.zeros(2)
+    scene = scene_from(scene, origin)
     cameras: dict[str, HullCamera] = {}
     rules = _rules(config)
     memory = HullMemory()
@@ -73,10 +78,19 @@ def hull_priors(
         candidates += len(found)
         held.append((t_ns, seen))
         if len(held) >= MOMENTS_PER_CHUNK:
-            yield _tables(held, candidates)
+            yield _on_map(_tables(held, candidates), origin)
             held, candidates = [], 0
     if held:
-        yield _tables(held, candidates)
+        yield _on_map(_tables(held, candidates), origin)
+
+
+def _on_map(found: HullPriors, origin: Floats) -> HullPriors:
+    """Places that were found from a (2,) origin, on the map."""
+    x, y = origin
+    return found._replace(
+        hulls=replace(found.hulls, x=found.hulls.x + x, y=found.hulls.y + y),
+        occluders=replace(found.occluders, x=found.occluders.x + x, y=found.occluders.y + y),
+    )
 
 
 def _rules(config: HullConfig) -> Rules:

@@ -112,7 +112,7 @@ class Inputs:
         """Chunks of a table; the input's losses count, and its lengths must be in the unit of the scene."""
         rows = opened.rows(table)
         self._opened.append(opened)
-        if opened.made_in_a_scene:
+        if opened.has_lengths(table):
             check_unit(opened, self.scene.length_unit)
         return rows
 

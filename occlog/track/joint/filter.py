@@ -34,6 +34,15 @@ from .config import JointConfig
 
 WIDER = 1.2
 """Proposals are so much wider than the linearised posterior, so that weights stay bounded."""
+CERTAIN = 1.0 - 1e-6
+"""Largest probability of a detection, or of none."""
+
+
+class Chances(NamedTuple):
+    """Of S sensors: a camera's own by the scene, else those of the settings."""
+
+    detection: Floats  # (S,) P_D
+    false: Floats  # (S,) P_F
 
 
 class JointState(NamedTuple):
@@ -41,6 +50,7 @@ class JointState(NamedTuple):
 
     config: JointConfig
     world: World
+    chances: Chances
     read_px: Floats
     anywhere: Gaussian
     objects: tuple[int, ...]  # their identities, in the order in which they were first seen
@@ -60,7 +70,24 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
     """State without objects; InputError for a scene without free floor."""
     world = world_of(scene)
     none = np.empty((config.particles, 0, 4))
-    return JointState(config, world, read_noise(scene), anywhere_of(scene, world, config, rng), (), (), none)
+    return JointState(
+        config,
+        world,
+        chances_of(scene, config),
+        read_noise(scene),
+        anywhere_of(scene, world, config, rng),
+        (),
+        (),
+        none,
+    )
+
+
+def chances_of(scene: Scene, config: JointConfig) -> Chances:
+    """How reliable sensors are; none is so to more than `CERTAIN`, or one look could contradict every particle."""
+    own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
+    found = [config.detection if detection is None else detection for detection, _ in own]
+    false = [config.false if false is None else false for _, false in own]
+    return Chances(*(np.clip(np.array(p, dtype=np.float64), 1.0 - CERTAIN, CERTAIN) for p in (found, false)))
 
 
 def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, list[tuple[int, Estimate]]]:
@@ -91,8 +118,8 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     for j, target in enumerate(objects):
         rows = looks[target].rows
         if target in anew:
-            first, _ = first_place(state.anywhere, rows, state.world, config.gate)
-            particles[:, j] = rng.multivariate_normal(first.state.mean, first.state.covariance, L, method="cholesky")
+            particles[:, j], corrected = _placed(rows, state, rng)
+            log_weights += corrected
             astray[target] = 0
             continue
         before = state.particles[:, j]
@@ -104,7 +131,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         particles[:, j], corrected = _proposed(before, rows.take(inside), dt, state, rng)
         log_weights += corrected
     # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
-    log_weights += log_factors(particles[:, :, :2], [looks[t] for t in objects], state.world, config)
+    log_weights += log_factors(particles[:, :, :2], [looks[t] for t in objects], state.world, state.chances, config)
     if not objects:
         return state._replace(t_ns=scan.t_ns), []
     weights, log_likelihood = normalise(log_weights)
@@ -118,6 +145,21 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         objects=objects, astray=tuple(astray[t] for t in objects), particles=particles, t_ns=scan.t_ns
     )
     return after, estimates
+
+
+def _placed(rows: Rows, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
+    """(L, 4) states of an object drawn where its first rows say, and (L,) logarithms of anywhere over proposal."""
+    first, _ = first_place(state.anywhere, rows, state.world, state.config.gate)
+    drawn = Gaussian(first.state.mean, WIDER**2 * first.state.covariance)
+    states = rng.multivariate_normal(drawn.mean, drawn.covariance, state.config.particles, method="cholesky")
+    return states, _log_density(states, state.anywhere) - _log_density(states, drawn)
+
+
+def _log_density(states: Floats, of: Gaussian) -> Floats:
+    """(L,) logarithms of a normal density at (L, 4) states, but for its constant."""
+    off = states - of.mean
+    square = np.einsum("li,ij,lj->l", off, np.linalg.inv(of.covariance), off)
+    return np.asarray(-0.5 * (square + np.linalg.slogdet(of.covariance)[1]))
 
 
 def _proposed(before: Floats, rows: Rows, dt: float, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
@@ -172,32 +214,35 @@ def hidden_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
     return np.asarray(inside.any(axis=2))
 
 
-def log_factors(xy: Floats, looks: list[Look], world: World, config: JointConfig) -> Floats:
-    """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places.
+def log_factors(xy: Floats, looks: list[Look], world: World, chances: Chances, config: JointConfig) -> Floats:
+    """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places; nobody hides sounds from arrays.
 
     A report z of an object in plain view has the density P_D N(z) + (1 - P_D) P_F / W, of one that is hidden P_F / W;
     "not seen" has 1 - P_D and 1 - P_F.  W is the width of the image.
     """
     total = np.zeros(len(xy))
     sensors = sorted({int(i) for look in looks for i in look.packed.sensor})
-    cameras = len(world.noise.focal_px)
-    hidden = {i: hidden_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in sensors if i < cameras}
+    cameras = [i for i in sensors if world.sensors.cos2[i] >= 0.0]
+    hidden = {i: hidden_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
     for j, look in enumerate(looks):
         place = np.ascontiguousarray(xy[:, j])
         expected, _ = measured(place, look.rows, world)
         _, variance = linearised(place.mean(axis=0), look.rows, world)
         for k, sensor in enumerate(look.packed.sensor.tolist()):
-            seen = seen_from(place, sensor, world.sensors) & ~hidden[sensor][:, j]
+            seen = seen_from(place, sensor, world.sensors)
+            if sensor in hidden:
+                seen &= ~hidden[sensor][:, j]
             first, last = int(look.packed.first[k]), int(look.packed.first[k + 1])
+            detection, false = float(chances.detection[sensor]), float(chances.false[sensor])
             if first == last:
-                total += np.log(np.where(seen, 1.0 - config.detection, 1.0 - config.false))
+                total += np.log(np.where(seen, 1.0 - detection, 1.0 - false))
                 continue
             row = look.rows.take(np.arange(first, first + 1))
             off = residuals(expected[:, first : first + 1], row)[:, 0]
             density = np.exp(-0.5 * off**2 / variance[first]) / math.sqrt(2.0 * math.pi * variance[first])
             widths = world.noise.width_px if row.pixel[0] else world.noise.width
-            floor = config.false / widths[sensor]
-            total += np.log(np.where(seen, config.detection * density + (1.0 - config.detection) * floor, floor))
+            floor = false / widths[sensor]
+            total += np.log(np.where(seen, detection * density + (1.0 - detection) * floor, floor))
     return total
 
 

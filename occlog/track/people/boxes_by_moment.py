@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush, merge
@@ -10,7 +11,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
+from occlog.array_types import NS, Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
 from occlog.measure.scans.grouping import nearest
 from occlog.records.columns import Table, column
@@ -20,6 +21,10 @@ from occlog.track.jipda.interface import Look
 
 SAME = 0.9
 """Intersection over union from which two boxes of one frame are one box that is reported twice."""
+ENOUGH = 10
+"""Frames that follow another one tell the step of their numbers, if there are so many."""
+SHORTEST_NS = 100_000
+"""No camera has frames that are nearer to each other in time."""
 
 
 class FrameLook(NamedTuple):
@@ -97,32 +102,80 @@ class FrameTimes(Table):
     frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
 
 
-def empty_frames(chunks: Iterable[FrameTimes], cameras: Mapping[str, int]) -> Iterator[FrameLook]:
+@dataclass
+class FrameNumbers:
+    """How a camera's frames are numbered, by those that have rows.
+
+    Attributes:
+        step: all numbers are this far apart, or a multiple of it.
+        pairs: frames that follow another one.
+        left_out: of these, those with numbers of other frames between.
+    """
+
+    step: int = 0
+    pairs: int = 0
+    left_out: int = 0
+
+    def add(self, apart: int) -> None:
+        """Count a frame whose number is so much above that of the one before."""
+        self.step = math.gcd(self.step, apart)
+        self.pairs += 1
+
+    @property
+    def counted_in(self) -> int:
+        """The step in which frames are counted; a few frames may lie in one by chance."""
+        return self.step if self.pairs >= ENOUGH else 1
+
+
+def empty_frames(
+    chunks: Iterable[FrameTimes], cameras: Mapping[str, int], numbers: dict[str, FrameNumbers] | None = None
+) -> Iterator[FrameLook]:
     """Looks at frames that a table without rows for them leaves out: the camera looked, and nobody was detected.
 
-    Their numbers are those left out between two frames of a camera, their times lie evenly between these two.
-    Nothing is said of frames before a camera's first row and after its last.  Memory grows with the number of
-    such gaps, not with that of the rows.
+    Their numbers are those left out between two frames of a camera, their times lie evenly between these two.  Where
+    all frames of a camera are numbered in steps, numbers between two steps are of no frame.  Nothing is said of frames
+    before a camera's first row and after its last.  Memory grows with the number of such gaps, not with that of the
+    rows.
 
     Args:
         chunks: in the order of time.
         cameras: place of each camera in use.
+        numbers: takes how the frames of each camera are numbered.
+
+    Raises:
+        InputError: so many numbers are left out that they cannot be those of frames.
     """
     last: dict[str, tuple[int, int]] = {}
     gaps: list[_Gap] = []
+    found = {} if numbers is None else numbers
     for c in chunks:
         for t_ns, sensor, frame in dict.fromkeys(
             zip(c.t_ns.tolist(), c.sensor.tolist(), c.frame.tolist(), strict=True)
         ):
             before = last.get(sensor)
-            if before is not None and frame > before[1] + 1 and sensor in cameras:
-                gaps.append(_Gap(*before, t_ns, frame, cameras[sensor]))
+            if before is not None and frame > before[1] and sensor in cameras:
+                found.setdefault(sensor, FrameNumbers()).add(frame - before[1])
+                if frame > before[1] + 1:
+                    gaps.append(_Gap(*before, t_ns, frame, cameras[sensor]))
             last[sensor] = (t_ns, frame)
+    steps = {cameras[sensor]: each.counted_in for sensor, each in found.items()}
+    gaps = [gap._replace(step=steps[gap.camera]) for gap in gaps if gap.last > gap.first + steps[gap.camera]]
+    names = {place: name for name, place in cameras.items()}
+    for gap in gaps:
+        found[names[gap.camera]].left_out += 1
+        apart = (gap.end_ns - gap.start_ns) * gap.step / (gap.last - gap.first)
+        if apart < SHORTEST_NS:
+            raise InputError(
+                f"boxes: camera {names[gap.camera]}: frames {gap.first} and {gap.last} are "
+                f"{(gap.end_ns - gap.start_ns) / NS:g} s apart, too near for the frames between them (a frame in "
+                f"{SHORTEST_NS / NS:g} s at most); number frames one after the other"
+            )
     # The next empty frame of each gap that has begun
     waiting: list[tuple[int, int, int]] = []
     for n in sorted(range(len(gaps)), key=lambda n: gaps[n]):
         yield from _until(gaps[n].start_ns, waiting, gaps)
-        heappush(waiting, (gaps[n].time(gaps[n].first + 1), gaps[n].first + 1, n))
+        following = gaps[n].first + gaps[n].step
+        heappush(waiting, (gaps[n].time(following), following, n))
     yield from _until(None, waiting, gaps)
 
 
@@ -134,6 +187,7 @@ class _Gap(NamedTuple):
     end_ns: int
     last: int
     camera: int
+    step: int = 1
 
     def time(self, frame: int) -> int:
         """Time of a frame between the two [ns]."""
@@ -145,8 +199,9 @@ def _until(limit_ns: int | None, waiting: list[tuple[int, int, int]], gaps: Sequ
     nothing, none = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
     while waiting and (limit_ns is None or waiting[0][0] <= limit_ns):
         t_ns, frame, n = heappop(waiting)
-        if frame + 1 < gaps[n].last:
-            heappush(waiting, (gaps[n].time(frame + 1), frame + 1, n))
+        following = frame + gaps[n].step
+        if following < gaps[n].last:
+            heappush(waiting, (gaps[n].time(following), following, n))
         look = Look(
             t_ns=t_ns,
             camera=gaps[n].camera,

@@ -24,6 +24,7 @@ from occlog.track.jipda.interface import Directions
 from .boxes_by_moment import (
     BoxTally,
     FrameLook,
+    FrameNumbers,
     FrameTimes,
     empty_frames,
     in_order,
@@ -91,6 +92,7 @@ class PeopleInput:
         self._doa = self._directions()
         self.cameras = self._cameras()
         self.tally = BoxTally.of(len(self.cameras))
+        self.numbers: dict[str, FrameNumbers] = {}
         looks = self._looks()
         first = list(islice(looks, FIRST_LOOKS * len(self.cameras)))
         self.heights = statures(first, self.cameras)
@@ -166,7 +168,7 @@ class PeopleInput:
         """Frames of a table of regions, or of boxes of others, in which nobody was detected, counted."""
         if self.opened.recording is not None:
             return
-        for each in empty_frames(self.opened.rows(FrameTimes), place):
+        for each in empty_frames(self.opened.rows(FrameTimes), place, self.numbers):
             self.tally.saw(each.look)
             yield each
 

@@ -30,6 +30,8 @@ from .stage import Follower, Tabulator, follow
 
 DOUBTFUL, MUCH_DOUBTED = 0.2, 0.5
 """Exchanges of identities expected of each person that a user must know, and that speak against the identities."""
+RARE, FEWEST_PAIRS = 0.02, 50
+"""Share of frames with boxes that follow the one numbered before them that is suspicious, of so many frames."""
 LOST = 0.2
 """Share of a camera's boxes that were left out before, as they lie outside its image, that matters."""
 
@@ -115,6 +117,7 @@ class PeopleSummary:
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against the tracks, and what else a user must know."""
         found = [*self.agreement.findings(self.inputs.tally), *self._lost(), *self._tall(), *self._doubtful()]
+        found += self._numbers()
         if self.inputs.regions_smoothed and self.rows:
             says = (
                 "the boxes are regions of video, whose errors go on from frame to frame: where people meet, "
@@ -141,6 +144,19 @@ class PeopleSummary:
                     f"camera {name}: {lost} of {whole} boxes lie outside the image, and were left out when the "
                     f"recording was made (allowed: {LOST:.0%}); is the calibration for another size of the image, or "
                     "are the boxes another camera's?",
+                )
+
+    def _numbers(self) -> Iterator[Finding]:
+        """Cameras whose numbers of frames are hardly ever successive, so that most frames would have no box."""
+        for name, each in sorted(self.inputs.numbers.items()):
+            successive = each.pairs - each.left_out
+            if each.pairs >= FEWEST_PAIRS and successive < RARE * each.pairs:
+                yield Finding(
+                    "frames-between",
+                    "warning",
+                    f"camera {name}: {successive} of {each.pairs} frames with boxes follow the one numbered before "
+                    f"them (allowed: {RARE:.0%} and more): in the frames numbered between, the camera is taken to have "
+                    "seen nobody; where there are no such frames, number frames one after the other",
                 )
 
     def _doubtful(self) -> Iterator[Finding]:

@@ -6,9 +6,11 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
+import numpy as np
 from numpy.random import Generator
 
 from occlog.core.numerics.seeds import Stage, generator
+from occlog.records.near_origin import camera_from, map_origin, scene_from
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Directions, Look, Moment
@@ -68,10 +70,14 @@ def follow(
     held: list[SeenMoment] = []
     rows = 0
     meetings = Meetings(config)
-    steps = _steps(moments, scene, follower.begin(scene, cameras, config), follower, heard)
+    origin = map_origin(cameras)
+    near = scene_from(scene, origin)
+    state = follower.begin(near, [camera_from(c, origin) for c in cameras], config)
+    steps = _steps(moments, near, state, follower, heard)
     for said in _reported(steps, follower, config, seed):
         doubts = meetings.add(said.moment)
-        each = said._replace(moment=said.moment._replace(events=(*said.moment.events, *doubts)))
+        told = said.moment._replace(events=(*said.moment.events, *doubts))
+        each = said._replace(moment=told._replace(mean=told.mean + np.append(origin, np.zeros(4))))
         held.append(each)
         # Even a moment without anybody is kept with its looks
         rows += 1 + len(each.moment.support.row) + len(each.moment.ids) * (1 + len(each.looks))

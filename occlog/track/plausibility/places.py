@@ -56,7 +56,8 @@ class Places:
     Attributes:
         rows: rows with bearings of two sensors or more that meet.
         outside: rows that meet clearly outside the room.
-        hidden: by sensor, rows in which it saw the target, and how many of them meet clearly behind a wall for it.
+        hidden: by camera, rows in which it saw the target, and how many of them meet clearly behind a wall for it;
+            microphone arrays hear past walls.
     """
 
     rows: int = 0
@@ -67,7 +68,7 @@ class Places:
         """Count some more rows; scenes without a room and without walls say nothing."""
         sensors: dict[str, Floats] = {c.name: c.position[:2] for c in scene.cameras}
         sensors |= {a.name: a.position[:2] for a in scene.arrays}
-        walls = {name: scene.blockers(at) for name, at in sensors.items()}
+        walls = {c.name: scene.blockers(c.ground) for c in scene.cameras}
         if not len(residuals) or (scene.room is None and not any(walls.values())):
             return
         used = residuals.take(residuals.believed >= 0.5)

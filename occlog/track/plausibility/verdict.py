@@ -21,6 +21,7 @@ from occlog.array_types import NS
 from occlog.core.metrics.consistency import Ratio
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
+from occlog.words import counted
 
 from .agreement import Agreements, pose_shares
 from .alone import Alone
@@ -122,6 +123,7 @@ class Evidence:
         fallbacks: rows by the value of `fallback`.
         doubts: rows by the value of `doubt`.
         targets: whose rows they are.
+        seen: of these, whom a sensor saw.
         span_ns: first and last time.
         selected: rows for which at least two cameras were selected.
         blind: of these, rows in which fewer than two sensors saw the target.
@@ -137,6 +139,7 @@ class Evidence:
     fallbacks: Counter[str] = field(default_factory=Counter)
     doubts: Counter[str] = field(default_factory=Counter)
     targets: set[int] = field(default_factory=set)
+    seen: set[int] = field(default_factory=set)
     span_ns: tuple[int, int] | None = None
     selected: int = 0
     blind: int = 0
@@ -151,6 +154,7 @@ class Evidence:
         """Count rows of diagnostics."""
         self.rows += len(part)
         self.targets.update(part.target_id.tolist())
+        self.seen.update(part.target_id[part.n_seen > 0].tolist())
         if len(part):
             first, last = int(part.t_ns.min()), int(part.t_ns.max())
             before = self.span_ns or (first, last)
@@ -230,6 +234,15 @@ class Evidence:
                 f"are {apart:.3g} s apart on average, so that nothing is filtered; take each moment alone (fix), or "
                 "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
                 "another unit, state it by --input-units ms",
+            )
+        unseen = sorted(self.targets - self.seen)
+        if unseen and not self.distances:
+            yield Finding(
+                "never-seen",
+                "note",
+                f"{counted(len(unseen), 'target')} of {len(self.targets)}, the first {unseen[0]}, no sensor saw at any "
+                "time: the rows say where targets can be, and their covariances are as wide; add sensors, or leave "
+                "out who was not seen",
             )
         if beyond(self.blind, self.selected, BLIND):
             yield Finding(

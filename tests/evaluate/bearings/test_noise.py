@@ -58,7 +58,7 @@ def bearings(place: Scene, scans: int, scale: float, false: float = 0.0, seed: i
 @pytest.mark.parametrize("sensors", [3, 5])
 def test_the_factor_is_found_with_and_without_false_bearings(scale: float, sensors: int) -> None:
     place = scene(sensors)
-    for false in (0.0, 0.05):
+    for false in (0.0, 0.05, 0.2):
         found = noise_metrics(bearings(place, 600, scale, false), place, EvaluateConfig())
         assert found["noise_scale"] == pytest.approx(scale, rel=0.1)
         assert found["noise_px"] == pytest.approx(5.0 * found["noise_scale"])

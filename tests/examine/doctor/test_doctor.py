@@ -76,13 +76,15 @@ def positions(unit: str, times: Iterable[int]) -> str:
 SECONDS = range(1_700_000_000, 1_700_000_009)
 
 
-def recording(path: Path, *, times: list[int] | None = None, images: list[bytes] | None = None) -> Path:
+def recording(
+    path: Path, *, times: list[int] | None = None, images: list[bytes] | None = None, true_from: int = START
+) -> Path:
     """A recording of truth and of 20 images of one camera."""
     t_ns = [START + n * STEP for n in range(20)] if times is None else times
     image = encode_image(np.full((8, 8), 90, np.uint8), "png", 0)
     data = images or [image] * len(t_ns)
     truth = Truth.of(
-        t_ns=START + np.arange(20) * STEP,
+        t_ns=true_from + np.arange(20) * STEP,
         target_id=np.zeros(20, np.int32),
         role=np.full(20, "target"),
         **{name: np.zeros(20) for name in ("x", "y", "z")},
@@ -226,6 +228,18 @@ def test_images_that_cannot_be_decoded(tmp_path: Path) -> None:
     assert [(f.kind, f.place, f.places) for f in found if f.kind != "losses"] == [("image", "camera cam1: frame 3", 2)]
     (tmp_path / "f0.png").write_bytes(broken)
     assert kinds_of(tmp_path / "f0.png") == ["image"]
+
+
+@pytest.mark.parametrize("true_from", [0, START - 20 * STEP, START + 20 * STEP])
+def test_truth_of_none_of_the_times_of_a_recording(tmp_path: Path, true_from: int) -> None:
+    _, found = found_in(recording(tmp_path / "r.mcap", true_from=true_from))
+    assert (found.kind, found.place) == ("truth-apart", "/truth, times")
+    assert found.value.endswith("; the sensors 2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z")
+
+
+@pytest.mark.parametrize("true_from", [START - 19 * STEP, START + 19 * STEP])
+def test_truth_that_shares_one_time_with_a_recording(tmp_path: Path, true_from: int) -> None:
+    assert kinds_of(recording(tmp_path / "r.mcap", true_from=true_from)) == ["losses"]
 
 
 def test_rows_of_a_recording(tmp_path: Path) -> None:

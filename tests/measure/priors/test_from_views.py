@@ -11,6 +11,7 @@ import shapely
 from occlog.errors import InputError
 from occlog.measure.priors.config import HullConfig
 from occlog.measure.priors.from_views import hull_priors
+from occlog.records.near_origin import scene_from
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Occluders, Views
 
@@ -110,6 +111,18 @@ def test_people_are_in_their_polygons_and_gaussians_have_their_moments() -> None
         error = 5 * xy.std(axis=0) / len(xy) ** 0.5
         assert np.all(np.abs(xy.mean(axis=0) - (x, y)) < error)
         assert xy.var(axis=0) == pytest.approx([xx, yy], rel=0.05)
+
+
+def test_coordinates_of_maps_lose_nobody() -> None:
+    origin, rng = np.array([500_000.0, 4_000_000.0]), np.random.default_rng(0)
+    walks = rng.uniform([2.0, 2.0], [8.0, 6.0], (20, 3, 2))
+    views = [views_of(scene(), people, t * TENTH) for t, people in enumerate(walks)]
+    near, _ = run(views, scene())
+    far, gaussians = run(views, scene_from(scene(), -origin))
+    assert far.occluder_id.tolist() == near.occluder_id.tolist()
+    assert far.x - origin[0] == pytest.approx(near.x, abs=1e-6)
+    assert far.y - origin[1] == pytest.approx(near.y, abs=1e-6)
+    assert gaussians.y.min() > 3_999_999.0
 
 
 @pytest.mark.parametrize("pitch", [-20.0, 0.0, 15.0])

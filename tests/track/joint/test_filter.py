@@ -17,6 +17,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.stage import track
@@ -54,9 +55,13 @@ def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
         joint.pack_scan(scan(0.0, [(1, u)]), state.read_px, False) for u in (None, true_u(SCENE, (50, 50))[1])
     )
     nothing = joint.Look(missed._replace(sensor=missed.sensor[:0], first=missed.first[:1]), rows_of(missed))
-    plain, hidden = np.exp(joint.log_factors(xy, [joint.Look(missed, rows_of(missed)), nothing], state.world, config))
+    plain, hidden = np.exp(
+        joint.log_factors(xy, [joint.Look(missed, rows_of(missed)), nothing], state.world, state.chances, config)
+    )
     assert (plain, hidden) == (pytest.approx(0.1), pytest.approx(0.99))
-    plain, hidden = np.exp(joint.log_factors(xy, [joint.Look(seen, rows_of(seen)), nothing], state.world, config))
+    plain, hidden = np.exp(
+        joint.log_factors(xy, [joint.Look(seen, rows_of(seen)), nothing], state.world, state.chances, config)
+    )
     sigma = np.sqrt(4900 * (1e-4 + 1 / 2500) + 4.0)  # [Ercan] Eq. 2 on the axis, 50 away
     floor = 0.01 / 140.0
     assert plain == pytest.approx(0.9 / (np.sqrt(2 * np.pi) * sigma) + 0.1 * floor)
@@ -73,6 +78,40 @@ def test_one_object_is_where_a_kalman_filter_of_the_same_motion_has_it() -> None
         np.mean((peer.cov_xx + peer.cov_yy)[late]), rel=0.25
     )
     assert notes.ess[5:].mean() > 400
+
+
+def test_the_first_scan_of_an_object_counts_once() -> None:
+    one = SEEN.take((SEEN.target_id == 0) & (SEEN.t_ns == SEEN.t_ns[0]))
+    tracks, _ = follow("joint", JointConfig(particles=4000), bearings=one)
+    peer, _ = follow("ekf", EkfConfig(), bearings=one)
+    assert tracks.cov_xx == pytest.approx(peer.cov_xx, rel=0.25)
+    assert tracks.cov_yy == pytest.approx(peer.cov_yy, rel=0.25)
+
+
+def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
+    config = JointConfig(detection=0.9, false=0.01)
+    own = replace(SCENE, cameras=(SCENE.cameras[0], replace(SCENE.cameras[1], detection=0.4, false_alarm=0.2)))
+    chances = joint.chances_of(own, config)
+    assert chances.detection.tolist() == [0.9, 0.4]
+    assert chances.false.tolist() == [0.01, 0.2]
+    sure = replace(SCENE, cameras=(replace(SCENE.cameras[1], detection=1.0, false_alarm=0.0),))
+    state = joint.init(sure, config, generator(0, Stage.TRACK, 0))
+    missed = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
+    look = joint.Look(missed, rows_of(missed))
+    assert np.isfinite(joint.log_factors(np.array([[[50.0, 50.0]]]), [look], state.world, state.chances, config)).all()
+
+
+def test_nobody_hides_sounds_from_arrays() -> None:
+    config = JointConfig(detection=0.9, false=0.01)
+    scene = Scene(arrays=(MicrophoneArray("mic", np.array([50.0, 0.0, 1.0])),), room=SCENE.room, length_unit="unit")
+    state = joint.init(scene, config, generator(0, Stage.TRACK, 0))
+    silent = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
+    nothing = joint.Look(silent._replace(sensor=silent.sensor[:0], first=silent.first[:1]), rows_of(silent))
+    behind = np.array([[[50.0, 50.0], [50.0, 30.0]]])
+    found = joint.log_factors(
+        behind, [joint.Look(silent, rows_of(silent)), nothing], state.world, state.chances, config
+    )
+    assert np.exp(found) == pytest.approx(0.1)
 
 
 def test_several_objects_are_followed_and_candidates_left_out() -> None:

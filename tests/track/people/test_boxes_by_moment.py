@@ -23,6 +23,7 @@ from occlog.track.people.boxes_by_moment import (
 )
 
 CAMERAS = hall("ab").cameras
+MS = 1_000_000
 
 
 def looks(*chunks: Boxes, tally: BoxTally | None = None) -> list[FrameLook]:
@@ -99,12 +100,12 @@ def test_times_that_go_back_are_refused() -> None:
 
 def test_frames_that_a_table_leaves_out_are_looks_at_nobody() -> None:
     times = FrameTimes.of(
-        t_ns=[0, 0, 40, 300, 400],
+        t_ns=MS * np.array([0, 0, 40, 300, 400]),
         sensor=["a", "b", "b", "a", "b"],
         frame=np.array([3, 0, 1, 6, 10]),
     )
     found = list(empty_frames([times.take(slice(0, 2)), times.take(slice(2, None))], {"a": 0, "b": 1}))
-    assert [(e.look.t_ns, e.look.camera, e.frame) for e in found] == [
+    assert [(e.look.t_ns / MS, e.look.camera, e.frame) for e in found] == [
         (80, 1, 2),
         (100, 0, 4),
         (120, 1, 3),
@@ -118,6 +119,20 @@ def test_frames_that_a_table_leaves_out_are_looks_at_nobody() -> None:
     ]
     assert all(not len(e.look.boxes) for e in found)
     assert list(empty_frames([times], {"c": 0})) == []
+
+
+@pytest.mark.parametrize(("frames", "empty"), [(14, [15, 20]), (5, [1, 2, 3, 4, 6, 7])])
+def test_frames_that_are_numbered_in_steps_have_none_between(frames: int, empty: list[int]) -> None:
+    number = np.delete(5 * np.arange(frames), slice(3, 5))
+    times = FrameTimes(t_ns=number * STEP_NS, sensor=np.full(len(number), "a"), frame=number)
+    assert [e.frame for e in empty_frames([times], {"a": 0})][: len(empty)] == empty
+    assert frames < 14 or len(list(empty_frames([times], {"a": 0}))) == 2
+
+
+def test_numbers_that_cannot_be_those_of_frames_are_refused() -> None:
+    times = FrameTimes(t_ns=np.array([0, STEP_NS]), sensor=np.array(["a", "a"]), frame=np.array([0, 2_000_000]))
+    with pytest.raises(InputError, match=r"camera a: frames 0 and 2000000 are 0\.1 s apart"):
+        list(empty_frames([times], {"a": 0}))
 
 
 def look_at(t_ns: int, c: int) -> FrameLook:

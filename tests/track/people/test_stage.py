@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from crowds import crowd
 from people_boxes import hall
 
+from occlog.array_types import Floats
+from occlog.records.near_origin import scene_from
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Look, Moment, no_support
 from occlog.track.people.boxes_by_moment import FrameLook
+from occlog.track.people.catalogue import JIPDA
 from occlog.track.people.stage import ROWS_PER_PART, Follower, follow
 
 SCENE = hall("ab")
@@ -45,3 +49,18 @@ def test_parts_have_few_rows_whatever_the_number_of_people(people) -> None:
     rows = 1 + 3 * people
     assert max(sizes) <= -(-ROWS_PER_PART // rows)
     assert set(sizes[:-1]) <= {-(-ROWS_PER_PART // rows)}
+
+
+@pytest.mark.jit
+def test_coordinates_of_maps_cost_no_digits() -> None:
+    made = crowd(people=4, cameras=3, frames=15, seed=5)
+    seen = [[FrameLook(k, t, np.arange(len(k.row))) for k in looks] for t, looks in enumerate(made.moments)]
+
+    def followed(at: Floats) -> Floats:
+        scene, none = scene_from(made.scene, -at), np.zeros((0, 6))
+        parts = follow(seen, scene, scene.cameras, JipdaConfig(), JIPDA)
+        return np.concatenate([none, *(each.moment.mean - [*at, 0, 0, 0, 0] for part in parts for each in part)])
+
+    near, far = followed(np.zeros(2)), followed(np.array([500_000.0, 4_000_000.0]))
+    assert len(near) > 40
+    assert far == pytest.approx(near, abs=1e-6)

@@ -9,7 +9,7 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.array_types import Floats
-from occlog.records.scene import Camera, Occluder, Scene, camera_rotation
+from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
@@ -115,6 +115,13 @@ def test_a_target_is_behind_a_wall_from_two_standard_deviations_on(y: float, hid
     found = counted(standing(5, y), np.array([0.0, 0.05]), scene)
     assert found.hidden["east"] == (30, hidden)
     assert found.hidden["north"] == (30, 0)
+
+
+def test_sound_goes_past_walls() -> None:
+    """What `east` hears of a target behind the pillar contradicts no wall."""
+    scene = Scene(CAMERAS[1:], (MicrophoneArray("east", CAMERAS[0].position),), (pillar(4, 5, 0.4),), room=ROOM)
+    found = counted(standing(5, 5), np.array([0.0, 0.05]), scene)
+    assert (found.rows, found.hidden) == (30, {"north": (30, 0)})
 
 
 def test_only_sensors_that_saw_the_target_speak_against_a_wall() -> None:

@@ -36,7 +36,7 @@ N = 2000
 
 
 def fared(
-    n: int = N, few: int = 0, fallback: tuple[str, int] = ("", 0), doubt: tuple[str, int] = ("", 0)
+    n: int = N, few: int = 0, fallback: tuple[str, int] = ("", 0), doubt: tuple[str, int] = ("", 0), seen: int = 1
 ) -> Diagnostics:
     nothing, none = np.full(n, np.nan), np.zeros(n, np.int32)
     return Diagnostics.of(
@@ -45,7 +45,7 @@ def fared(
         ess=np.where(np.arange(n) < few, 0.5 * FEW, 500.0),
         log_likelihood=nothing,
         n_looked=none,
-        n_seen=none,
+        n_seen=np.full(n, seen, np.int32),
         fallback=np.array([fallback[0]] * fallback[1] + [""] * (n - fallback[1])),
         cameras=np.full(n, ""),
         n_offered=none,
@@ -140,6 +140,12 @@ def test_an_honest_covariance_needs_care_and_is_plausible() -> None:
     found = said(diagnostics=fared(fallback=("unobservable", N)))
     assert [(f.code, f.severity) for f in found] == [("unobservable", "note")]
     assert plausible(found)
+
+
+def test_a_target_that_no_sensor_ever_saw_is_told() -> None:
+    (found,) = said(diagnostics=fared(seen=0))
+    assert (found.code, found.severity) == ("never-seen", "note")
+    assert found.sentence.startswith("1 target of 1, the first 0, no sensor saw at any time: ")
 
 
 def test_a_filter_that_begins_anew_in_nearly_every_row_says_how_far_apart_rows_are() -> None:

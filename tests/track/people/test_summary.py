@@ -1,0 +1,20 @@
+"""What the summary of everybody's tracks says of the numbers of frames."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from occlog.track.people.boxes_by_moment import FrameNumbers
+from occlog.track.people.run import FEWEST_PAIRS, PeopleSummary
+
+
+@pytest.mark.parametrize(
+    ("pairs", "left_out", "said"),
+    [(FEWEST_PAIRS, FEWEST_PAIRS, 1), (FEWEST_PAIRS, FEWEST_PAIRS - 1, 0), (FEWEST_PAIRS - 1, FEWEST_PAIRS - 1, 0)],
+)
+def test_numbers_that_are_hardly_ever_successive_are_said(pairs: int, left_out: int, said: int) -> None:
+    inputs = SimpleNamespace(numbers={"a": FrameNumbers(1, pairs, left_out)})
+    found = list(PeopleSummary(inputs, None)._numbers())
+    assert [f.code for f in found] == ["frames-between"] * said
