@@ -36,6 +36,8 @@ FAILURES = (
 INSTALL = "pip install 'occlog[ros2]'"
 LONGEST_DEFINITION = 128 << 10
 """Bytes of a definition of ROS that is read, which takes about two seconds; types of ROS itself have a few thousand."""
+MOST_ENTRIES = 10_000
+"""Entries, but for numbers, of all arrays whose length a definition gives."""
 _LINE = "=" * 80 + "\n"
 
 
@@ -111,8 +113,28 @@ def _types(kind: str, language: str, definition: bytes) -> Any:
     if language == "ros2idl":
         parts = [part.split("\n", 1)[1] for part in text.split(_LINE)[1:]] if text.startswith(_LINE) else [text]
         for part in parts:
-            store.register(types.get_types_from_idl(part))
+            store.register(_checked(types.get_types_from_idl(part)))
     elif definition:
-        store.register(types.get_types_from_msg(text, kind))
+        store.register(_checked(types.get_types_from_msg(text, kind)))
     store.get_msgdef(kind)
     return store
+
+
+def _checked(found: Any) -> Any:
+    """Types by name; ValueError for those that take memory or time without a byte of a message.
+
+    The code that is generated has lines for each entry of an array whose length is given, if they are no numbers; and a
+    message may have any number of entries that take no bytes.
+    """
+    nodes = importlib.import_module("rosbags.interfaces").Nodetype
+    entries = 0
+    for name, (_, fields) in found.items():
+        if not fields:
+            raise ValueError(f"{name} has no fields")
+        for field, (node, told) in fields:
+            if node == nodes.ARRAY:
+                (kind, of), length = told
+                entries += length if kind != nodes.BASE or of[0] == "string" else 0
+                if length < 1 or entries > MOST_ENTRIES:
+                    raise ValueError(f"{field}: {length} entries; 1 to {MOST_ENTRIES} can be")
+    return found
