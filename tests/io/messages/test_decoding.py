@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import pytest
 
 from occlog.errors import InputError
+from occlog.io.messages import decoding
 from occlog.io.messages.decoding import LONGEST_DEFINITION, decoder
 from occlog.io.messages.mcap_file import Topic
 
@@ -56,3 +59,21 @@ def test_topics_of_one_name_and_other_definitions_are_decoded_by_their_own() -> 
     first, second = decoder(topic(b"float64 x\n")), decoder(topic(b"float64 y\n", "/b"))
     assert first(HALF).x == second(HALF).y == 0.5
     assert not hasattr(second(HALF), "x")
+
+
+def test_messages_with_lists_have_a_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decoding, "MAX_LISTED_BYTES", 100)
+    part = b"\n" + b"=" * 80 + b"\nMSG: made_msgs/Part\nuint8 y\n"
+    for length, data in ((92, True), (93, False)):
+        message = b"\x00\x01\x00\x00" + length.to_bytes(4, "little") + bytes(length)
+        assert len(decoder(topic(b"uint8[] x\n"))(message).x) == length  # numbers take what they take
+        with nullcontext() if data else pytest.raises(ValueError, match="with lists of 101 bytes; at most 100 are"):
+            assert len(decoder(topic(b"made_msgs/Part[] x\n" + part))(message).x) == length
+    with pytest.raises(ValueError, match="with lists of 101 bytes"):
+        decoder(topic(b"string[] x\n"))(bytes(101))
+    for name, kind in (("FrameTransforms", "protobuf"), ("FrameTransform", "json")):
+        decode = decoder(Topic("/a", f"foxglove.{name}", kind, b"", "", None))
+        bad = b"\x0a\x00" * 51 if kind == "protobuf" else b'{"a":[' + b",".join([b"{}"] * 99_999) + b"]}"
+        with pytest.raises(ValueError, match=r"with lists of 102 bytes|100001 objects and lists"):
+            decode(bad)
+        decode(bad[:100] if kind == "protobuf" else bad.replace(b"{},", b"", 1))
