@@ -147,11 +147,10 @@ def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
 
 def _check_messages(path: Path) -> None:
     """InputError for an Arrow file whose messages promise more than a file of its size can hold."""
-    size, rows, kept = path.stat().st_size, 0, 0
+    size, rows, unpacked = path.stat().st_size, 0, 0
     for message in messages(path):
-        rows += message.rows
-        check_promise(path, size, rows, kept + message.unpacked)
-        kept += 0 if message.rows else message.unpacked  # dictionaries stay, batches go
+        rows, unpacked = rows + message.rows, unpacked + message.unpacked
+        check_promise(path, size, rows, unpacked)  # of all together: a footer may list a batch many times
 
 
 @contextmanager
