@@ -76,11 +76,11 @@ def as_parquet(table: pa.Table) -> bytes:
     return out.getvalue()
 
 
-def as_arrow(table: pa.Table, *, stream: bool = False) -> bytes:
+def as_arrow(table: pa.Table, *, stream: bool = False, rows: int | None = None) -> bytes:
     out = io.BytesIO()
     options = pa.ipc.IpcWriteOptions(compression="zstd")
     with (pa.ipc.new_stream if stream else pa.ipc.new_file)(out, table.schema, options=options) as writer:
-        writer.write_table(table)
+        writer.write_table(table, rows)
     return out.getvalue()
 
 
@@ -99,6 +99,11 @@ CASES: dict[str, tuple[str, Callable[[], bytes], str]] = {
         "t.arrow",
         lambda: as_arrow(pa.table({name: pa.nulls(2 * 10**9) for name in ("t_ns", "target_id", "x", "y")})),
         "promises 2000000000 rows in a file of",
+    ),
+    "Arrow, batches that unpack much together": (
+        "t.arrow",
+        lambda: as_arrow(pa.table(columns(3) | {"unused": ["a" * 120_000_000] * 3}), rows=1),
+        "promises 240000",
     ),
     "Arrow, columns that nobody needs": (
         "t.arrow",

@@ -11,7 +11,7 @@ import pytest
 from apart import check_apart
 
 from occlog.errors import ExitCode, InputError
-from occlog.io.files.texts import csv_rows
+from occlog.io.files.texts import csv_rows, json_file
 from occlog.io.files.texts.csv_rows import FREE_LINES, text_lines
 from occlog.io.files.texts.toml_file import MAX_TOML_BYTES, toml_values
 from occlog.io.files.texts.yaml_nodes import LONGEST_NUMBER
@@ -74,3 +74,29 @@ def test_a_packed_text_has_no_lines_without_end(tmp_path: Path, monkeypatch: pyt
             assert len(list(text_lines(plain, unpacked))) == lines
             with nullcontext() if good else pytest.raises(InputError, match="line 1001: more lines"):
                 assert len(list(text_lines(path, packed))) == lines
+
+
+JSON = {
+    "objects": ("[" + ",".join(["{}"] * 4_000_000) + "]", "4000001 objects and lists in 12000001 characters of JSON"),
+    "lists": ("[" + ",".join(["[]"] * 4_000_000) + "]", "4000001 objects and lists in"),
+    "lines of lists": ("[]\n" * 900_000 + "\n" * 5_000_000, "5900000 lines in"),
+    "numbers": ("[" + ",".join(["1"] * 6_000_000) + "]", "entry 1: '1'; an object with a box was expected"),
+}
+
+
+@pytest.mark.parametrize(("text", "words"), JSON.values(), ids=JSON)
+def test_json_has_no_more_objects_than_say_anything(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(text, encoding="utf-8")
+    told = check_apart("ingest", "--boxes", f"a={path}", "--fps", "10", "-o", tmp_path / "r.mcap")
+    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in told.told
+
+
+def test_the_limits_of_json(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(json_file, "FREE_VALUES", 3)
+    assert json_file.parse_json("[{},[]]", "a", "JSON") == json_file.parse_json(b"[{},[]]", "a", "JSON") == [{}, []]
+    for text in ("[{},[],{}]", b"[{},[],{}]"):
+        with pytest.raises(InputError, match="a: 4 objects and lists in 10 characters of JSON; at most 3 are read"):
+            json_file.parse_json(text, "a", "JSON")
+    assert len(json_file.parse_json("[{},[],{}" + " " * 50 + "]", "a", "JSON")) == 3

@@ -20,7 +20,7 @@ from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.last_number import last_number
 from occlog.io.files.texts.csv_rows import Rows
-from occlog.io.files.texts.json_file import parse_json
+from occlog.io.files.texts.json_file import check_number, parse_json
 from occlog.records.declared.sensors import MAX_FRAMES
 
 from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns, rows_of
@@ -55,7 +55,10 @@ def open_json(path: Path, camera: str | None, *, ignore_extra: bool) -> BoxSourc
         listed = np.arange(len(value), dtype=np.int64)
         rows = _rows(path, [(record, {"frame": str(n)}) for n, record in records], camera, ignore_extra)
         return BoxSource(rows, "JSON by frames", listed)
-    if value and isinstance(value[0], dict) and "image_id" in value[0] and "bbox" in value[0]:
+    for n, record in enumerate(value, start=1):
+        if not isinstance(record, dict):
+            raise _no_object(path, n, record)
+    if value and "image_id" in value[0] and "bbox" in value[0]:
         if camera is None:
             raise InputError(
                 f"{path}: COCO results do not name their camera; give CAMERA={path.name}, or COCO with its images"
@@ -68,7 +71,12 @@ def open_json(path: Path, camera: str | None, *, ignore_extra: bool) -> BoxSourc
                 "give COCO with its images, or a file for each"
             )
         return BoxSource(_rows(path, given, camera, ignore_extra, skip=("image_id", "id")), "COCO results")
-    return BoxSource(_rows(path, [(record, {}) for record in value], camera, ignore_extra), "JSON records")
+    nothing: dict[str, str] = {}
+    return BoxSource(_rows(path, [(record, nothing) for record in value], camera, ignore_extra), "JSON records")
+
+
+def _no_object(path: Path, n: int, record: object) -> InputError:
+    return InputError(f"{path}: entry {n}: {str(record)[:40]!r}; an object with a box was expected")
 
 
 def _load(path: Path) -> Any:
@@ -84,6 +92,7 @@ def _load(path: Path) -> Any:
     except InputError as error:
         if "Extra data" not in str(error):
             raise
+    check_number(text.count("\n"), "lines", len(text), path)
     lines = enumerate(text.splitlines(), start=1)
     return [parse_json(line, f"{path}: record in line {number}", WHAT) for number, line in lines if line.strip()]
 
@@ -108,7 +117,7 @@ def _rows(
 def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequence[str]) -> dict[str, str]:
     """Cells of one record by our names of the columns."""
     if not isinstance(record, dict):
-        raise InputError(f"{path}: entry {n}: {str(record)[:40]!r}; an object with a box was expected")
+        raise _no_object(path, n, record)
     out: dict[str, str] = {}
     said: dict[str, str] = {}
     for key, value in record.items():
@@ -145,10 +154,8 @@ def _text(path: Path, n: int, key: str, value: object) -> str:
     return str(value) if isinstance(value, str) else repr(value)
 
 
-def _image_number(path: Path, n: int, record: object) -> str:
+def _image_number(path: Path, n: int, record: Record) -> str:
     """The frame that the image of a COCO result is: its number, or the last one in its name."""
-    if not isinstance(record, dict):
-        raise InputError(f"{path}: entry {n}: {str(record)[:40]!r}; an object with a box was expected")
     image = record.get("image_id")
     found = last_number(Path(image).stem) if isinstance(image, str) else None
     if isinstance(image, int) and not isinstance(image, bool):

@@ -168,6 +168,9 @@ class ArrowCells:
         column = self._column(name)
         if not _is_number(column.type):
             raise self._unfit(name, column.type, "numbers were expected")
+        if (beyond := _beyond(column)).any():
+            row = int(np.flatnonzero(beyond)[0])
+            raise self.fail(row, f"{name} is {_shown(column[row])}; a number within {EXACT:.0f} was expected")
         values = np.array(to_numpy(pc.fill_null(pc.cast(column, pa.float64()), np.nan)), dtype=np.float64)
         bad = np.isinf(values) if blank else ~np.isfinite(values)
         if bad.any():
@@ -234,8 +237,11 @@ class ArrowCells:
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
             raise self.fail(row, f"{name} has {lengths[row]} numbers; {width} were expected")
+        if (beyond := _beyond(flat := column.flatten())).any():
+            value = _shown(flat[int(np.flatnonzero(beyond)[0])])
+            raise InputError(f"{self._path}: column {name} has {value}; numbers within {EXACT:.0f} were expected")
         out = np.full((len(self), width), np.nan)
-        numbers = pc.fill_null(pc.cast(column.flatten(), pa.float64()), np.nan)
+        numbers = pc.fill_null(pc.cast(flat, pa.float64()), np.nan)
         out[there] = to_numpy(numbers).reshape(-1, max(width, 1))
         return out
 
@@ -318,6 +324,15 @@ class ArrowCells:
     def _column(self, name: str) -> pa.Array:
         column = self._batch.column(name)
         return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+
+
+def _beyond(column: pa.Array) -> Bools:
+    """(n,) whether whole numbers are too large to be exact in float64."""
+    if column.type not in (pa.int64(), pa.uint64()):
+        return np.zeros(len(column), dtype=np.bool_)
+    whole: Ints = to_numpy(pc.fill_null(column, 0)).astype(np.uint64 if column.type == pa.uint64() else np.int64)
+    low, high = (0 if column.type == pa.uint64() else -int(EXACT)), int(EXACT)
+    return np.asarray((whole < low) | (whole > high))
 
 
 def _yes_or_no(cells: Cells, name: str, texts: Strings) -> Bools:

@@ -125,7 +125,8 @@ def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch
     """Batches of some columns of at most `ROWS` rows."""
     if kind == "Parquet":
         with open_parquet(path) as file:
-            yield from in_parts(path, file.checked.size, batches(file, ROWS, names))
+            found = (_validated(batch) for batch in batches(file, ROWS, names))
+            yield from in_parts(path, file.checked.size, found)
         return
     yield from in_parts(path, path.stat().st_size, _arrow_batches(path, names))
 
@@ -139,19 +140,26 @@ def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
         else iter(reader)
     )
     for whole in several:
-        batch = whole.select(names)
-        batch.validate(full=True)  # the library follows offsets and places in dictionaries wherever they lead
+        batch = _validated(whole.select(names))
         for start in range(0, batch.num_rows, ROWS):
             yield batch.slice(start, ROWS)
 
 
+def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
+    """A batch whose offsets and places in dictionaries lead somewhere: the library follows them wherever that is.
+
+    Its texts are UTF-8, too.
+    """
+    batch.validate(full=True)
+    return batch
+
+
 def _check_messages(path: Path) -> None:
     """InputError for an Arrow file whose messages promise more than a file of its size can hold."""
-    size, rows, kept = path.stat().st_size, 0, 0
+    size, rows, unpacked = path.stat().st_size, 0, 0
     for message in messages(path):
-        rows += message.rows
-        check_promise(path, size, rows, kept + message.unpacked)
-        kept += 0 if message.rows else message.unpacked  # dictionaries stay, batches go
+        rows, unpacked = rows + message.rows, unpacked + message.unpacked
+        check_promise(path, size, rows, unpacked)  # of all together: a footer may list a batch many times
 
 
 @contextmanager

@@ -99,6 +99,27 @@ def test_whole_numbers_above_63_bits_are_refused(tmp_path: Path, name: str) -> N
         open_input(path).read(Truth)
 
 
+@pytest.mark.parametrize("value", [2**53 + 1, -(2**53) - 1, 2**63])
+def test_whole_numbers_that_float64_does_not_hold_are_refused(tmp_path: Path, value: int) -> None:
+    kind = pa.uint64() if value == 2**63 else pa.int64()
+    columns = {"t_ns": pa.array([1, 2]), "id": pa.array([1, 1]), "y": pa.array([0.0, 1.0])}
+    path = parquet(tmp_path, **columns, x=pa.array([2**53, value], kind))
+    with pytest.raises(InputError, match=f"row 1: x is {value}; a number within {2**53} was expected"):
+        open_input(path).read(Truth)
+    good = parquet(tmp_path, **columns, x=pa.array([2**53, None], kind))
+    with pytest.raises(InputError, match="row 1: x is null"):
+        open_input(good).read(Truth)
+
+
+def test_texts_that_are_not_utf_8_are_damage(tmp_path: Path) -> None:
+    text = pa.Array.from_buffers(
+        pa.string(), 1, [None, pa.py_buffer(np.array([0, 1], np.int32)), pa.py_buffer(b"\xff")]
+    )
+    path = parquet(tmp_path, t_ns=pa.array([1]), sensor=text, azimuth_deg=pa.array([0.0]))
+    with pytest.raises(InputError, match=r"damaged or not a Parquet file .*UTF8"):
+        open_input(path).read(Doa)
+
+
 @pytest.mark.parametrize(("name", "digits"), [("t_ns", 0), ("t", 9)])
 def test_times_in_decimals_are_exact(tmp_path: Path, name: str, digits: int) -> None:
     """They went through float64, which has no ns since 1970."""

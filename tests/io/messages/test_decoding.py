@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import pytest
 
 from occlog.errors import InputError
+from occlog.io.messages import decoding
 from occlog.io.messages.decoding import LONGEST_DEFINITION, decoder
 from occlog.io.messages.mcap_file import Topic
 
@@ -26,7 +29,51 @@ def test_a_definition_may_be_as_long_as_the_limit() -> None:
         decoder(topic(longest + b"#"))
 
 
+def nested(*fields: bytes) -> bytes:
+    """A definition of 40 types within one another, each of which has the next one in some fields; the last one last."""
+    line = b"\n" + b"=" * 80 + b"\nMSG: made_msgs/T%d\n"
+    inner = [line % n + b"".join(field % (n + 1) for field in fields[:-1]) for n in range(40)]
+    return b"made_msgs/T0 x\n" + b"".join(inner) + line % 40 + fields[-1]
+
+
+@pytest.mark.parametrize(
+    ("definition", "words"),
+    [
+        (b"string[10001] x\n", "x: 10001 entries; 1 to 10000 can be"),
+        (b"string[5001] x\nstring[5000] y\n", "y: 5000 entries"),
+        (nested(b"made_msgs/T%d[1000] x\n", b"uint8 x\n"), "x: 1000 entries"),
+        (nested(b"made_msgs/T%d x\n", b"made_msgs/T%d y\n", b"uint8[0] x\n"), "x: 0 entries; 1 to 10000 can be"),
+        (nested(b"made_msgs/T%d x\n", b"made_msgs/T%d y\n", b""), "made_msgs/msg/T40 has no fields"),
+    ],
+)
+def test_types_that_take_memory_or_time_without_bytes_are_refused(definition: bytes, words: str) -> None:
+    with pytest.raises(InputError, match=rf"/a: .*its definition cannot be read \({words}"):
+        decoder(topic(definition))
+
+
+def test_arrays_may_have_as_many_entries_as_the_limit() -> None:
+    assert decoder(topic(b"float64[1] x\nfloat64[100000] y\nstring[10000] z\n")) is not None
+
+
 def test_topics_of_one_name_and_other_definitions_are_decoded_by_their_own() -> None:
     first, second = decoder(topic(b"float64 x\n")), decoder(topic(b"float64 y\n", "/b"))
     assert first(HALF).x == second(HALF).y == 0.5
     assert not hasattr(second(HALF), "x")
+
+
+def test_messages_with_lists_have_a_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decoding, "MAX_LISTED_BYTES", 100)
+    part = b"\n" + b"=" * 80 + b"\nMSG: made_msgs/Part\nuint8 y\n"
+    for length, data in ((92, True), (93, False)):
+        message = b"\x00\x01\x00\x00" + length.to_bytes(4, "little") + bytes(length)
+        assert len(decoder(topic(b"uint8[] x\n"))(message).x) == length  # numbers take what they take
+        with nullcontext() if data else pytest.raises(ValueError, match="with lists of 101 bytes; at most 100 are"):
+            assert len(decoder(topic(b"made_msgs/Part[] x\n" + part))(message).x) == length
+    with pytest.raises(ValueError, match="with lists of 101 bytes"):
+        decoder(topic(b"string[] x\n"))(bytes(101))
+    for name, kind in (("FrameTransforms", "protobuf"), ("FrameTransform", "json")):
+        decode = decoder(Topic("/a", f"foxglove.{name}", kind, b"", "", None))
+        bad = b"\x0a\x00" * 51 if kind == "protobuf" else b'{"a":[' + b",".join([b"{}"] * 99_999) + b"]}"
+        with pytest.raises(ValueError, match=r"with lists of 102 bytes|100001 objects and lists"):
+            decode(bad)
+        decode(bad[:100] if kind == "protobuf" else bad.replace(b"{},", b"", 1))

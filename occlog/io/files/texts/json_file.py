@@ -20,6 +20,10 @@ MAX_JSON_BYTES = 64_000_000
 """Size of a JSON file that occlog or a person wrote; metrics may hold a value for each moment."""
 
 
+FREE_VALUES, BYTES_PER_VALUE = 1_000_000, 12
+"""Objects and lists, or lines, that any JSON may have, and bytes of it for each one more: each takes 200 in memory."""
+
+
 def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
     """Write one object; NaN and infinity become null."""
     write_bytes(path, (json.dumps(_plain(values), sort_keys=True, indent=2) + "\n").encode(), overwrite)
@@ -42,9 +46,11 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
         what: what was expected.
 
     Raises:
-        InputError: it is not JSON, nested too deeply, has a key of an object twice, or holds half of a pair of
-            surrogates.
+        InputError: it is not JSON, nested too deeply, has a key of an object twice, more objects than such a text can
+            have that says anything with them, or holds half of a pair of surrogates.
     """
+    objects = text.count(b"{") + text.count(b"[") if isinstance(text, bytes) else text.count("{") + text.count("[")
+    check_number(objects, "objects and lists", len(text), where)
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         out = dict(pairs)
@@ -63,6 +69,13 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
         if _may_have_surrogates(text):
             check_text(json.dumps(value, ensure_ascii=False), where)
         return value
+
+
+def check_number(count: int, what: str, size: int, where: Path | str) -> None:
+    """InputError for more objects, or whatever it is, than a JSON text of `size` can have."""
+    most = max(FREE_VALUES, size // BYTES_PER_VALUE)
+    if count > most:
+        raise InputError(f"{where}: {count} {what} in {size} characters of JSON; at most {most} are read; split it")
 
 
 def _may_have_surrogates(text: str | bytes) -> bool:
