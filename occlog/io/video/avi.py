@@ -140,7 +140,10 @@ def _container(data: mmap.mmap, found: _Found, stream: _Stream) -> Container:
     packets = np.where(shown[number], np.searchsorted(kept, number), EMPTY)
     pts = frames_to_ns(kept, rate.limit_denominator(10**6))
     largest = (stream.largest, int(size.max(initial=0)))
-    return Container("avi", pts, broken[kept], False, rate, tuple(found.problems), packets, largest=largest)
+    steps = kept if len(kept) < n else None
+    return Container(
+        "avi", pts, broken[kept], False, rate, tuple(found.problems), packets, steps=steps, largest=largest
+    )
 
 
 def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tuple[int, int]]:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -118,6 +119,18 @@ def test_a_container_that_only_the_decoder_knows(tmp_path: Path) -> None:
         frames = [(t, f.index) for t, f in source.frames()]
     assert frames == [(40_000_000 * k + 7, k) for k in range(10) if k != 3]  # FFmpeg takes such streams for 25 fps
     assert [(loss.place, loss.count) for loss in source.losses] == [("frame 3", 1)]
+
+
+@pytest.mark.parametrize(("fps", "step"), [(None, 50_000_000), (Fraction(10), 100_000_000)])
+def test_a_frame_that_an_avi_recorder_dropped_takes_its_time(tmp_path: Path, fps: Fraction | None, step: int) -> None:
+    dropped = (3, 4, 9)
+    path = tmp_path / "v.avi"
+    path.write_bytes(avi([b"" if k in dropped else jpeg(k) for k in range(12)]))
+    source = video_source("cam", path, video_times(path, fps=fps), start=0, stop=None, store="raw", quality=95)
+    with source.decoder:
+        frames = [(t, number_shown(f.image)) for t, f in source.frames()]
+    assert frames == [(step * k, k) for k in range(12) if k not in dropped]
+    assert source.losses == []
 
 
 def test_black_bars_are_measured(tmp_path: Path) -> None:
