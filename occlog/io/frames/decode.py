@@ -226,7 +226,7 @@ def _place(container: Container | None, raw: _Raw) -> int:
         return -1
     if container.packets is not None:
         # AVI has no stamps: the decoder's time is the number of the packet.
-        packet = round(raw.pos_ns / NS * float(container.rate or 0))
+        packet = round(raw.pos_ns / NS * float(container.rate or 0)) - container.first_packet
         return int(container.packets[packet]) if 0 <= packet < len(container.packets) else -1
     pts = container.pts_ns
     pos = raw.pos_ns + container.first_ns

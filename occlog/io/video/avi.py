@@ -19,6 +19,8 @@ from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_sh
 
 EMPTY = -1
 MIN_RATE, MAX_RATE = 0.01, 1e6
+LATEST_START = 3600
+"""A stream that is said to begin later [s] is decoded from 0 on."""
 _LISTS = (b"RIFF", b"LIST")
 
 
@@ -29,10 +31,11 @@ def recognised(data: mmap.mmap) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """What the header states of a video stream: its number, frame rate, number of frames, bytes of the largest one."""
+    """What the header states of a video stream: its number, frame rate, first packet, number of frames, largest one [B]."""
 
     number: int
     rate: Fraction
+    first: int
     announced: int
     largest: int
 
@@ -108,10 +111,11 @@ def _video_stream(data: mmap.mmap, header: Span) -> _Stream:
             continue
         strh = next((c for c in _chunks(data, part.start + 4, part.stop) if c.kind == b"strh"), None)
         if strh is not None and data[strh.start : strh.start + 4] == b"vids":
-            scale, rate, _, length, largest = unpack(data, "<IIIII", strh.start + 20)
+            scale, rate, first, length, largest = unpack(data, "<IIIII", strh.start + 20)
             if scale == 0 or not MIN_RATE <= rate / scale <= MAX_RATE:
                 raise BrokenContainerError(strh.start, f"a frame rate of {rate}/{scale}")
-            return _Stream(number, Fraction(rate, scale), length, largest)
+            first = first if first <= LATEST_START * rate // scale else 0
+            return _Stream(number, Fraction(rate, scale), first, length, largest)
         number += 1
     raise BrokenContainerError(header.start, "it names no video stream")
 
@@ -142,7 +146,16 @@ def _container(data: mmap.mmap, found: _Found, stream: _Stream) -> Container:
     largest = (stream.largest, int(size.max(initial=0)))
     steps = kept if len(kept) < n else None
     return Container(
-        "avi", pts, broken[kept], False, rate, tuple(found.problems), packets, steps=steps, largest=largest
+        "avi",
+        pts,
+        broken[kept],
+        False,
+        rate,
+        tuple(found.problems),
+        packets,
+        first_packet=stream.first,
+        steps=steps,
+        largest=largest,
     )
 
 

@@ -36,6 +36,7 @@ class Container:
         rate: frames per second as stated, None if not.
         problems: (place, what) of every fault found.
         packets: AVI only: frame number of each readable packet in order, -1 for an empty one.
+        first_packet: AVI only: number from which the decoder counts packets.
         steps: AVI only: (n,) how many frame intervals after the first packet each frame is; None: frame k is after k.
         first_ns: time in `pts_ns` of the first frame that is still in the file.
         largest: AVI only: bytes of the largest frame as the header states them, and of the largest one that is there.
@@ -48,6 +49,7 @@ class Container:
     rate: Fraction | None
     problems: tuple[tuple[str, str], ...] = ()
     packets: Ints | None = None
+    first_packet: int = 0
     steps: Ints | None = None
     first_ns: int = 0
     largest: tuple[int, int] | None = None

@@ -133,6 +133,16 @@ def test_a_frame_that_an_avi_recorder_dropped_takes_its_time(tmp_path: Path, fps
     assert source.losses == []
 
 
+@pytest.mark.parametrize("start", [1, 10, 30, 72_000])
+def test_a_stream_of_avi_that_begins_later_keeps_all_frames(tmp_path: Path, start: int) -> None:
+    """FFmpeg counts packets from there: so many frames were told lost, and others took their places."""
+    path = tmp_path / "v.avi"
+    path.write_bytes(avi([jpeg(k) for k in range(20)], start=start))
+    with decoder(path) as running:
+        assert [(f.index, number_shown(f.image)) for f in running.delivered()] == [(k, k) for k in range(20)]
+    assert running.losses == []
+
+
 def test_black_bars_are_measured(tmp_path: Path) -> None:
     framed = np.zeros((140, 160, 3), np.uint8)
     framed[8:133] = 120
