@@ -21,6 +21,7 @@ EMPTY = -1
 MIN_RATE, MAX_RATE = 0.01, 1e6
 LATEST_START = 3600
 """A stream that is said to begin later [s] is decoded from 0 on."""
+PALETTE = b"pc"
 _LISTS = (b"RIFF", b"LIST")
 
 
@@ -159,6 +160,11 @@ def _container(data: mmap.mmap, found: _Found, stream: _Stream) -> Container:
     )
 
 
+def _is_frame(kind: bytes, tag: bytes) -> bool:
+    """Whether a chunk holds a frame of the stream; the others that have its number change its palette."""
+    return kind[:2] == tag and kind[2:] != PALETTE
+
+
 def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tuple[int, int]]:
     """Place and size of the readable chunks of a stream by frame number, in the order of the file.
 
@@ -176,7 +182,7 @@ def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tu
             done = let_go(data, at, done)
             kind, size = data[at : at + 4], unpack(data, "<I", at + 4)[0]
             if _is_name(kind) and (kind == b"LIST" or at + 8 + size <= movie.stop):
-                if kind[:2] == tag:
+                if _is_frame(kind, tag):
                     out[number] = (at + 8, size)
                     number += 1
                 at += 12 if kind == b"LIST" else 8 + size + (size & 1)
@@ -204,7 +210,7 @@ def _fits(data: mmap.mmap, place: int, size: int, tag: bytes) -> bool:
     """Whether a chunk of the stream really stands where the index says."""
     if place > len(data):
         return False
-    return data[place - 8 : place - 6] == tag and unpack(data, "<I", place - 4)[0] == size
+    return _is_frame(data[place - 8 : place - 4], tag) and unpack(data, "<I", place - 4)[0] == size
 
 
 def _index(data: mmap.mmap, found: _Found, tag: bytes) -> list[tuple[int, int]]:
@@ -214,7 +220,7 @@ def _index(data: mmap.mmap, found: _Found, tag: bytes) -> list[tuple[int, int]]:
     size = max(min(found.index.stop, len(data)) - found.index.start, 0) // 16 * 16
     table = np.frombuffer(data, "<u4", size // 4, found.index.start).reshape(-1, 4)
     tags = np.frombuffer(data, "S4", size // 4, found.index.start).reshape(-1, 4)[:, 0]
-    mine = [row for row, name in zip(table.tolist(), tags, strict=True) if bytes(name)[:2] == tag]
+    mine = [row for row, name in zip(table.tolist(), tags, strict=True) if _is_frame(bytes(name), tag)]
     if not mine:
         return []
     # Offsets count from the word `movi`, or in some files from the beginning.
