@@ -32,7 +32,7 @@ def recognised(data: mmap.mmap) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """What the header states of a video stream: its number, frame rate, first packet, number of frames, largest one [B]."""
+    """What the header states of a video stream: number, frame rate, first packet, count of frames, largest one [B]."""
 
     number: int
     rate: Fraction

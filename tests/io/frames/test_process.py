@@ -143,6 +143,15 @@ def test_a_stream_of_avi_that_begins_later_keeps_all_frames(tmp_path: Path, star
     assert running.losses == []
 
 
+@pytest.mark.parametrize("name", ["v.mkv"])
+def test_frames_that_are_stored_in_another_order_are_all_there(tmp_path: Path, name: str) -> None:
+    """MPEG-2 has B-frames: the decoder is one packet late, and slices look like parameters of H.264."""
+    path = write_video(tmp_path / name, fourcc="mpg2")
+    with decoder(path) as running:
+        assert [(f.index, number_shown(f.image)) for f in running.delivered()] == [(k, k) for k in range(FRAMES)]
+    assert running.losses == []
+
+
 def test_black_bars_are_measured(tmp_path: Path) -> None:
     framed = np.zeros((140, 160, 3), np.uint8)
     framed[8:133] = 120
