@@ -29,6 +29,8 @@ from .sizes import Changes, size_at
 
 PATIENCE = 64
 """Failed reads in a row, beyond the frames still expected, after which the file is taken to be at its end."""
+MAX_HELD = 16
+"""Pictures that a decoder holds to bring them into their order, at most (H.264)."""
 TRIAL = 4
 """Pictures that must fit the container's list of frames before it is trusted."""
 WHAT = "a video file"
@@ -209,10 +211,33 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw]) -> Iterator[
     places = [_place(container, raw) for raw in head]
     rising = all(b > a for a, b in pairwise(places) if a >= 0 and b >= 0)
     listed = bool(head) and rising and _distinct(container) and sum(p >= 0 for p in places) * 2 >= len(head)
-    for raw in head:
-        yield replace(raw, index=_place(container, raw)) if listed else raw
+    every = chain(head, pictures)
+    yield from _placed(container, every, _lateness(container, head[0])) if listed and container else every
+
+
+def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterator[_Raw]:
+    """The pictures with their numbers from the container's list; without, each of them is `late` frames late."""
+    last, held = -1, late
     for raw in pictures:
-        yield replace(raw, index=_place(container, raw)) if listed else raw
+        index = _place(container, raw)
+        if index >= late:
+            index -= late
+        elif held and last >= 0 and not raw.pos_ns:  # comes when there are no packets any more, and has no time
+            index, held = last + 1, held - 1
+        last = max(last, index)
+        yield replace(raw, index=index)
+
+
+def _lateness(container: Container | None, first: _Raw) -> int:
+    """For how many packets the decoder of an AVI file holds a picture before it delivers it.
+
+    Where pictures are stored in another order than shown (B-frames), the first one comes with a later packet.  So it
+    does where those before it cannot be decoded, but of that decoders complain.
+    """
+    if container is None or container.packets is None or first.complaint:
+        return 0
+    place = _place(container, first)
+    return place if 0 < place <= MAX_HELD and not container.broken[:place].any() and not container.problems else 0
 
 
 def _distinct(container: Container | None) -> bool:

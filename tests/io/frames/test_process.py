@@ -143,7 +143,7 @@ def test_a_stream_of_avi_that_begins_later_keeps_all_frames(tmp_path: Path, star
     assert running.losses == []
 
 
-@pytest.mark.parametrize("name", ["v.mkv"])
+@pytest.mark.parametrize("name", ["v.mkv", "v.avi"])
 def test_frames_that_are_stored_in_another_order_are_all_there(tmp_path: Path, name: str) -> None:
     """MPEG-2 has B-frames: the decoder is one packet late, and slices look like parameters of H.264."""
     path = write_video(tmp_path / name, fourcc="mpg2")
