@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import Ints
+from occlog.errors import InputError
 from occlog.io.files.times.frame_times import FrameTimes, as_rate, frames_to_ns
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
@@ -53,6 +54,9 @@ def video_times(
     Returns:
         Times whose `table_ns` and `rate` are both None where only the decoder knows the
         time stamps: containers other than MP4, MKV and AVI, and damaged ones.
+
+    Raises:
+        InputError: the file cannot be read, or its time stamps repeat and it states no frame rate.
     """
     container = read_container(path)
     if fps is not None:
@@ -62,9 +66,11 @@ def video_times(
     if container.stamped and _plausible(container):
         return FrameTimes(STAMPS, start_ns, container.pts_ns)
     rate = container.rate or (as_rate(stated_hz) if stated_hz else None)
-    if rate is None:
-        return FrameTimes(STAMPS, start_ns)
     repeats = container.stamped and container.pts_ns is not None
+    if rate is None:
+        if repeats:
+            raise InputError(f"{path}: the times of its frames repeat, and it states no frame rate; give one, or times")
+        return FrameTimes(STAMPS, start_ns)
     origin = "time stamps of the file repeat" if repeats else "stated by the file"
     return rate_times(rate, origin, start_ns, container.steps)
 

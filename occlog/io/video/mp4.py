@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Ints
+from occlog.array_types import NS, Bools, Ints
 
 from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, unknown_frames, unpack
 
 LATEST = 2**62
-"""Time [ticks] or place [bytes] of a sample, at most."""
+"""Time [ticks, ns] or place [bytes] of a sample, at most."""
+USUAL_SPEED = 1 << 16
 
 
 class Samples(NamedTuple):
@@ -219,19 +220,30 @@ def parse(data: mmap.mmap) -> Container:
 
 def _container(data: mmap.mmap, moov: Span, moofs: list[Span], problems: list[tuple[str, str]]) -> Container:
     trak, track_id = _video_track(data, moov)
-    samples = _sample_table(data, trak)
+    samples = _sample_table(data, trak, problems)
     if moofs:
         samples = _join(samples, read_fragments(data, moov, moofs, track_id, samples.scale))
     order = np.argsort(samples.time, kind="stable")
     time = samples.time[order]
     broken = (samples.offset + samples.size)[order] > len(data)
     shown = _edited(data, moov, trak, samples, time)
+    if shown is None:
+        problems.append(
+            (
+                "edit list",
+                "it repeats or reorders parts, leaves some out or changes the speed; times are the decoder's, "
+                "not those of recording: give time stamps or a frame rate",
+            )
+        )
     if shown is None or not len(time):
         return unknown_frames("mp4", *problems)
     time, broken = time[shown], broken[shown]
+    if len(time) and int(time[-1] - time[0]) > LATEST // NS * samples.scale:
+        raise BrokenContainerError(moov.start, "times of samples beyond 2^62 ns")
     pts = _ticks_to_ns(time - time[0], samples.scale) if len(time) else time
-    mean = float(np.median(samples.duration)) if len(samples.duration) else 0.0
-    rate = Fraction(samples.scale, int(mean)).limit_denominator(1001) if mean >= 1 else None
+    lasting = samples.duration[samples.duration > 0]
+    step = int(np.median(lasting)) if len(lasting) else 0
+    rate = Fraction(samples.scale, step).limit_denominator(1001) if step else None
     return Container("mp4", pts, broken, True, rate, tuple(problems))
 
 
@@ -245,12 +257,16 @@ def _video_track(data: mmap.mmap, moov: Span) -> tuple[Span, int]:
     raise BrokenContainerError(moov.start, "it names no video track")
 
 
-def _sample_table(data: mmap.mmap, trak: Span) -> Samples:
+def _sample_table(data: mmap.mmap, trak: Span, problems: list[tuple[str, str]]) -> Samples:
     scale = ticks_per_second(data, need_box(data, trak, b"mdia", b"mdhd"))
     stbl = need_box(data, trak, b"mdia", b"minf", b"stbl")
     size = _sizes(data, need_box(data, stbl, b"stsz"))
     n = len(size)
-    duration = _runs(read_table(data, find_box(data, stbl, b"stts"), 2, ">i4"), n)
+    lasting = read_table(data, find_box(data, stbl, b"stts"), 2, ">i4")
+    timed = int(np.maximum(lasting[:, 0], 0).sum())
+    if timed < n:
+        problems.append((f"byte {stbl.start}", f"the table of times (stts) has those of {timed} of {n} samples"))
+    duration = _runs(lasting, n)
     shift = _runs(read_table(data, find_box(data, stbl, b"ctts"), 2, ">i4"), n)
     time = np.concatenate([[0], np.cumsum(duration)[:-1]]).astype(np.int64) + shift if n else shift
     return Samples(scale, time, duration, _offsets(data, stbl, size), size)
@@ -309,16 +325,22 @@ def _edited(data: mmap.mmap, moov: Span, trak: Span, samples: Samples, time: Int
         words = read_table(data, elst, 5, ">i4")
         entries = words[:, [0, 2]] * 2**32 + (words[:, [1, 3]] & 0xFFFFFFFF)
     else:
-        entries = read_table(data, elst, 3, ">i4")[:, [0, 1]]
+        words = read_table(data, elst, 3, ">i4")
+        entries = words[:, [0, 1]]
         entries[:, 0] &= 0xFFFFFFFF
-    played = entries[entries[:, 1] >= 0]
-    if len(played) != 1:
-        return np.ones(len(time), dtype=np.bool_) if not len(played) else None
-    scale = ticks_per_second(data, need_box(data, moov, b"mvhd"))
-    start = int(played[0, 1])
-    length = int(played[0, 0]) * samples.scale / scale
-    stop = start + length if length > 0 else np.inf
-    return np.asarray((time >= start) & (time < stop), dtype=np.bool_)
+    is_played = entries[:, 1] >= 0
+    if not is_played.any():
+        return np.ones(len(time), dtype=np.bool_)
+    # A pause before the first part shifts all frames; what comes behind it must go on where it ends
+    first = int(is_played.argmax())
+    ticks = samples.scale / ticks_per_second(data, need_box(data, moov, b"mvhd"))
+    lengths, starts = (entries[first:, k].astype(np.float64) for k in (0, 1))
+    goes_on = np.abs(starts[:-1] + lengths[:-1] * ticks - starts[1:]) <= max(ticks, 1.0)
+    if not goes_on.all() or (words[first:, -1] != USUAL_SPEED).any():
+        return None
+    length = float(lengths.sum()) * ticks
+    stop = starts[0] + length if length > 0 else np.inf
+    return np.asarray((time >= starts[0]) & (time < stop), dtype=np.bool_)
 
 
 def _ticks_to_ns(ticks: Ints, scale: int) -> Ints:
