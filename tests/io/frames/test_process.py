@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 from fractions import Fraction
@@ -150,6 +151,21 @@ def test_frames_that_are_stored_in_another_order_are_all_there(tmp_path: Path, n
     with decoder(path) as running:
         assert [(f.index, number_shown(f.image)) for f in running.delivered()] == [(k, k) for k in range(FRAMES)]
     assert running.losses == []
+
+
+@pytest.mark.parametrize("rule", ["stamps", "table"])
+def test_times_that_cannot_be_held_are_refused(tmp_path: Path, rule: str) -> None:
+    """Those of a damaged file ended the command with an error of the writer, or were written."""
+    path = write_video(tmp_path / "mjpg.mp4")
+    data = bytearray(path.read_bytes())
+    struct.pack_into(">I", data, data.index(b"stts") + 16, 2**31 - 1 if rule == "stamps" else 10**9)
+    struct.pack_into(">I", data, data.index(b"mdhd") + 16, 1 if rule == "stamps" else 10)
+    data[data.index(b"edts") : data.index(b"edts") + 4] = b"free"
+    path.write_bytes(bytes(data))
+    start = 0 if rule == "stamps" else 2**62 - 10**18
+    source = video_source("cam", path, video_times(path, start_ns=start), start=0, stop=None, store="none", quality=95)
+    with source.decoder, pytest.raises(InputError, match=r"mjpg\.mp4: frame \d+: a time of .* is out of range"):
+        list(source.frames())
 
 
 def test_black_bars_are_measured(tmp_path: Path) -> None:
