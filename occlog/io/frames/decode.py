@@ -110,7 +110,9 @@ def _describe(
     rate = float(container.rate) if container and container.rate else fps
     count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
     frames = container.frames if container else (int(count) if 0 < count < 2**31 else None)
-    pictures = _raw_pictures(frames, capture, complaint)
+    # Those whose bytes are not in the file need not be waited for
+    there = frames if container is None or frames is None else frames - int(container.broken.sum())
+    pictures = _raw_pictures(there, capture, complaint)
     first = next(pictures, None)
     ok, image = first.fetch(None) if first is not None else (False, None)
     if first is None or not ok or image is None:

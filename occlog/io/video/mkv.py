@@ -15,7 +15,7 @@ import numpy as np
 from occlog.array_types import NS, Bools, Ints
 from occlog.io.files.times.frame_times import MAX_RATE_DENOMINATOR
 
-from .container import MAX_FRAMES, BrokenContainerError, Container, cut_short, let_go, unknown_frames
+from .container import MAX_FRAMES, BrokenContainerError, Container, Faults, cut_short, let_go, unknown_frames
 
 EBML, SEGMENT, INFO, TRACKS, CLUSTER, CRC32 = 0x1A45DFA3, 0x18538067, 0x1549A966, 0x1654AE6B, 0x1F43B675, 0xBF
 TICK, DURATION = 0x2AD7B1, 0x4489
@@ -48,7 +48,7 @@ class _Found:
     scale: float = 1.0  # of the track's ticks
     codec: bytes = b""
     ticks: list[int] = field(default_factory=list)
-    problems: list[tuple[str, str]] = field(default_factory=list)
+    problems: Faults = field(default_factory=Faults)
 
 
 def recognised(data: mmap.mmap) -> bool:

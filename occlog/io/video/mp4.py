@@ -21,6 +21,8 @@ from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_sh
 LATEST = 2**62
 """Time [ticks, ns] or place [bytes] of a sample, at most."""
 USUAL_SPEED = 1 << 16
+SMALLEST_FRAME = 8
+"""Bytes."""
 
 
 class Samples(NamedTuple):
@@ -106,6 +108,11 @@ def read_fragments(data: mmap.mmap, moov: Span, moofs: list[Span], track_id: int
     return Samples(scale, *np.concatenate([np.zeros((0, 4), dtype=np.int64), *found.samples]).T)
 
 
+def most_samples(data: mmap.mmap) -> int:
+    """Samples of which there is no table: a frame takes a few bytes at least."""
+    return min(MAX_FRAMES, len(data) // SMALLEST_FRAME)
+
+
 class _Found:
     """Samples of fragments so far: (n, 4) time, duration, offset and size of each run."""
 
@@ -171,7 +178,7 @@ def _run(
         at += 4
     at += 4 if flags & 0x4 else 0
     fields = [bit for bit in (0x100, 0x200, 0x400, 0x800) if flags & bit]
-    if at + 4 * len(fields) * count > trun.stop or found.count + count > MAX_FRAMES or count > len(data):
+    if at + 4 * len(fields) * count > trun.stop or found.count + count > most_samples(data):
         raise BrokenContainerError(trun.start, f"a fragment of {count} samples is longer than its box")
     if not (abs(clock) < LATEST and abs(offset) < LATEST):
         raise BrokenContainerError(trun.start, "samples of a fragment at a time or place beyond 2^62")
@@ -201,7 +208,8 @@ def parse(data: mmap.mmap) -> Container:
     top: list[Span] = []
     try:
         for box in boxes(data, 0, len(data)):
-            top.append(box)
+            if box.kind in (b"moov", b"moof"):
+                top.append(box)
             if box.stop > len(data):
                 problems.append(cut_short(len(data), box.stop, f"box {box_name(box.kind)}"))
     except BrokenContainerError as bad:
@@ -275,7 +283,7 @@ def _sample_table(data: mmap.mmap, trak: Span, problems: list[tuple[str, str]]) 
 def _sizes(data: mmap.mmap, stsz: Span) -> Ints:
     uniform, count = unpack(data, ">II", stsz.start + 4)
     if uniform:
-        if count > min(MAX_FRAMES, len(data)):
+        if count > most_samples(data):
             raise BrokenContainerError(stsz.start, f"{count} samples announced")
         return np.full(count, uniform, dtype=np.int64)
     return read_table(data, stsz, 1, ">u4", head=8)[:, 0]
@@ -299,10 +307,10 @@ def _offsets(data: mmap.mmap, stbl: Span, size: Ints) -> Ints:
     if not len(chunks):
         chunks = read_table(data, find_box(data, stbl, b"co64"), 1, ">u8")[:, 0]
     stsc = read_table(data, find_box(data, stbl, b"stsc"), 3, ">u4")
-    first = np.append(stsc[:, 0] - 1, len(chunks))
-    per_chunk = np.zeros(len(chunks), dtype=np.int64)
-    for n, entry in enumerate(stsc):
-        per_chunk[max(first[n], 0) : max(first[n + 1], 0)] = entry[1]
+    runs = np.diff(np.append(stsc[:, 0] - 1, len(chunks)))
+    if len(stsc) and (stsc[0, 0] != 1 or (runs <= 0).any()):
+        raise BrokenContainerError(stbl.start, "the numbers of chunks do not rise from 1 (stsc)")
+    per_chunk = np.repeat(stsc[:, 1], runs) if len(stsc) else np.zeros(len(chunks), dtype=np.int64)
     if int(per_chunk.sum()) < len(size):
         if len(size) and not len(chunks):
             raise BrokenContainerError(stbl.start, "the places of the samples are missing")

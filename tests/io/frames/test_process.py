@@ -7,6 +7,7 @@ import signal
 import struct
 import subprocess
 import sys
+import time
 from fractions import Fraction
 from pathlib import Path
 
@@ -17,8 +18,11 @@ from video_samples import FRAMES, avi, jpeg, number_shown, numbered, write_video
 
 from occlog.errors import InputError
 from occlog.io.frames.camera_source import video_source
+from occlog.io.frames.decode import decode, examine
 from occlog.io.frames.process import Decoder, start_decoder
 from occlog.io.frames.video_stream import video_times
+from occlog.io.video.container import MAX_FRAMES
+from occlog.records.losses import Loss
 
 
 def decoder(path: Path, **more: object) -> Decoder:
@@ -166,6 +170,17 @@ def test_times_that_cannot_be_held_are_refused(tmp_path: Path, rule: str) -> Non
     source = video_source("cam", path, video_times(path, start_ns=start), start=0, stop=None, store="none", quality=95)
     with source.decoder, pytest.raises(InputError, match=r"mjpg\.mp4: frame \d+: a time of .* is out of range"):
         list(source.frames())
+
+
+def test_frames_that_are_not_in_the_file_are_not_waited_for(tmp_path: Path) -> None:
+    """The decoder was asked for each of ten millions that a header of 100 kB announced, which took 20 s."""
+    path = tmp_path / "v.avi"
+    path.write_bytes(avi([jpeg(k) for k in range(5)], announced=MAX_FRAMES))
+    begun = time.process_time()
+    losses: list[Loss] = []
+    assert len(list(decode(examine(path), 0, None, losses.append))) == 5
+    assert time.process_time() - begun < 8
+    assert losses[0].count == MAX_FRAMES - 5
 
 
 def test_black_bars_are_measured(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from occlog.io.video.container import Container
+from occlog.io.video.container import MAX_FAULTS, Container
 from occlog.io.video.reader import read_container
 
 STEP = 40_000_000
@@ -75,6 +75,14 @@ def test_a_track_may_have_ticks_of_its_own(tmp_path: Path, scale: float, shown: 
     own = element(0x23314F, struct.pack(">f", scale))
     data = video(cluster(0, block(0), block(40)), cluster(100, block(0)), more=own)
     assert times(parsed(tmp_path, data)) == shown
+
+
+def test_faults_are_told_up_to_a_limit(tmp_path: Path) -> None:
+    """Four bytes made one: 4 MB took 320 MB, and a million lines."""
+    rest = b"\x1f\x43\xb6\x75\x81\x00" * 1000
+    problems = parsed(tmp_path, video(cluster(0, block(0)), rest)).problems
+    assert len(problems) == MAX_FAULTS + 1
+    assert problems[-1][1].endswith("more places")
 
 
 def test_blocks_of_other_tracks_and_pictures_that_are_not_shown_are_no_frames(tmp_path: Path) -> None:
