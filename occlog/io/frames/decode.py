@@ -23,8 +23,9 @@ from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
-from .codec import MAX_PIXELS, dark_bars
+from .codec import dark_bars
 from .frame_losses import Ledger
+from .limits import MAX_PIXELS
 from .sizes import Changes, size_at
 
 PATIENCE = 64

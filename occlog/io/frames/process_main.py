@@ -200,6 +200,7 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
     first = _first_image(job, files)
     size = (first.shape[1], first.shape[0])
     send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first)})
+    del first  # it will be decoded again, and may be as large as is allowed
     log.news()
     delivered = 0
     for picture, data in load(files, size, losses.append, news):
