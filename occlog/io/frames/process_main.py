@@ -175,6 +175,7 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
             send(out, {"error": f"the decoder met damage ({said.replace(': ', ' ')})"})
         else:
             _send_image(out, {}, image, slots)
+        del image  # the next may need as much memory
 
 
 def _send_image(out: BinaryIO, header: Header, image: Image, slots: Slots | None) -> None:
@@ -210,6 +211,7 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
             send(out, {"i": picture.index, "p": None, "k": kind}, data)
         else:
             _deliver(job, out, picture.index, picture.pos_ns, picture.image)
+        del picture, data
     if not delivered:
         raise InputError(f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}")
 
