@@ -113,11 +113,20 @@ def _describe(
     frames = container.frames if container else (int(count) if 0 < count < 2**31 else None)
     # Those whose bytes are not in the file need not be waited for
     there = frames if container is None or frames is None else frames - int(container.broken.sum())
-    pictures = _raw_pictures(there, capture, complaint)
+    heard: list[str] = []
+
+    def said() -> str:
+        text = complaint()
+        if text and not heard:
+            heard.append(text)
+        return text
+
+    pictures = _raw_pictures(there, capture, said)
     first = next(pictures, None)
     ok, image = first.fetch(None) if first is not None else (False, None)
     if first is None or not ok or image is None:
-        raise InputError(f"{path}: not one frame can be decoded{_faults(container)}; copy or repair the file")
+        decoder = f"; the decoder says: {heard[0]}" if heard else ""
+        raise InputError(f"{path}: not one frame can be decoded{_faults(container)}{decoder}; copy or repair the file")
     size = (image.shape[1], image.shape[0])
     rate_hz = rate if 1e-6 < rate <= 1e6 else None
     return VideoFile(path, size, frames, rate_hz, container, dark_bars(image), capture, chain([first], pictures))

@@ -183,6 +183,14 @@ def test_frames_that_are_not_in_the_file_are_not_waited_for(tmp_path: Path) -> N
     assert losses[0].count == MAX_FRAMES - 5
 
 
+def test_why_nothing_can_be_decoded_is_told(tmp_path: Path) -> None:
+    """A codec that FFmpeg was built without (AV1) looked like damage."""
+    path = tmp_path / "v.avi"
+    path.write_bytes(avi([b"no picture at all"] * 3))
+    with pytest.raises(InputError, match=r"not one frame can be decoded; the decoder says: .*; copy"), decoder(path):
+        pass
+
+
 def test_black_bars_are_measured(tmp_path: Path) -> None:
     framed = np.zeros((140, 160, 3), np.uint8)
     framed[8:133] = 120
