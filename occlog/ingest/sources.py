@@ -101,7 +101,11 @@ def _videos(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSo
     store = "none" if plan.store == "link" else (plan.store or "jpeg")
     out = []
     for name, path in plan.video.items():
-        times = times_of(plan, name, sidecars) or video_times(path, start_ns=start_of(plan, name))
+        given = for_sensor(plan.fps, name)
+        times = times_of(plan, name, sidecars) if name in sidecars else None
+        if times is None:
+            fps = None if given is None else as_rate(given)
+            times = video_times(path, fps=fps, start_ns=start_of(plan, name))
         times = times.by(clock_of(scene, name))
         out.append(video_source(name, path, times, start=start, stop=stop, store=store, quality=plan.jpeg_quality))
     return out

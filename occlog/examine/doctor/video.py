@@ -42,7 +42,7 @@ def look_at_video(path: Path, findings: Findings) -> None:
 
 
 def _look_at_times(container: Container, findings: Findings) -> None:
-    if not container.stamped or container.pts_ns is None or len(container.pts_ns) < 3:
+    if container.pts_ns is None or len(container.pts_ns) < 3:
         return
     steps = np.diff(container.pts_ns).astype(np.float64)
     usual = float(np.median(steps))

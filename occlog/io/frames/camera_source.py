@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.times.frame_times import FrameTimes, as_rate
+from occlog.io.files.times.timestamps import MAX_NS
 from occlog.records.losses import Loss
 
 from .folder import ImageFolder
@@ -38,6 +40,7 @@ class CameraSource:
         last: int | None = None
         late: list[int] = []
         for t_ns, frame in stream:
+            self._check(t_ns, frame)
             if last is not None and t_ns <= last:
                 late.append(frame.index)
                 continue
@@ -47,6 +50,13 @@ class CameraSource:
             what = "time stamps repeat or go back; these frames were left out"
             self.losses.append(Loss(self.path.name, f"from frame {late[0]} on", what, len(late)))
         self.losses.extend(self.decoder.losses)
+
+    def _check(self, t_ns: int, frame: Delivered) -> None:
+        if t_ns > MAX_NS:
+            raise InputError(
+                f"{self.path}: frame {frame.index}: a time of {t_ns / NS:.6g} s is out of range; times from 1970 to "
+                "2115 can be held; give the frame rate, or time stamps"
+            )
 
     def _with_times(self) -> Iterator[tuple[int, Delivered]]:
         delivered = self.decoder.delivered()
@@ -80,7 +90,9 @@ class CameraSource:
             self.times = rate_times(rate, "stated by the file", self.times.start_ns).by(self.times.clock)
         for frame in chain(head, delivered):
             if good:
-                yield int(self.times.world(np.array([self.times.start_ns + (frame.pos_ns or 0)]))[0]), frame
+                t_ns = self.times.start_ns + (frame.pos_ns or 0)
+                self._check(t_ns, frame)
+                yield int(self.times.world(np.array([t_ns]))[0]), frame
             else:
                 yield int(self.times.at(np.array([frame.index]))[0]), frame
 

@@ -11,8 +11,8 @@ import numpy as np
 from occlog.errors import InputError
 from occlog.records.frames import Image
 
-MAX_PIXELS = 100_000_000
-"""Larger images are refused: 8192 x 8192 has 67 million pixels."""
+from .limits import MAX_PIXELS
+
 MAX_SCANS = 200
 """Scans of a JPEG image at most: progressive ones have some ten, and each goes through all pixels again."""
 PNG_MARK = b"\x89PNG\r\n\x1a\n"
@@ -101,6 +101,8 @@ def decode_image(data: bytes, where: str) -> Image:
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR) if data else None
     except cv2.error as error:
+        if error.func == "validateInputImageSize":
+            raise InputError(f"{where}: has more pixels than the limit, {MAX_PIXELS}") from None
         raise InputError(f"{where}: cannot be decoded ({' '.join(str(error.err).split())})") from None
     if image is None:
         raise InputError(f"{where}: not an image that can be decoded ({len(data)} bytes)")

@@ -23,12 +23,15 @@ from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
-from .codec import MAX_PIXELS, dark_bars
+from .codec import dark_bars
 from .frame_losses import Ledger
+from .limits import MAX_PIXELS
 from .sizes import Changes, size_at
 
 PATIENCE = 64
 """Failed reads in a row, beyond the frames still expected, after which the file is taken to be at its end."""
+MAX_HELD = 16
+"""Pictures that a decoder holds to bring them into their order, at most (H.264)."""
 TRIAL = 4
 """Pictures that must fit the container's list of frames before it is trusted."""
 WHAT = "a video file"
@@ -108,11 +111,22 @@ def _describe(
     rate = float(container.rate) if container and container.rate else fps
     count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
     frames = container.frames if container else (int(count) if 0 < count < 2**31 else None)
-    pictures = _raw_pictures(frames, capture, complaint)
+    # Those whose bytes are not in the file need not be waited for
+    there = frames if container is None or frames is None else frames - int(container.broken.sum())
+    heard: list[str] = []
+
+    def said() -> str:
+        text = complaint()
+        if text and not heard:
+            heard.append(text)
+        return text
+
+    pictures = _raw_pictures(there, capture, said)
     first = next(pictures, None)
     ok, image = first.fetch(None) if first is not None else (False, None)
     if first is None or not ok or image is None:
-        raise InputError(f"{path}: not one frame can be decoded{_faults(container)}; copy or repair the file")
+        decoder = f"; the decoder says: {heard[0]}" if heard else ""
+        raise InputError(f"{path}: not one frame can be decoded{_faults(container)}{decoder}; copy or repair the file")
     size = (image.shape[1], image.shape[0])
     rate_hz = rate if 1e-6 < rate <= 1e6 else None
     return VideoFile(path, size, frames, rate_hz, container, dark_bars(image), capture, chain([first], pictures))
@@ -209,10 +223,33 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw]) -> Iterator[
     places = [_place(container, raw) for raw in head]
     rising = all(b > a for a, b in pairwise(places) if a >= 0 and b >= 0)
     listed = bool(head) and rising and _distinct(container) and sum(p >= 0 for p in places) * 2 >= len(head)
-    for raw in head:
-        yield replace(raw, index=_place(container, raw)) if listed else raw
+    every = chain(head, pictures)
+    yield from _placed(container, every, _lateness(container, head[0])) if listed and container else every
+
+
+def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterator[_Raw]:
+    """The pictures with their numbers from the container's list; without, each of them is `late` frames late."""
+    last, held = -1, late
     for raw in pictures:
-        yield replace(raw, index=_place(container, raw)) if listed else raw
+        index = _place(container, raw)
+        if index >= late:
+            index -= late
+        elif held and last >= 0 and not raw.pos_ns:  # comes when there are no packets any more, and has no time
+            index, held = last + 1, held - 1
+        last = max(last, index)
+        yield replace(raw, index=index)
+
+
+def _lateness(container: Container | None, first: _Raw) -> int:
+    """For how many packets the decoder of an AVI file holds a picture before it delivers it.
+
+    Where pictures are stored in another order than shown (B-frames), the first one comes with a later packet.  So it
+    does where those before it cannot be decoded, but of that decoders complain.
+    """
+    if container is None or container.packets is None or first.complaint:
+        return 0
+    place = _place(container, first)
+    return place if 0 < place <= MAX_HELD and not container.broken[:place].any() and not container.problems else 0
 
 
 def _distinct(container: Container | None) -> bool:
@@ -226,7 +263,7 @@ def _place(container: Container | None, raw: _Raw) -> int:
         return -1
     if container.packets is not None:
         # AVI has no stamps: the decoder's time is the number of the packet.
-        packet = round(raw.pos_ns / NS * float(container.rate or 0))
+        packet = round(raw.pos_ns / NS * float(container.rate or 0)) - container.first_packet
         return int(container.packets[packet]) if 0 <= packet < len(container.packets) else -1
     pts = container.pts_ns
     pos = raw.pos_ns + container.first_ns

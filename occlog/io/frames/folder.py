@@ -106,7 +106,10 @@ def load(
             odd = f"{found[0]} x {found[1]} px where {size[0]} x {size[1]} was expected"
             lost(Loss(file.parent.name, file.name, f"the decoder met damage ({said})" if said else odd, 1))
             continue
-        yield Picture(index, float("nan"), image), data
+        picture = Picture(index, float("nan"), image)
+        del image  # only whoever takes it holds it: the next may need as much memory
+        yield picture, data
+        del picture
 
 
 @dataclass(frozen=True, eq=False)

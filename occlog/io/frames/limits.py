@@ -11,6 +11,8 @@ with suppress(ImportError):  # no such limits on Windows
     import resource
 LIMITED = "resource" in globals()
 
+MAX_PIXELS = 100_000_000
+"""Larger images are refused: 8192 x 8192 has 67 million pixels."""
 MEMORY = 2 * 2**30
 """Address space of a decoder [B]; a damaged file can ask for any amount."""
 MEMORY_PER_PIXEL = 24

@@ -29,7 +29,7 @@ from occlog.errors import InputError
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
-from .limits import SECONDS
+from .limits import MAX_PIXELS, SECONDS
 from .memory import SHARED, SharedImages, slot_size
 from .nursery import FORKS, NURSERY, Forked
 
@@ -266,9 +266,12 @@ def start_decoder(job: DecodingJob) -> Decoder:
 
 def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | Forked:
     """A process that waits for its job."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OPENCV_FFMPEG_", "OPENCV_LOG"))}
+    environment = {
+        k: v for k, v in os.environ.items() if not k.startswith(("OPENCV_FFMPEG_", "OPENCV_LOG", "OPENCV_IO_"))
+    }
     # -P and an explicit path: the process must find this very package, whatever the working folder holds.
     package = str(Path(occlog.__file__).resolve().parents[1])
+    environment["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(MAX_PIXELS)
     environment["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and nothing is computed
     environment["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
     if FORKS:

@@ -175,6 +175,7 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
             send(out, {"error": f"the decoder met damage ({said.replace(': ', ' ')})"})
         else:
             _send_image(out, {}, image, slots)
+        del image  # the next may need as much memory
 
 
 def _send_image(out: BinaryIO, header: Header, image: Image, slots: Slots | None) -> None:
@@ -200,6 +201,7 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
     first = _first_image(job, files)
     size = (first.shape[1], first.shape[0])
     send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first)})
+    del first  # it will be decoded again, and may be as large as is allowed
     log.news()
     delivered = 0
     for picture, data in load(files, size, losses.append, news):
@@ -209,6 +211,7 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
             send(out, {"i": picture.index, "p": None, "k": kind}, data)
         else:
             _deliver(job, out, picture.index, picture.pos_ns, picture.image)
+        del picture, data
     if not delivered:
         raise InputError(f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}")
 

@@ -61,6 +61,9 @@ def packet_size(data: bytes) -> Size | None:
 def _h264_size(data: bytes) -> Size | None:
     """Size in the first sequence parameter set of an Annex B packet."""
     at = data.find(START_CODE, 0, MAX_SEARCH)
+    # Packets of MPEG-1, 2 and 4 begin with other codes, and later ones of theirs (slice 7) look like parameters
+    if not b"\0" < data[at + 3 : at + 4] < b"\x80":
+        return None
     while at >= 0 and at + 4 < len(data):
         if data[at + 3] & 0x9F == 7:
             stop = data.find(START_CODE, at + 3)

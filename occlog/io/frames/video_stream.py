@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.io.files.times.frame_times import FrameTimes, as_rate
+from occlog.errors import InputError
+from occlog.io.files.times.frame_times import FrameTimes, as_rate, frames_to_ns
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 
@@ -24,9 +25,19 @@ def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
     return FrameTimes(f"sidecar {name}", start_ns, table_ns)
 
 
-def rate_times(rate: Fraction, origin: str, start_ns: int = 0) -> FrameTimes:
-    """Times of frames from a frame rate; `origin` says who gave it."""
-    return FrameTimes(f"frame rate {float(rate):.10g} fps ({origin})", start_ns, None, rate)
+def rate_times(rate: Fraction, origin: str, start_ns: int = 0, steps: Ints | None = None) -> FrameTimes:
+    """Times of frames from a frame rate.
+
+    Args:
+        rate: frames per second.
+        origin: who gave it.
+        start_ns: time of the first frame.
+        steps: (n,) how many intervals after the start each frame was taken; None: frame k after k of them.
+    """
+    source = f"frame rate {float(rate):.10g} fps ({origin})"
+    if steps is None:
+        return FrameTimes(source, start_ns, None, rate)
+    return FrameTimes(f"{source}, with the intervals of dropped frames", start_ns, frames_to_ns(steps, rate))
 
 
 def video_times(
@@ -43,19 +54,25 @@ def video_times(
     Returns:
         Times whose `table_ns` and `rate` are both None where only the decoder knows the
         time stamps: containers other than MP4, MKV and AVI, and damaged ones.
+
+    Raises:
+        InputError: the file cannot be read, or its time stamps repeat and it states no frame rate.
     """
-    if fps is not None:
-        return rate_times(fps, "given", start_ns)
     container = read_container(path)
+    if fps is not None:
+        return rate_times(fps, "given", start_ns, None if container is None else container.steps)
     if container is None:
         return FrameTimes(STAMPS, start_ns)
     if container.stamped and _plausible(container):
         return FrameTimes(STAMPS, start_ns, container.pts_ns)
     rate = container.rate or (as_rate(stated_hz) if stated_hz else None)
-    if rate is None:
-        return FrameTimes(STAMPS, start_ns)
     repeats = container.stamped and container.pts_ns is not None
-    return rate_times(rate, "time stamps of the file repeat" if repeats else "stated by the file", start_ns)
+    if rate is None:
+        if repeats:
+            raise InputError(f"{path}: the times of its frames repeat, and it states no frame rate; give one, or times")
+        return FrameTimes(STAMPS, start_ns)
+    origin = "time stamps of the file repeat" if repeats else "stated by the file"
+    return rate_times(rate, origin, start_ns, container.steps)
 
 
 def _plausible(container: Container) -> bool:

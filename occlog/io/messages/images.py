@@ -9,7 +9,8 @@ import numpy as np
 
 from occlog.errors import InputError
 from occlog.io.frames.apart import decode_apart
-from occlog.io.frames.codec import MAX_PIXELS, encode_image, image_damage, image_kind, image_size
+from occlog.io.frames.codec import encode_image, image_damage, image_kind, image_size
+from occlog.io.frames.limits import MAX_PIXELS
 from occlog.records.frames import Image
 
 from .kinds import ImageMessage

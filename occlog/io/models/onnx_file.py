@@ -7,10 +7,14 @@ refused unless these lie in the model's own folder.
 
 from __future__ import annotations
 
+import math
 import mmap
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
+
+import numpy as np
 
 from occlog.errors import InputError
 
@@ -28,6 +32,16 @@ LONGEST = 1024 * 1024
 """Bytes of a name or of a text of the metadata."""
 KINDS = {1: "float32", 2: "uint8", 3: "int8", 6: "int32", 7: "int64", 10: "float16", 11: "float64", 16: "bfloat16"}
 """Types of elements by their number in `TensorProto.DataType`."""
+
+
+BITS = {1: 32, 2: 8, 3: 8, 4: 16, 5: 16, 6: 32, 7: 64, 9: 8, 10: 16, 11: 64, 12: 32, 13: 64, 16: 16}
+"""Of an element, by the number of its type; runtimes read as many as the dimensions say, whatever is there."""
+TYPED = {4: 4, 5: 0, 7: 0, 10: 8, 11: 0}
+"""Fields of a tensor with values one by one, in place of their bytes, and the bytes of each; 0: that varies."""
+LONGEST_SIDE = 2**31 - 1
+"""Dimension of a tensor, at most."""
+ABOVE_ZERO = ("strides", "dilations", "kernel_shape", "group", "blocksize", "size", "num_groups")
+"""Attributes by which runtimes divide."""
 
 
 @dataclass(frozen=True)
@@ -157,13 +171,22 @@ class _Walk:
         for number, attribute in self._messages(data):
             if number != 5:
                 continue
-            for part, value in self._messages(attribute):
-                if part in (5, 10):
+            name, numbers, lists = "", list[int](), list[memoryview]()
+            for part, value in self._fields(attribute):
+                if isinstance(value, int):
+                    numbers += [value] if part in (3, 8) else []
+                elif part == 1:
+                    name = _text(value)
+                elif part == 8:
+                    lists.append(value)
+                elif part in (5, 10):
                     self._tensor(value)
                 elif part in (22, 23):
                     self._sparse(value)
                 elif part in (6, 11):
                     self._graph(value, depth + 1)
+            if name in ABOVE_ZERO and not all(0 < n < 2**63 for n in chain(numbers, *map(_varints, lists))):
+                raise _DamageError(f"{name} of 0 or less")
 
     def _sparse(self, data: memoryview) -> None:
         """SparseTensorProto: values, indices."""
@@ -173,13 +196,36 @@ class _Walk:
 
     def _tensor(self, data: memoryview) -> None:
         """TensorProto: its name, and where its values are if not here."""
-        for number, value in self._messages(data):
-            if number == 8:
-                self.given.add(_text(value))
+        sides: list[int] = []
+        kind, name, raw, typed, beside = 0, "", 0, 0, False
+        for number, value in self._fields(data):
+            if isinstance(value, int):
+                if number == 1:
+                    sides.append(value)
+                elif number == 2:
+                    kind = value
+                elif number == 14:
+                    beside = value == 1
+                typed += number in TYPED
+            elif number == 1:
+                sides.extend(_varints(value))
+            elif number == 8:
+                name = _text(value)
+                self.given.add(name)
+            elif number == 9:
+                raw = len(value)
             elif number == 13:
                 key, text = self._entry(value)
                 if key == "location":
                     self.places.append(text)
+            elif number in TYPED:
+                typed += _count(value, TYPED[number])
+        if any(side > LONGEST_SIDE for side in sides):
+            raise _DamageError(f"weights {name[:40]!r} with a dimension beyond {LONGEST_SIDE}")
+        wanted = math.prod(sides)
+        there = typed if typed else raw * 8 // BITS.get(kind, 1)
+        if kind in BITS and not beside and there != wanted:
+            raise _DamageError(f"weights {name[:40]!r} have {there} values where {wanted} were expected")
 
     def _entry(self, data: memoryview) -> tuple[str, str]:
         """StringStringEntryProto."""
@@ -254,6 +300,19 @@ def _varint(data: memoryview, place: int) -> tuple[int, int]:
         if byte < 0x80:
             return value, place
     raise _DamageError("a number has more than 64 bits")
+
+
+def _varints(data: memoryview) -> Iterator[int]:
+    """Whole numbers one behind the other."""
+    place = 0
+    while place < len(data):
+        value, place = _varint(data, place)
+        yield value
+
+
+def _count(data: memoryview, width: int) -> int:
+    """Numbers of so many bytes one behind the other; 0: of as many as each says."""
+    return len(data) // width if width else int(np.count_nonzero(np.frombuffer(data, np.uint8) < 0x80))
 
 
 def _text(data: memoryview) -> str:

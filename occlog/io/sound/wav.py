@@ -27,6 +27,8 @@ PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 OPEN = (0, 0xFFFFFFFF)
 """Lengths that a recorder writes first and corrects at the end."""
 MOST_CHANNELS, MOST_RATE = 4096, 10_000_000
+LOUDEST = 1e30
+"""Full scale is 1; squares of much more leave the range of numbers."""
 
 
 @dataclass
@@ -57,7 +59,7 @@ class Sound:
             for begin in range(0, self.frames, size):
                 n = min(size, self.frames - begin)
                 samples = self._samples(file.read(n * self.channels * self.bits // 8))
-                wrong = ~np.isfinite(samples)
+                wrong = ~(np.abs(samples) <= LOUDEST)
                 if wrong.any():
                     rows = np.flatnonzero(wrong.any(axis=1))
                     first = first if bad else begin + int(rows[0])
@@ -66,7 +68,12 @@ class Sound:
                 yield samples
         if bad:
             self.losses.append(
-                Loss(self.path.name, f"frame {first} and later", "samples that are no numbers were taken for 0", bad)
+                Loss(
+                    self.path.name,
+                    f"frame {first} and later",
+                    "samples that are no numbers, or beyond 1e30, were taken for 0",
+                    bad,
+                )
             )
 
     def _samples(self, data: bytes) -> Floats:

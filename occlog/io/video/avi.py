@@ -7,18 +7,33 @@ can still be read are worked out here, also behind a damaged stretch.
 from __future__ import annotations
 
 import mmap
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 
 import numpy as np
 
+from occlog.array_types import Bools, Ints
 from occlog.io.files.times.frame_times import frames_to_ns
 
-from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, let_go, unknown_frames, unpack
+from .container import (
+    MAX_FRAMES,
+    BrokenContainerError,
+    Container,
+    Faults,
+    Span,
+    cut_short,
+    let_go,
+    unknown_frames,
+    unpack,
+)
 
 EMPTY = -1
 MIN_RATE, MAX_RATE = 0.01, 1e6
+LATEST_START = 3600
+"""A stream that is said to begin later [s] is decoded from 0 on."""
+PALETTE = b"pc"
 _LISTS = (b"RIFF", b"LIST")
 
 
@@ -29,10 +44,11 @@ def recognised(data: mmap.mmap) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """What the header states of a video stream: its number, frame rate, number of frames, bytes of the largest one."""
+    """What the header states of a video stream: number, frame rate, first packet, count of frames, largest one [B]."""
 
     number: int
     rate: Fraction
+    first: int
     announced: int
     largest: int
 
@@ -42,7 +58,7 @@ class _Found:
     """What a walk through the file has met so far."""
 
     chunks: list[tuple[int, int]] = field(default_factory=list)  # (place, bytes) of the video stream's chunks
-    problems: list[tuple[str, str]] = field(default_factory=list)
+    problems: Faults = field(default_factory=Faults)
     header: Span | None = None
     index: Span | None = None
     movies: list[Span] = field(default_factory=list)
@@ -108,22 +124,18 @@ def _video_stream(data: mmap.mmap, header: Span) -> _Stream:
             continue
         strh = next((c for c in _chunks(data, part.start + 4, part.stop) if c.kind == b"strh"), None)
         if strh is not None and data[strh.start : strh.start + 4] == b"vids":
-            scale, rate, _, length, largest = unpack(data, "<IIIII", strh.start + 20)
+            scale, rate, first, length, largest = unpack(data, "<IIIII", strh.start + 20)
             if scale == 0 or not MIN_RATE <= rate / scale <= MAX_RATE:
                 raise BrokenContainerError(strh.start, f"a frame rate of {rate}/{scale}")
-            return _Stream(number, Fraction(rate, scale), length, largest)
+            first = first if first <= LATEST_START * rate // scale else 0
+            return _Stream(number, Fraction(rate, scale), first, length, largest)
         number += 1
     raise BrokenContainerError(header.start, "it names no video stream")
 
 
 def _container(data: mmap.mmap, found: _Found, stream: _Stream) -> Container:
-    numbered, announced, rate = (
-        _numbered_chunks(data, found, f"{stream.number:02d}".encode()),
-        stream.announced,
-        stream.rate,
-    )
-    number = np.fromiter(numbered, dtype=np.int64, count=len(numbered))
-    place, size = np.array(list(numbered.values()), dtype=np.int64).reshape(-1, 2).T
+    number, place, size = _numbered_chunks(data, found, f"{stream.number:02d}".encode()).T
+    announced, rate = stream.announced, stream.rate
     last = int(number.max(initial=-1)) + 1
     if announced > max(MAX_FRAMES, last):
         found.problems.append(("header", f"{announced} frames announced; that cannot be"))
@@ -140,18 +152,35 @@ def _container(data: mmap.mmap, found: _Found, stream: _Stream) -> Container:
     packets = np.where(shown[number], np.searchsorted(kept, number), EMPTY)
     pts = frames_to_ns(kept, rate.limit_denominator(10**6))
     largest = (stream.largest, int(size.max(initial=0)))
-    return Container("avi", pts, broken[kept], False, rate, tuple(found.problems), packets, largest=largest)
+    steps = kept if len(kept) < n else None
+    return Container(
+        "avi",
+        pts,
+        broken[kept],
+        False,
+        rate,
+        tuple(found.problems),
+        packets,
+        first_packet=stream.first,
+        steps=steps,
+        largest=largest,
+    )
 
 
-def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tuple[int, int]]:
-    """Place and size of the readable chunks of a stream by frame number, in the order of the file.
+def _is_frame(kind: bytes, tag: bytes) -> bool:
+    """Whether a chunk holds a frame of the stream; the others that have its number change its palette."""
+    return kind[:2] == tag and kind[2:] != PALETTE
+
+
+def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> Ints:
+    """(n, 3) frame number, place and size of the readable chunks of a stream, in the order of the file.
 
     Chunks follow each other, so each is numbered by counting.  Behind a damaged header the
     index tells the number of the next chunk that stands where the index says; where there
     is none, nothing behind the damage can be given a number, and the walk ends.
     """
-    out: dict[int, tuple[int, int]] = {}
-    index = _index(data, found, tag)
+    out = array("q")
+    index: tuple[Ints, Ints] | None = None
     number = done = 0
     for movie in found.movies:
         at = movie.start + 4
@@ -160,47 +189,45 @@ def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tu
             done = let_go(data, at, done)
             kind, size = data[at : at + 4], unpack(data, "<I", at + 4)[0]
             if _is_name(kind) and (kind == b"LIST" or at + 8 + size <= movie.stop):
-                if kind[:2] == tag:
-                    out[number] = (at + 8, size)
+                if _is_frame(kind, tag):
+                    out.extend((number, at + 8, size))
                     number += 1
                 at += 12 if kind == b"LIST" else 8 + size + (size & 1)
                 continue
-            # Index entries rise in place and number, so the first that fits is the nearest.
-            resume = next(
-                (
-                    (index[k][0], k)
-                    for k in range(number, len(index))
-                    if index[k][0] - 8 > at and _fits(data, *index[k], tag)
-                ),
-                None,
-            )
+            if index is None:
+                index = _index(data, found, tag)
+            resume = max(np.searchsorted(index[0], at, "right"), np.searchsorted(index[1], number))
             where = f"byte {at}"
-            if resume is None:
+            if resume == len(index[0]):
                 found.problems.append((where, "damaged; frames behind it cannot be given a number and are left out"))
-                return out
-            found.problems.append((where, f"damaged up to byte {resume[0] - 8}"))
-            number = resume[1]
-            at = resume[0] - 8
-    return out
+                return np.array(out, dtype=np.int64).reshape(-1, 3)
+            at, number = int(index[0][resume]), int(index[1][resume])
+            found.problems.append((where, f"damaged up to byte {at}"))
+    return np.array(out, dtype=np.int64).reshape(-1, 3)
 
 
-def _fits(data: mmap.mmap, place: int, size: int, tag: bytes) -> bool:
-    """Whether a chunk of the stream really stands where the index says."""
-    if place > len(data):
-        return False
-    return data[place - 8 : place - 6] == tag and unpack(data, "<I", place - 4)[0] == size
-
-
-def _index(data: mmap.mmap, found: _Found, tag: bytes) -> list[tuple[int, int]]:
-    """Place and size of each chunk of a stream as the index (idx1) gives them; empty without an index."""
+def _index(data: mmap.mmap, found: _Found, tag: bytes) -> tuple[Ints, Ints]:
+    """First byte and frame number, both rising, of the chunks of a stream that stand where the index (idx1) says."""
+    none = np.zeros(0, dtype=np.int64)
     if found.index is None or not found.movies:
-        return []
+        return none, none
     size = max(min(found.index.stop, len(data)) - found.index.start, 0) // 16 * 16
-    table = np.frombuffer(data, "<u4", size // 4, found.index.start).reshape(-1, 4)
-    tags = np.frombuffer(data, "S4", size // 4, found.index.start).reshape(-1, 4)[:, 0]
-    mine = [row for row, name in zip(table.tolist(), tags, strict=True) if bytes(name)[:2] == tag]
-    if not mine:
-        return []
+    entry = np.dtype([("name", "S4"), ("flags", "<u4"), ("place", "<u4"), ("size", "<u4")])
+    table = np.frombuffer(data, entry, size // 16, found.index.start)
+    table = table[_are_frames(table["name"], tag)]
+    if not len(table):
+        return none, none
     # Offsets count from the word `movi`, or in some files from the beginning.
-    base = found.movies[0].start if mine[0][2] < found.movies[0].start else 0
-    return [(base + offset + 8, length) for _, _, offset, length in mine]
+    base = found.movies[0].start if table["place"][0] < found.movies[0].start else 0
+    place = table["place"].astype(np.int64) + base
+    number = np.flatnonzero(place + 8 <= len(data))
+    head = np.dtype([("name", "S4"), ("size", "<u4")])
+    there = np.ndarray(len(data) - 7, head, data, strides=1)[place[number]]  # a head may begin at any byte
+    number = number[_are_frames(there["name"], tag) & (there["size"] == table["size"][number])]
+    last = np.maximum.accumulate(place[number])
+    number = number[np.diff(last, prepend=-1) > 0]
+    return place[number], number
+
+
+def _are_frames(names: np.ndarray, tag: bytes) -> Bools:
+    return np.char.startswith(names, tag) & ~np.char.endswith(names, PALETTE)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import mmap
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -20,6 +21,9 @@ from occlog.array_types import Bools, Ints
 
 MAX_FRAMES = 10_000_000
 """A container that announces more frames than it holds is believed up to this number."""
+
+MAX_FAULTS = 20
+"""Faults told one by one; the others are counted."""
 
 RELEASE_BYTES = 4 * 2**20
 
@@ -36,6 +40,8 @@ class Container:
         rate: frames per second as stated, None if not.
         problems: (place, what) of every fault found.
         packets: AVI only: frame number of each readable packet in order, -1 for an empty one.
+        first_packet: AVI only: number from which the decoder counts packets.
+        steps: AVI only: (n,) how many frame intervals after the first packet each frame is; None: frame k is after k.
         first_ns: time in `pts_ns` of the first frame that is still in the file.
         largest: AVI only: bytes of the largest frame as the header states them, and of the largest one that is there.
     """
@@ -47,6 +53,8 @@ class Container:
     rate: Fraction | None
     problems: tuple[tuple[str, str], ...] = ()
     packets: Ints | None = None
+    first_packet: int = 0
+    steps: Ints | None = None
     first_ns: int = 0
     largest: tuple[int, int] | None = None
 
@@ -54,6 +62,33 @@ class Container:
     def frames(self) -> int | None:
         """Number of frames announced, None if it is not known."""
         return None if self.pts_ns is None else len(self.pts_ns)
+
+
+class Faults:
+    """(place, what) of faults that were found, in a bounded space."""
+
+    def __init__(self) -> None:
+        self._told: list[tuple[str, str]] = []
+        self._more: list[str] = []  # places of the first and the last of the others
+        self._count = 0
+
+    def append(self, fault: tuple[str, str]) -> None:
+        """Add one."""
+        if len(self._told) < MAX_FAULTS:
+            self._told.append(fault)
+            return
+        self._more[1:] = [fault[0]]
+        self._count += 1
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return bool(self._told)
+
+    def __iter__(self) -> Iterator[tuple[str, str]]:
+        """The first ones, and the others in one."""
+        yield from self._told
+        if self._more:
+            yield f"{self._more[0]} to {self._more[-1]}", f"damaged in {self._count} more places"
 
 
 class BrokenContainerError(ValueError):

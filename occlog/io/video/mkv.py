@@ -15,12 +15,15 @@ import numpy as np
 from occlog.array_types import NS, Bools, Ints
 from occlog.io.files.times.frame_times import MAX_RATE_DENOMINATOR
 
-from .container import MAX_FRAMES, BrokenContainerError, Container, cut_short, let_go, unknown_frames
+from .container import MAX_FRAMES, BrokenContainerError, Container, Faults, cut_short, let_go, unknown_frames
 
 EBML, SEGMENT, INFO, TRACKS, CLUSTER, CRC32 = 0x1A45DFA3, 0x18538067, 0x1549A966, 0x1654AE6B, 0x1F43B675, 0xBF
 TICK, DURATION = 0x2AD7B1, 0x4489
-ENTRY, NUMBER, TYPE, FRAME_NS, CODEC = 0xAE, 0xD7, 0x83, 0x23E383, 0x86
+ENTRY, NUMBER, TYPE, FRAME_NS, CODEC, TRACK_SCALE = 0xAE, 0xD7, 0x83, 0x23E383, 0x86, 0x23314F
 CLUSTER_TIME, SIMPLE_BLOCK, GROUP, BLOCK = 0xE7, 0xA3, 0xA0, 0xA1
+SMALLEST_SCALE = 0.01
+LATEST = 2**62
+"""Time of a frame [ns], at most."""
 CLUSTER_MARK = CLUSTER.to_bytes(4, "big")
 _LEVEL1 = {INFO, TRACKS, CLUSTER, 0x114D9B74, 0x1C53BB6B, 0x1254C367, 0x1043A770, 0x1941A469, 0xEC, CRC32}
 
@@ -42,9 +45,10 @@ class _Found:
     duration: float = 0.0  # ticks
     track: int | None = None
     frame_ns: int = 0
+    scale: float = 1.0  # of the track's ticks
     codec: bytes = b""
     ticks: list[int] = field(default_factory=list)
-    problems: list[tuple[str, str]] = field(default_factory=list)
+    problems: Faults = field(default_factory=Faults)
 
 
 def recognised(data: mmap.mmap) -> bool:
@@ -158,12 +162,17 @@ def _uint(data: mmap.mmap, e: Element) -> int:
     return int.from_bytes(data[e.start : min(e.stop or e.start, e.start + 8)], "big")
 
 
+def _float(data: mmap.mmap, e: Element, otherwise: float) -> float:
+    layout = {4: ">f", 8: ">d"}.get((e.stop or e.start) - e.start)
+    return struct.unpack_from(layout, data, e.start)[0] if layout is not None else otherwise
+
+
 def _info(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
     for e in children(data, start, stop):
         if e.id == TICK:
             found.tick_ns = max(_uint(data, e), 1)
-        elif e.id == DURATION and e.stop is not None and e.stop - e.start in (4, 8):
-            (found.duration,) = struct.unpack(">f" if e.stop - e.start == 4 else ">d", data[e.start : e.stop])
+        elif e.id == DURATION:
+            found.duration = _float(data, e, 0.0)
 
 
 def _tracks(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
@@ -172,6 +181,8 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
         if NUMBER in values and TYPE in values and _uint(data, values[TYPE]) == 1:
             found.track = _uint(data, values[NUMBER])
             found.frame_ns = _uint(data, values[FRAME_NS]) if FRAME_NS in values else 0
+            scale = _float(data, values[TRACK_SCALE], 1.0) if TRACK_SCALE in values else 1.0
+            found.scale = scale if SMALLEST_SCALE <= scale < np.inf else 1.0
             found.codec = data[values[CODEC].start : values[CODEC].stop or 0] if CODEC in values else b""
             return
 
@@ -211,11 +222,15 @@ def _block(data: mmap.mmap, e: Element, base: int, found: _Found) -> None:
     shift, flags, first = struct.unpack_from(">hBB", data, e.start + width)
     hidden = flags & 0x08 or (found.codec == b"V_VP8" and not first >> 4 & 1)
     if not hidden:
-        found.ticks.append(base + shift)
+        found.ticks.append(int(base / found.scale) + shift if found.scale != 1 else base + shift)
 
 
 def _container(found: _Found) -> Container:
-    ticks = np.array(sorted(found.ticks), dtype=np.int64) * found.tick_ns
+    # Whole numbers, as FFmpeg has them, whose times the pictures get
+    tick_ns = max(int(found.tick_ns * found.scale), 1) if found.scale != 1 else found.tick_ns
+    if max(map(abs, found.ticks), default=0) * tick_ns > LATEST:
+        return unknown_frames("matroska", *found.problems, ("clusters", "times of frames beyond 2^62 ns"))
+    ticks = np.array([tick * tick_ns for tick in sorted(found.ticks)], dtype=np.int64)
     rate = Fraction(NS, found.frame_ns).limit_denominator(MAX_RATE_DENOMINATOR) if found.frame_ns else None
     pts, broken, first = _fill_grid(ticks, found)
     return Container("matroska", pts, broken, True, rate, tuple(found.problems), first_ns=first)

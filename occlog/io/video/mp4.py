@@ -14,12 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Ints
+from occlog.array_types import NS, Bools, Ints
 
 from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, unknown_frames, unpack
 
 LATEST = 2**62
-"""Time [ticks] or place [bytes] of a sample, at most."""
+"""Time [ticks, ns] or place [bytes] of a sample, at most."""
+USUAL_SPEED = 1 << 16
+SMALLEST_FRAME = 8
+"""Bytes."""
 
 
 class Samples(NamedTuple):
@@ -105,6 +108,11 @@ def read_fragments(data: mmap.mmap, moov: Span, moofs: list[Span], track_id: int
     return Samples(scale, *np.concatenate([np.zeros((0, 4), dtype=np.int64), *found.samples]).T)
 
 
+def most_samples(data: mmap.mmap) -> int:
+    """Samples of which there is no table: a frame takes a few bytes at least."""
+    return min(MAX_FRAMES, len(data) // SMALLEST_FRAME)
+
+
 class _Found:
     """Samples of fragments so far: (n, 4) time, duration, offset and size of each run."""
 
@@ -170,7 +178,7 @@ def _run(
         at += 4
     at += 4 if flags & 0x4 else 0
     fields = [bit for bit in (0x100, 0x200, 0x400, 0x800) if flags & bit]
-    if at + 4 * len(fields) * count > trun.stop or found.count + count > MAX_FRAMES or count > len(data):
+    if at + 4 * len(fields) * count > trun.stop or found.count + count > most_samples(data):
         raise BrokenContainerError(trun.start, f"a fragment of {count} samples is longer than its box")
     if not (abs(clock) < LATEST and abs(offset) < LATEST):
         raise BrokenContainerError(trun.start, "samples of a fragment at a time or place beyond 2^62")
@@ -200,7 +208,8 @@ def parse(data: mmap.mmap) -> Container:
     top: list[Span] = []
     try:
         for box in boxes(data, 0, len(data)):
-            top.append(box)
+            if box.kind in (b"moov", b"moof"):
+                top.append(box)
             if box.stop > len(data):
                 problems.append(cut_short(len(data), box.stop, f"box {box_name(box.kind)}"))
     except BrokenContainerError as bad:
@@ -219,19 +228,30 @@ def parse(data: mmap.mmap) -> Container:
 
 def _container(data: mmap.mmap, moov: Span, moofs: list[Span], problems: list[tuple[str, str]]) -> Container:
     trak, track_id = _video_track(data, moov)
-    samples = _sample_table(data, trak)
+    samples = _sample_table(data, trak, problems)
     if moofs:
         samples = _join(samples, read_fragments(data, moov, moofs, track_id, samples.scale))
     order = np.argsort(samples.time, kind="stable")
     time = samples.time[order]
     broken = (samples.offset + samples.size)[order] > len(data)
     shown = _edited(data, moov, trak, samples, time)
+    if shown is None:
+        problems.append(
+            (
+                "edit list",
+                "it repeats or reorders parts, leaves some out or changes the speed; times are the decoder's, "
+                "not those of recording: give time stamps or a frame rate",
+            )
+        )
     if shown is None or not len(time):
         return unknown_frames("mp4", *problems)
     time, broken = time[shown], broken[shown]
+    if len(time) and int(time[-1] - time[0]) > LATEST // NS * samples.scale:
+        raise BrokenContainerError(moov.start, "times of samples beyond 2^62 ns")
     pts = _ticks_to_ns(time - time[0], samples.scale) if len(time) else time
-    mean = float(np.median(samples.duration)) if len(samples.duration) else 0.0
-    rate = Fraction(samples.scale, int(mean)).limit_denominator(1001) if mean >= 1 else None
+    lasting = samples.duration[samples.duration > 0]
+    step = int(np.median(lasting)) if len(lasting) else 0
+    rate = Fraction(samples.scale, step).limit_denominator(1001) if step else None
     return Container("mp4", pts, broken, True, rate, tuple(problems))
 
 
@@ -245,12 +265,16 @@ def _video_track(data: mmap.mmap, moov: Span) -> tuple[Span, int]:
     raise BrokenContainerError(moov.start, "it names no video track")
 
 
-def _sample_table(data: mmap.mmap, trak: Span) -> Samples:
+def _sample_table(data: mmap.mmap, trak: Span, problems: list[tuple[str, str]]) -> Samples:
     scale = ticks_per_second(data, need_box(data, trak, b"mdia", b"mdhd"))
     stbl = need_box(data, trak, b"mdia", b"minf", b"stbl")
     size = _sizes(data, need_box(data, stbl, b"stsz"))
     n = len(size)
-    duration = _runs(read_table(data, find_box(data, stbl, b"stts"), 2, ">i4"), n)
+    lasting = read_table(data, find_box(data, stbl, b"stts"), 2, ">i4")
+    timed = int(np.maximum(lasting[:, 0], 0).sum())
+    if timed < n:
+        problems.append((f"byte {stbl.start}", f"the table of times (stts) has those of {timed} of {n} samples"))
+    duration = _runs(lasting, n)
     shift = _runs(read_table(data, find_box(data, stbl, b"ctts"), 2, ">i4"), n)
     time = np.concatenate([[0], np.cumsum(duration)[:-1]]).astype(np.int64) + shift if n else shift
     return Samples(scale, time, duration, _offsets(data, stbl, size), size)
@@ -259,7 +283,7 @@ def _sample_table(data: mmap.mmap, trak: Span) -> Samples:
 def _sizes(data: mmap.mmap, stsz: Span) -> Ints:
     uniform, count = unpack(data, ">II", stsz.start + 4)
     if uniform:
-        if count > min(MAX_FRAMES, len(data)):
+        if count > most_samples(data):
             raise BrokenContainerError(stsz.start, f"{count} samples announced")
         return np.full(count, uniform, dtype=np.int64)
     return read_table(data, stsz, 1, ">u4", head=8)[:, 0]
@@ -283,10 +307,10 @@ def _offsets(data: mmap.mmap, stbl: Span, size: Ints) -> Ints:
     if not len(chunks):
         chunks = read_table(data, find_box(data, stbl, b"co64"), 1, ">u8")[:, 0]
     stsc = read_table(data, find_box(data, stbl, b"stsc"), 3, ">u4")
-    first = np.append(stsc[:, 0] - 1, len(chunks))
-    per_chunk = np.zeros(len(chunks), dtype=np.int64)
-    for n, entry in enumerate(stsc):
-        per_chunk[max(first[n], 0) : max(first[n + 1], 0)] = entry[1]
+    runs = np.diff(np.append(stsc[:, 0] - 1, len(chunks)))
+    if len(stsc) and (stsc[0, 0] != 1 or (runs <= 0).any()):
+        raise BrokenContainerError(stbl.start, "the numbers of chunks do not rise from 1 (stsc)")
+    per_chunk = np.repeat(stsc[:, 1], runs) if len(stsc) else np.zeros(len(chunks), dtype=np.int64)
     if int(per_chunk.sum()) < len(size):
         if len(size) and not len(chunks):
             raise BrokenContainerError(stbl.start, "the places of the samples are missing")
@@ -309,16 +333,22 @@ def _edited(data: mmap.mmap, moov: Span, trak: Span, samples: Samples, time: Int
         words = read_table(data, elst, 5, ">i4")
         entries = words[:, [0, 2]] * 2**32 + (words[:, [1, 3]] & 0xFFFFFFFF)
     else:
-        entries = read_table(data, elst, 3, ">i4")[:, [0, 1]]
+        words = read_table(data, elst, 3, ">i4")
+        entries = words[:, [0, 1]]
         entries[:, 0] &= 0xFFFFFFFF
-    played = entries[entries[:, 1] >= 0]
-    if len(played) != 1:
-        return np.ones(len(time), dtype=np.bool_) if not len(played) else None
-    scale = ticks_per_second(data, need_box(data, moov, b"mvhd"))
-    start = int(played[0, 1])
-    length = int(played[0, 0]) * samples.scale / scale
-    stop = start + length if length > 0 else np.inf
-    return np.asarray((time >= start) & (time < stop), dtype=np.bool_)
+    is_played = entries[:, 1] >= 0
+    if not is_played.any():
+        return np.ones(len(time), dtype=np.bool_)
+    # A pause before the first part shifts all frames; what comes behind it must go on where it ends
+    first = int(is_played.argmax())
+    ticks = samples.scale / ticks_per_second(data, need_box(data, moov, b"mvhd"))
+    lengths, starts = (entries[first:, k].astype(np.float64) for k in (0, 1))
+    goes_on = np.abs(starts[:-1] + lengths[:-1] * ticks - starts[1:]) <= max(ticks, 1.0)
+    if not goes_on.all() or (words[first:, -1] != USUAL_SPEED).any():
+        return None
+    length = float(lengths.sum()) * ticks
+    stop = starts[0] + length if length > 0 else np.inf
+    return np.asarray((time >= starts[0]) & (time < stop), dtype=np.bool_)
 
 
 def _ticks_to_ns(ticks: Ints, scale: int) -> Ints:

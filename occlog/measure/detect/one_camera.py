@@ -5,6 +5,7 @@ Frames that cannot be used become losses.
 
 from __future__ import annotations
 
+import math
 import zlib
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -18,7 +19,7 @@ from occlog.measure.clusters.crowds import SeenApart
 from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
 from occlog.measure.clusters.stage import cell_side
 from occlog.measure.detections import PERSON_HEIGHT
-from occlog.measure.regions.background import Subtractor, foreground, make_subtractor
+from occlog.measure.regions.background import Subtractor, foreground, largest_image, make_subtractor
 from occlog.measure.regions.components import component_regions
 from occlog.measure.regions.regions import Regions, cluster_regions
 from occlog.measure.regions.shrink import enlarge, shrink, shrink_factor, shrink_sizes
@@ -184,11 +185,20 @@ def upright(scene: Scene) -> bool:
 
 
 def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> int:
-    """Factor by which a camera's images are shrunk, from the options or the size of people in them."""
+    """Factor by which a camera's images are shrunk, from the options or the size of people in them.
+
+    Raises:
+        InputError: so shrunk they are too large for a model of the background.
+    """
+    sizes = known_sizes(camera, scene, size, config) if config.shrink is None else None
     if config.shrink is not None:
-        return config.shrink
-    sizes = known_sizes(camera, scene, size, config)
-    return shrink_factor(sizes.width_px) if sizes is not None else max(1, round(max(size) / UNKNOWN_SIDE_PX))
+        factor = config.shrink
+    elif sizes is not None:
+        factor = shrink_factor(sizes.width_px)
+    else:
+        factor = max(1, round(max(size) / UNKNOWN_SIDE_PX))
+    check_background(camera, config.background, size, factor)
+    return factor
 
 
 def check_size(camera: Camera, size: tuple[int, int]) -> None:
@@ -201,6 +211,16 @@ def check_size(camera: Camera, size: tuple[int, int]) -> None:
             f"camera {camera.name}: frames are {size[0]} x {size[1]} px but the scene says "
             f"{camera.image_size[0]} x {camera.image_size[1]}: the calibration is for other images; correct "
             "image_size_px, focal_px and principal_point_px of the camera"
+        )
+
+
+def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: int) -> None:
+    """Raise InputError where images of this size, shrunk by a factor, are too large for a model of the background."""
+    pixels, most = size[0] * size[1], largest_image(kind)
+    if pixels / factor**2 > most:
+        raise InputError(
+            f"camera {camera.name}: frames are {size[0]} x {size[1]} px; the background ({kind}) is learnt from "
+            f"images of up to {most} pixels; shrink them by {math.ceil(math.sqrt(pixels / most))} or more (shrink)"
         )
 
 

@@ -19,6 +19,12 @@ FOREGROUND = 255  # OpenCV marks shadows with 127
 DEFAULT_THRESHOLD = {"mog2": 36.0, "knn": 800.0}
 """Above OpenCV's 16 and 400: clouds brighten a wall by more than that within seconds."""
 
+LARGEST_IMAGE, LARGEST_KNN = 34_000_000, 25_000_000
+"""Pixels of an image.
+
+The models take 100 and 84 bytes for each, and OpenCV counts those of KNN in 32 bits: larger ones end the process.
+"""
+
 KNN_START_FRAMES = 30  # fills the short, middle and long sample sets of the KNN model
 
 
@@ -60,6 +66,11 @@ def make_subtractor(
     for _ in range(KNN_START_FRAMES if kind == "knn" else 0):
         model.apply(start, learningRate=0.5)
     return Subtractor(model, 1.0 / history, seed)
+
+
+def largest_image(kind: str) -> int:
+    """Pixels that an image for a model of this kind may have."""
+    return LARGEST_KNN if kind == "knn" else LARGEST_IMAGE
 
 
 def foreground(subtractor: Subtractor, image: Bytes, number: int, clean_px: int) -> Bytes:

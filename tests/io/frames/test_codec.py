@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.frames.codec import BLACK, MAX_PIXELS, PNG_MARK, dark_bars, decode_image, image_damage, image_size
+from occlog.io.frames.codec import BLACK, PNG_MARK, dark_bars, decode_image, image_damage, image_size
+from occlog.io.frames.limits import MAX_PIXELS
 
 
 def png_head(width: int, height: int) -> bytes:

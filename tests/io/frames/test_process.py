@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 import subprocess
 import sys
+import time
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -15,8 +18,11 @@ from video_samples import FRAMES, avi, jpeg, number_shown, numbered, write_video
 
 from occlog.errors import InputError
 from occlog.io.frames.camera_source import video_source
+from occlog.io.frames.decode import decode, examine
 from occlog.io.frames.process import Decoder, start_decoder
 from occlog.io.frames.video_stream import video_times
+from occlog.io.video.container import MAX_FRAMES
+from occlog.records.losses import Loss
 
 
 def decoder(path: Path, **more: object) -> Decoder:
@@ -118,6 +124,71 @@ def test_a_container_that_only_the_decoder_knows(tmp_path: Path) -> None:
         frames = [(t, f.index) for t, f in source.frames()]
     assert frames == [(40_000_000 * k + 7, k) for k in range(10) if k != 3]  # FFmpeg takes such streams for 25 fps
     assert [(loss.place, loss.count) for loss in source.losses] == [("frame 3", 1)]
+
+
+@pytest.mark.parametrize(("fps", "step"), [(None, 50_000_000), (Fraction(10), 100_000_000)])
+def test_a_frame_that_an_avi_recorder_dropped_takes_its_time(tmp_path: Path, fps: Fraction | None, step: int) -> None:
+    dropped = (3, 4, 9)
+    path = tmp_path / "v.avi"
+    path.write_bytes(avi([b"" if k in dropped else jpeg(k) for k in range(12)]))
+    source = video_source("cam", path, video_times(path, fps=fps), start=0, stop=None, store="raw", quality=95)
+    with source.decoder:
+        frames = [(t, number_shown(f.image)) for t, f in source.frames()]
+    assert frames == [(step * k, k) for k in range(12) if k not in dropped]
+    assert source.losses == []
+
+
+@pytest.mark.parametrize("start", [1, 10, 30, 72_000])
+def test_a_stream_of_avi_that_begins_later_keeps_all_frames(tmp_path: Path, start: int) -> None:
+    """FFmpeg counts packets from there: so many frames were told lost, and others took their places."""
+    path = tmp_path / "v.avi"
+    path.write_bytes(avi([jpeg(k) for k in range(20)], start=start))
+    with decoder(path) as running:
+        assert [(f.index, number_shown(f.image)) for f in running.delivered()] == [(k, k) for k in range(20)]
+    assert running.losses == []
+
+
+@pytest.mark.parametrize("name", ["v.mkv", "v.avi"])
+def test_frames_that_are_stored_in_another_order_are_all_there(tmp_path: Path, name: str) -> None:
+    """MPEG-2 has B-frames: the decoder is one packet late, and slices look like parameters of H.264."""
+    path = write_video(tmp_path / name, fourcc="mpg2")
+    with decoder(path) as running:
+        assert [(f.index, number_shown(f.image)) for f in running.delivered()] == [(k, k) for k in range(FRAMES)]
+    assert running.losses == []
+
+
+@pytest.mark.parametrize("rule", ["stamps", "table"])
+def test_times_that_cannot_be_held_are_refused(tmp_path: Path, rule: str) -> None:
+    """Those of a damaged file ended the command with an error of the writer, or were written."""
+    path = write_video(tmp_path / "mjpg.mp4")
+    data = bytearray(path.read_bytes())
+    struct.pack_into(">I", data, data.index(b"stts") + 16, 2**31 - 1 if rule == "stamps" else 10**9)
+    struct.pack_into(">I", data, data.index(b"mdhd") + 16, 1 if rule == "stamps" else 10)
+    data[data.index(b"edts") : data.index(b"edts") + 4] = b"free"
+    path.write_bytes(bytes(data))
+    start = 0 if rule == "stamps" else 2**62 - 10**18
+    source = video_source("cam", path, video_times(path, start_ns=start), start=0, stop=None, store="none", quality=95)
+    with source.decoder, pytest.raises(InputError, match=r"mjpg\.mp4: frame \d+: a time of .* is out of range"):
+        list(source.frames())
+
+
+def test_frames_that_are_not_in_the_file_are_not_waited_for(tmp_path: Path) -> None:
+    """The decoder was asked for each of ten millions that a header of 100 kB announced, which took 20 s."""
+    path = tmp_path / "v.avi"
+    path.write_bytes(avi([jpeg(k) for k in range(5)], announced=MAX_FRAMES))
+    begun = time.process_time()
+    losses: list[Loss] = []
+    assert len(list(decode(examine(path), 0, None, losses.append))) == 5
+    assert time.process_time() - begun < 8
+    assert losses[0].count == MAX_FRAMES - 5
+
+
+def test_why_nothing_can_be_decoded_is_told(tmp_path: Path) -> None:
+    """A codec that FFmpeg was built without (AV1) looked like damage."""
+    path = tmp_path / "v.avi"
+    path.write_bytes(avi([b"no picture at all"] * 3))
+    with pytest.raises(InputError, match=r"not one frame can be decoded; the decoder says: .*; copy"), decoder(path):
+        pass
 
 
 def test_black_bars_are_measured(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_networks import constant_network, helper, numpy_helper, onnx
+from small_networks import constant_network, helper, numpy_helper, onnx, save
 
 from occlog.errors import InputError
 from occlog.io.models.onnx_file import DEEPEST, Port, read_onnx
@@ -118,3 +118,38 @@ def test_graphs_too_deep_in_graphs_are_refused(tmp_path: Path) -> None:
     (tmp_path / "deep.onnx").write_bytes(model.SerializeToString())
     with pytest.raises(InputError, match="deep"):
         read_onnx(tmp_path / "deep.onnx")
+
+
+WEIGHTS = {
+    "beyond": ([2**31, 2**31], np.zeros(4, np.float32), "a dimension beyond"),
+    "negative": ([-1, 3], np.zeros(4, np.float32), "a dimension beyond"),
+    "few": ([1, 3, 64, 64], np.zeros(4, np.float32), "have 4 values where 12288 were expected"),
+    "many": ([1], np.zeros(4, np.float32), "have 4 values where 1 were expected"),
+}
+
+
+@pytest.mark.parametrize("typed", [False, True])
+@pytest.mark.parametrize("case", WEIGHTS)
+def test_weights_are_as_many_as_their_dimensions_say(tmp_path: Path, case: str, typed: bool) -> None:
+    """OpenCV read what lies behind them in memory, or ended the process."""
+    sides, values, told = WEIGHTS[case]
+    tensor = onnx.TensorProto(name="w", dims=sides, data_type=1)
+    if typed:
+        tensor.float_data.extend(values.tolist())
+    else:
+        tensor.raw_data = values.tobytes()
+    path = save(tmp_path / "m.onnx", [helper.make_node("Add", ["images", "w"], ["o"])], {}, {"o": [1, 3, 64, 64]})
+    model = onnx.load(path)
+    model.graph.initializer.append(tensor)
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(InputError, match=told):
+        read_onnx(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("strides", [0, 0]), ("kernel_shape", [1, -1]), ("group", 0)])
+def test_attributes_by_which_runtimes_divide_are_above_zero(tmp_path: Path, name: str, value: object) -> None:
+    """Strides of 0 ended the process with a floating point exception of OpenCV."""
+    node = helper.make_node("Conv", ["images", "w"], ["o"], **{name: value})
+    path = save(tmp_path / "m.onnx", [node], {"w": np.ones((1, 3, 1, 1), np.float32)}, {"o": [1, 1, 64, 64]})
+    with pytest.raises(InputError, match=f"{name} of 0 or less"):
+        read_onnx(path)

@@ -82,9 +82,11 @@ def test_what_is_cut_off_is_counted(tmp_path: Path) -> None:
     assert [(loss.place, loss.count) for loss in sound.losses] == [("frame 5", 15)]
 
 
-def test_samples_that_are_no_numbers_are_counted(tmp_path: Path) -> None:
+@pytest.mark.parametrize("wrong", [np.nan, 1e31, -3e38])
+def test_samples_that_are_no_numbers_are_counted(tmp_path: Path, wrong: float) -> None:
+    """Of large ones the squares were infinite, and frames of sound were left out without a word."""
     x = np.ones((9, 2), dtype="<f4")
-    x[4, 1], x[7] = np.nan, np.inf
+    x[4, 1], x[7] = wrong, np.inf
     sound = open_sound(wav(tmp_path / "a.wav", x.tobytes(), tag=3, bits=32))
     read = np.concatenate(list(sound.blocks(4)))
     assert read.sum() == 15

@@ -59,6 +59,16 @@ def test_a_frame_is_broken_when_its_last_byte_is_missing(tmp_path: Path) -> None
     assert parsed(tmp_path, data[: last - 1]).broken.tolist() == [False, False, True]
 
 
+def test_a_change_of_the_palette_is_no_frame(tmp_path: Path) -> None:
+    """Each was announced as a frame, and told lost."""
+    data = avi([PICTURE] * 2 + [b"palette!"] + [PICTURE], announced=3)
+    place = data.index(b"palette!") - 8
+    for at in (place, data.rindex(b"idx1") + 8 + 2 * 16):
+        data = data[:at] + b"00pc" + data[at + 4 :]
+    found = parsed(tmp_path, data)
+    assert (found.frames, found.problems) == (3, ())
+
+
 def test_the_header_and_a_video_stream_are_needed(tmp_path: Path) -> None:
     assert "the header is missing" in parsed(tmp_path, b"RIFF" + struct.pack("<I", 4) + b"AVI ").problems[-1][1]
     silent = avi([PICTURE] * 3).replace(b"vids", b"auds")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from occlog.io.video.container import Container
+from occlog.io.video.container import MAX_FAULTS, Container
 from occlog.io.video.reader import read_container
 
 STEP = 40_000_000
@@ -34,10 +34,10 @@ def cluster(time_ms: int, *blocks: bytes, size: bytes | None = None) -> bytes:
 
 
 def video(
-    *clusters: bytes, duration: bytes = b"", codec: bytes = b"V_MJPEG", kind: int = 1, frame_ns: int = STEP
+    *clusters: bytes, duration: bytes = b"", codec: bytes = b"V_MJPEG", kind: int = 1, more: bytes = b""
 ) -> bytes:
     info = element(0x1549A966, number(0x2AD7B1, 1_000_000) + duration)
-    track = number(0xD7, 1) + number(0x83, kind) + number(0x23E383, STEP) + element(0x86, codec)
+    track = number(0xD7, 1) + number(0x83, kind) + number(0x23E383, STEP) + element(0x86, codec) + more
     tracks = element(0x1654AE6B, element(0xAE, track))
     return element(0x1A45DFA3, b"") + element(0x18538067, info + tracks + b"".join(clusters))
 
@@ -59,6 +59,30 @@ def test_blocks_count_from_their_cluster_in_both_directions(tmp_path: Path) -> N
     found = parsed(tmp_path, video(cluster(0, block(0)), cluster(100, block(20), block(-20), block(60))))
     assert times(found) == [0, 80, 120, 160]
     assert (found.rate, found.problems) == (Fraction(25), ())
+
+
+@pytest.mark.parametrize(("time", "tick_ns"), [(2**63, 1), (2**40, 2**30), (1, 2**64 - 1)])
+def test_times_beyond_all_numbers_are_told(tmp_path: Path, time: int, tick_ns: int) -> None:
+    """They ended the command with an error of NumPy, or became other times."""
+    data = video(cluster(time, block(0), block(1))).replace(number(0x2AD7B1, 1_000_000), number(0x2AD7B1, tick_ns))
+    found = parsed(tmp_path, data)
+    assert found.frames is None
+    assert "beyond 2^62 ns" in found.problems[-1][1]
+
+
+@pytest.mark.parametrize(("scale", "shown"), [(0.5, [0, 20, 100]), (2.0, [0, 80, 100]), (0.0, [0, 40, 100])])
+def test_a_track_may_have_ticks_of_its_own(tmp_path: Path, scale: float, shown: list[int]) -> None:
+    own = element(0x23314F, struct.pack(">f", scale))
+    data = video(cluster(0, block(0), block(40)), cluster(100, block(0)), more=own)
+    assert times(parsed(tmp_path, data)) == shown
+
+
+def test_faults_are_told_up_to_a_limit(tmp_path: Path) -> None:
+    """Four bytes made one: 4 MB took 320 MB, and a million lines."""
+    rest = b"\x1f\x43\xb6\x75\x81\x00" * 1000
+    problems = parsed(tmp_path, video(cluster(0, block(0)), rest)).problems
+    assert len(problems) == MAX_FAULTS + 1
+    assert problems[-1][1].endswith("more places")
 
 
 def test_blocks_of_other_tracks_and_pictures_that_are_not_shown_are_no_frames(tmp_path: Path) -> None:

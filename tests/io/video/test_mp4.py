@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from video_samples import box
 
+from occlog.errors import InputError
+from occlog.io.frames.video_stream import video_times
 from occlog.io.video.container import MAX_FRAMES, Container
 from occlog.io.video.reader import read_container
 
@@ -41,11 +43,15 @@ def samples(sizes: tuple[int, ...] = SIZES, offset: int = 0, duration: int = 40)
     )
 
 
-def movie(stbl: bytes, scale: int = 1000, handler: bytes = b"vide") -> bytes:
+def movie(
+    stbl: bytes, scale: int = 1000, handler: bytes = b"vide", edits: list[tuple[int, ...]] | None = None
+) -> bytes:
     mdhd = box(b"mdhd", struct.pack(">IIIIII", 0, 0, 0, scale, 0, 0))
     hdlr = box(b"hdlr", struct.pack(">II4s", 0, 0, handler) + bytes(12))
     mdia = box(b"mdia", mdhd + hdlr + box(b"minf", box(b"stbl", stbl)))
-    return box(b"moov", box(b"trak", box(b"tkhd", struct.pack(">IIII", 0, 0, 0, 1)) + mdia))
+    mvhd = box(b"mvhd", struct.pack(">IIII", 0, 0, 0, 100))
+    edts = b"" if edits is None else box(b"edts", table(b"elst", edits))
+    return box(b"moov", mvhd + box(b"trak", box(b"tkhd", struct.pack(">IIII", 0, 0, 0, 1)) + edts + mdia))
 
 
 def whole(sizes: tuple[int, ...] = SIZES) -> bytes:
@@ -73,6 +79,67 @@ def test_times_of_one_tick_per_second_are_read_and_of_none_are_not(tmp_path: Pat
     assert slow.pts_ns is not None
     assert slow.pts_ns.tolist() == [0, 10**9, 2 * 10**9]
     assert "a time scale of 0" in parsed(tmp_path, movie(samples(), scale=0)).problems[-1][1]
+
+
+PAUSE, SPEED = 2**32 - 1, 1 << 16
+
+
+@pytest.mark.parametrize(
+    ("edits", "shown"),
+    [
+        ([(50, PAUSE, SPEED), (12, 0, SPEED)], [0, 40, 80]),
+        ([(4, 0, SPEED), (4, 40, SPEED)], [0, 40]),
+        ([(4, 40, SPEED), (8, 80, SPEED)], [0, 40]),
+        ([(0, 40, SPEED)], [0, 40]),
+    ],
+)
+def test_an_edit_list_may_begin_with_a_pause_and_play_parts_that_go_on(
+    tmp_path: Path, edits: list[tuple[int, ...]], shown: list[int]
+) -> None:
+    found = parsed(tmp_path, movie(samples(), edits=edits))
+    assert found.pts_ns is not None
+    assert [t // 10**6 for t in found.pts_ns.tolist()] == shown
+    assert found.problems == ()
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        [(4, 0, SPEED), (4, 80, SPEED)],
+        [(4, 0, SPEED), (4, 0, SPEED)],
+        [(4, 0, SPEED), (50, PAUSE, SPEED), (8, 40, SPEED)],
+        [(6, 0, 2 * SPEED)],
+        [(50, 0, 0), (12, 0, SPEED)],
+    ],
+)
+def test_that_an_edit_list_changes_times_is_told(tmp_path: Path, edits: list[tuple[int, ...]]) -> None:
+    """Frames were left out, shown twice or at other times without a word."""
+    found = parsed(tmp_path, movie(samples(), edits=edits))
+    assert found.frames is None
+    assert [place for place, _ in found.problems] == ["edit list"]
+
+
+def test_times_beyond_all_numbers_are_told(tmp_path: Path) -> None:
+    """They became other times."""
+    found = parsed(tmp_path, movie(samples(sizes=(1,) * 9, duration=2**31 - 1), scale=1))
+    assert found.frames is None
+    assert "beyond 2^62 ns" in found.problems[-1][1]
+
+
+def test_a_table_of_times_that_is_too_short_is_told(tmp_path: Path) -> None:
+    """The mean of 40 ms and of the missing ones, 0, was taken for the frame rate: twice the right one."""
+    found = parsed(
+        tmp_path, movie(samples(sizes=(1,) * 4).replace(struct.pack(">II", 4, 40), struct.pack(">II", 2, 40)))
+    )
+    assert found.rate == 25
+    assert "has those of 2 of 4 samples" in found.problems[0][1]
+
+
+def test_times_that_repeat_need_a_frame_rate(tmp_path: Path) -> None:
+    parsed(tmp_path, movie(samples(duration=0)))
+    with pytest.raises(InputError, match="repeat, and it states no frame rate; give one"):
+        video_times(tmp_path / "v.mp4")
+    assert video_times(tmp_path / "v.mp4", fps=Fraction(5)).rate == 5
 
 
 def test_a_box_is_at_least_as_long_as_its_head(tmp_path: Path) -> None:
@@ -106,9 +173,17 @@ def test_more_equal_samples_than_the_limit_are_not_believed(tmp_path: Path) -> N
     uniform = box(b"stsz", struct.pack(">III", 0, 1, 3))
     assert parsed(tmp_path, movie(uniform + stbl)).frames == 3
     long = len(movie(uniform + stbl))
-    for count, known in ((long, True), (long + 1, False)):  # each takes a byte at least
+    for count, known in ((long // 8, True), (long // 8 + 1, False)):  # each takes some bytes at least
         uniform = box(b"stsz", struct.pack(">III", 0, 1, count))
         assert (parsed(tmp_path, movie(uniform + stbl)).frames is not None) == known
+
+
+@pytest.mark.parametrize("first", [(2,), (1, 1), (3, 1), (0, 1), (1, 2)])
+def test_numbers_of_chunks_rise(tmp_path: Path, first: tuple[int, ...]) -> None:
+    """Each step back filled the table anew: 8 MB of them took a minute."""
+    rows = [(number, 1, 1) for number in first]
+    stbl = samples().replace(table(b"stsc", [(1, 3, 1)]), table(b"stsc", rows))
+    assert "do not rise from 1" in parsed(tmp_path, movie(stbl)).problems[-1][1]
 
 
 def fragments(runs: list[tuple[int, int, bytes]], clock: int = 0) -> bytes:
@@ -141,13 +216,14 @@ def test_runs_of_fragments_are_as_each_sample_says(tmp_path: Path, flags: int) -
     assert found.pts_ns.tolist() == [(t - min(told)) * 1_000_000 for t in sorted(told)]
 
 
-def test_runs_of_more_samples_than_the_file_has_bytes_are_not_believed(tmp_path: Path) -> None:
-    """Seven million of them, which take no byte of the file to say, took ten seconds."""
-    long = len(fragments([(0, 3, b"")]))
-    for count, known in ((long, True), (long + 1, False), (7_000_000, False)):
+def test_runs_of_more_samples_than_the_file_has_bytes_for_are_not_believed(tmp_path: Path) -> None:
+    """Seven million of them, which take no byte of the file to say, took 10 s, and ten runs of a million 1 GB."""
+    most = len(fragments([(0, 3, b"")])) // 8
+    for count, known in ((most, True), (most + 1, False), (7_000_000, False)):
         found = parsed(tmp_path, fragments([(0, count, b"")]))
         assert (found.frames == count) == known
         assert known or f"a fragment of {count} samples is longer" in found.problems[-1][1]
+    assert parsed(tmp_path, fragments([(0, most, b"")] * 3)).frames is None
     for clock, known in ((2**62 - 1, True), (2**62, False)):
         assert (parsed(tmp_path, fragments([(0, 1, b"")], clock)).frames == 1) == known
 

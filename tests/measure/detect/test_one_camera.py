@@ -14,6 +14,7 @@ from occlog.measure.detect.one_camera import (
     BLOCK,
     UNKNOWN_SIDE_PX,
     CameraState,
+    check_background,
     check_size,
     known_sizes,
     plain_image,
@@ -136,3 +137,15 @@ def test_an_image_of_another_size_than_the_first_is_lost() -> None:
     assert (
         f"image is {WIDTH} x {HEIGHT - 2} px in colour, the camera's first was {WIDTH} x {HEIGHT}" in got.losses[0].what
     )
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "factor", "wanted"), [("mog2", (9990, 9990), 1, 2), ("knn", (10003, 5112), 1, 2)]
+)
+def test_backgrounds_of_images_beyond_the_limit_are_refused(
+    kind: str, size: tuple[int, int], factor: int, wanted: int
+) -> None:
+    """KNN ended the process with a segmentation fault, MOG2 with an error of OpenCV after 3 GB."""
+    with pytest.raises(InputError, match=rf"camera .*: frames are .*; shrink them by {wanted} or more \(shrink\)"):
+        check_background(CAMERA, kind, size, factor)
+    check_background(CAMERA, kind, size, wanted)

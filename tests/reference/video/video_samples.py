@@ -63,26 +63,28 @@ def jpeg(index: int, size: tuple[int, int] = (WIDTH, HEIGHT)) -> bytes:
     return cv2.imencode(".jpg", numbered(index, size))[1].tobytes()
 
 
-def avi(chunks: list[bytes], rate: int = 20, announced: int | None = None) -> bytes:
-    """A motion-JPEG AVI file of given chunks (an empty one is a frame that the recorder dropped)."""
+def avi(
+    chunks: list[bytes], rate: int = 20, announced: int | None = None, start: int = 0, codec: bytes = b"MJPG"
+) -> bytes:
+    """An AVI file of given chunks (an empty one is a frame that the recorder dropped), motion JPEG if not said."""
     strh = struct.pack(
         "<4s4sIHHIIIIIIII8s",
         b"vids",
-        b"MJPG",
+        codec,
         0,
         0,
         0,
         0,
         1,
         rate,
-        0,
+        start,
         len(chunks) if announced is None else announced,
         0,
         0xFFFFFFFF,
         0,
         b"\0" * 8,
     )
-    strf = struct.pack("<IiiHH4sIiiII", 40, WIDTH, HEIGHT, 1, 24, b"MJPG", WIDTH * HEIGHT * 3, 0, 0, 0, 0)
+    strf = struct.pack("<IiiHH4sIiiII", 40, WIDTH, HEIGHT, 1, 24, codec, WIDTH * HEIGHT * 3, 0, 0, 0, 0)
     avih = struct.pack("<14I", 1000000 // rate, 0, 0, 0x10, len(chunks), 0, 1, 0, WIDTH, HEIGHT, 0, 0, 0, 0)
     hdrl = _list(b"hdrl", _chunk(b"avih", avih) + _list(b"strl", _chunk(b"strh", strh) + _chunk(b"strf", strf)))
     body, index = b"", b""
