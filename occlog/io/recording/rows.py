@@ -125,14 +125,6 @@ class RowCollector(Generic[T]):
             message = self._decoder.decode(data)
             told = {name: values for name in self._columns if (values := getattr(message, name)) is not None}
             (n,) = set(map(len, told.values()))
-            for name, values in told.items():
-                self._lists[name].extend(values)
-            if len(told) < len(self._columns):  # an older recording
-                for name in self._columns.keys() - told.keys():
-                    self._lists[name].extend([self._columns[name]] * n)
-            self._lists["t_ns"].extend([message.t_ns] * n)
-            if self._has_sensor:
-                self._lists["sensor"].extend([message.sensor] * n)
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
             reason = " ".join(str(error).split())[:100]
             raise InputError(
@@ -144,6 +136,13 @@ class RowCollector(Generic[T]):
                 f"{self._source}: topic {topic}: more than {MAX_ROWS_AT_ONCE} rows of one time, up to "
                 f"{message.t_ns} ns; so many are not held at once"
             )
+        for name, values in told.items():
+            self._lists[name].extend(values)
+        for name in self._columns.keys() - told.keys():  # an older recording
+            self._lists[name].extend([self._columns[name]] * n)
+        self._lists["t_ns"].extend([message.t_ns] * n)
+        if self._has_sensor:
+            self._lists["sensor"].extend([message.sensor] * n)
 
     def take(self) -> T:
         """The rows so far as a table sorted by its key; the collector is empty afterwards."""
