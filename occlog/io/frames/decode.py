@@ -159,7 +159,7 @@ def decode(
     size = sizes[0][1] if sizes else video.size
     ledger = Ledger(video.path, video.container, video.frames, size, start, stop)
     try:
-        for raw in _trusted(video.container, video.raw):
+        for raw in _trusted(video.container, video.raw, ledger.misplaced):
             if stop is not None and raw.index >= stop:
                 break
             if not ledger.accept(raw.index):
@@ -212,8 +212,11 @@ def _retrieve(capture: cv2.VideoCapture, target: Image | None) -> tuple[bool, Im
     return bool(ok) and image is not None and image.size > 0, image
 
 
-def _trusted(container: Container | None, pictures: Iterator[_Raw]) -> Iterator[_Raw]:
-    """The pictures with their numbers from the container's list, if the first few fit it."""
+def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: Callable[[], None]) -> Iterator[_Raw]:
+    """The pictures with their numbers from the container's list, if the first few fit it.
+
+    `misplaced` is told where numbers near frames that were dropped may be those of neighbours.
+    """
     head: list[_Raw] = []
     for raw in pictures:
         raw.fetch(None)  # the decoder keeps only the latest picture
@@ -224,7 +227,13 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw]) -> Iterator[
     rising = all(b > a for a, b in pairwise(places) if a >= 0 and b >= 0)
     listed = bool(head) and rising and _distinct(container) and sum(p >= 0 for p in places) * 2 >= len(head)
     every = chain(head, pictures)
-    yield from _placed(container, every, _lateness(container, head[0])) if listed and container else every
+    if not listed or container is None:
+        yield from every
+        return
+    late = _lateness(container, head[0])
+    if late and container.steps is not None:
+        misplaced()
+    yield from _placed(container, every, late)
 
 
 def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterator[_Raw]:

@@ -31,6 +31,7 @@ class Ledger:
         stop: int | None,
     ) -> None:
         self.met = 0
+        self._misplaced = False
         self._path, self._container, self._frames, self._size = path, container, frames, size
         self._start, self._stop = start, stop
         listed = container.frames if container else None
@@ -66,6 +67,10 @@ class Ledger:
         self._odd.append((index, size))
         return False
 
+    def misplaced(self) -> None:
+        """Note that pictures are stored in another order than shown, and that some were dropped."""
+        self._misplaced = True
+
     def faults(self) -> Iterator[Loss]:
         """Faults of the container itself."""
         for place, what in self._container.problems if self._container else ():
@@ -85,6 +90,9 @@ class Ledger:
     def report(self, lost: Callable[[Loss], None]) -> None:
         """Tell everything that is missing from the range, and what may be wrong in it."""
         losses = [*self._missing(), *self._odd_sizes(), *self._reported()]
+        if self._misplaced:
+            what = "pictures are stored in another order than shown, and some were dropped: times near these may be off"
+            losses.append(Loss(self._path.name, "dropped frames", what))
         if self._unplaced:
             what = "pictures without a place in the container's list of frames were left out"
             losses.append(Loss(self._path.name, "behind the damage", what, self._unplaced))

@@ -157,6 +157,22 @@ def test_frames_that_are_stored_in_another_order_are_all_there(tmp_path: Path, n
     assert running.losses == []
 
 
+def test_dropped_frames_among_those_in_another_order_are_told(tmp_path: Path) -> None:
+    """The decoder does not say which picture a dropped packet would have held back."""
+    data = write_video(tmp_path / "v.avi", fourcc="mpg2").read_bytes()
+    packets, at = [], data.index(b"movi") + 4
+    while data[at : at + 4] == b"00dc":
+        (size,) = struct.unpack_from("<I", data, at + 4)
+        packets.append(data[at + 8 : at + 8 + size])
+        at += 8 + size + size % 2
+    for dropped, told in (([], 0), ([b"", b""], 1)):
+        path = tmp_path / "dropped.avi"
+        path.write_bytes(avi([*packets[:8], *dropped, *packets[8:]], codec=b"mpg2"))
+        with decoder(path) as running:
+            assert len(list(running.delivered())) >= len(packets) - 1
+        assert [loss.place for loss in running.losses] == ["dropped frames"] * told
+
+
 @pytest.mark.parametrize("rule", ["stamps", "table"])
 def test_times_that_cannot_be_held_are_refused(tmp_path: Path, rule: str) -> None:
     """Those of a damaged file ended the command with an error of the writer, or were written."""
