@@ -75,11 +75,13 @@ class Group(NamedTuple):
         rows: how many there are.
         unpacked: what they unpack to [bytes].
         chunks: the columns.
+        first: where in the footer the first of them is described.
     """
 
     rows: int
     unpacked: int
     chunks: list[Chunk]
+    first: int
 
 
 def read_groups(source: Checked) -> list[Group]:
@@ -118,7 +120,10 @@ def read_spans(source: Checked) -> Iterator[tuple[bytes, bytes]]:
     They are as the column stores them.
     """
     reader = _reader(source)
-    for _ in _first_columns(reader):
+    for group in read_groups(source):
+        if not group.chunks:
+            continue
+        reader.at = group.first
         described = reader.struct().get(CHUNK)
         told = described.value.get(STATISTICS) if described and described.kind == STRUCT else None
         span = (told.value.get(LEAST), told.value.get(GREATEST)) if told and told.kind == STRUCT else (None, None)
@@ -137,11 +142,12 @@ def _reader(source: Checked) -> Reader:
 
 def _group(reader: Reader, most: int) -> Group:
     """The group of rows that begins here, of so many columns at most."""
-    rows, unpacked, chunks = -1, -1, list[Chunk]()
+    rows, unpacked, chunks, first = -1, -1, list[Chunk](), -1
     for number, kind in reader.fields():
         if number == COLUMNS:
             if len(columns := reader.items(kind, STRUCT)) > most:
                 raise MalformedError("groups of rows with more columns than a file of its size can have")
+            first = reader.at
             chunks = [_usual_column(reader) or _column(reader) for _ in columns]
         elif number == GROUP_BYTES:
             unpacked = reader.long(kind)
@@ -151,25 +157,7 @@ def _group(reader: Reader, most: int) -> Group:
             reader.skip(kind)
     if min(rows, unpacked) < 0:
         raise MalformedError("a group of rows without its sizes")
-    return Group(rows, unpacked, chunks)
-
-
-def _first_columns(reader: Reader) -> Iterator[None]:
-    """Goes to the first column of each group of rows that has one; it is read before the next."""
-    for number, kind in reader.fields():
-        if number != ROW_GROUPS:
-            reader.skip(kind)
-            continue
-        for _ in reader.items(kind, STRUCT):
-            for field, of in reader.fields():
-                if field != COLUMNS:
-                    reader.skip(of)
-                    continue
-                for column in reader.items(of, STRUCT):
-                    if column:
-                        _usual_column(reader) or _column(reader)
-                    else:
-                        yield
+    return Group(rows, unpacked, chunks, first)
 
 
 def _usual_column(reader: Reader) -> Chunk | None:

@@ -113,15 +113,15 @@ class PagedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         if (wanted, number) in self._tried:
             return
         most, before, unpacked = most_unpacked(self.checked.size), self._unpacked[wanted], 0
-        rows, _, chunks = self._groups[number]
-        for path, begin, end in chunks:
+        group = self._groups[number]
+        for path, begin, end in group.chunks:
             if wanted is not None and path[0] not in wanted:
                 continue
             values, at = 0, begin
             while at < end:
                 page = self._head(at, end)
                 values, at = values + page.values, at + page.begin + page.packed
-                unpacked += page.unpacked + BYTES_PER_VALUE * min(max(values - rows, 0), page.values)  # of lists
+                unpacked += page.unpacked + BYTES_PER_VALUE * min(max(values - group.rows, 0), page.values)  # of lists
                 if before + unpacked > most:
                     self.checked.read_at(begin, at - begin)  # a damaged head is told as that
                     raise InputError(
