@@ -24,7 +24,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.measure.detect.by_network import detect_by_network
 from occlog.measure.networks.config import NetworkConfig
 from occlog.measure.networks.detector import Detector, open_detector
-from occlog.measure.networks.runtimes import opencv_threads
+from occlog.measure.networks.runtimes import load, opencv_threads
 from occlog.records.scene import Camera, Scene
 
 NAME = "network"
@@ -70,18 +70,14 @@ def run(repeats: int) -> dict[str, Any]:
         detector = open_detector(model, NetworkConfig(head="yolo"), ("0",), None, 0.5, threads)
         frames = [frame.decode() for frame in open_recording(folder / "r.mcap").frames(("cam",))]
         inputs = [detector.prepare(image).numbers[None] for image in frames]
+        network, name = load(detector.network.file, "opencv", threads), detector.network.image.name
         bare, whole = [], []
         for _ in range(repeats):
-            bare.append(seconds(lambda: [alone(detector, each) for each in inputs]))
+            bare.append(seconds(lambda: [network.run({name: each}) for each in inputs]))
             whole.append(seconds(lambda: detected(folder / "r.mcap", detector)))
     each = {"network alone [ms]": median(bare), "detect --onnx [ms]": median(whole)}
     parts = {name: value / FRAMES * 1e3 for name, value in each.items()}
     return {"ratio": median(whole) / median(bare), "limit": LIMIT, "parts": {**parts, "threads": threads}}
-
-
-def alone(detector: Detector, numbers: np.ndarray[Any, np.dtype[np.float32]]) -> None:
-    """Run the network and nothing else."""
-    detector.network.runtime.run({detector.network.image.name: numbers})
 
 
 def detected(path: Path, detector: Detector) -> None:

@@ -27,10 +27,15 @@ WRITTEN = 16 * 2**20
 """Size of a file that is written [B]: there is one, of what the decoders say."""
 
 
-def lower_limits() -> None:
-    """Set the limits that do not depend on the file; for the process that calls."""
+def lower_limits(memory: int | None = MEMORY) -> None:
+    """Set the limits that do not depend on the file; for the process that calls.
+
+    Args:
+        memory: address space [B]; None: as much as there is.
+    """
     if LIMITED:
-        _set(resource.RLIMIT_AS, MEMORY)
+        if memory is not None:
+            _set(resource.RLIMIT_AS, memory)
         _set(resource.RLIMIT_CORE, 0)
         _set(resource.RLIMIT_FSIZE, WRITTEN)
         _set(resource.RLIMIT_NOFILE, FILES)
@@ -45,13 +50,18 @@ def allow_pixels(pixels: int) -> None:
 class Clock:
     """The limit of CPU time, which every frame moves on: a long video may take long, and one frame may not."""
 
-    def __init__(self, path: Path | None = None) -> None:
-        """Begin; with the time for one pass over a file."""
+    def __init__(self, path: Path | None = None, seconds: int | None = None) -> None:
+        """Begin.
+
+        Args:
+            path: of a file that is passed over first, which is given time.
+            seconds: from one frame to the next [s]; None: `SECONDS`.
+        """
         size = 0
         if path is not None:
             with suppress(OSError):
                 size = path.stat().st_size
-        self._seconds = SECONDS + size // BYTES_PER_SECOND
+        self._seconds = (SECONDS if seconds is None else seconds) + size // BYTES_PER_SECOND
         self._moved_on = -math.inf
         self.go_on()
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import struct
 import subprocess
 import sys
@@ -17,24 +15,14 @@ from typing import IO, Any, Literal, Required, Self, TypedDict
 
 import numpy as np
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    PIPE_SIZE_OPTION = None
-else:
-    PIPE_SIZE_OPTION = getattr(fcntl, "F_SETPIPE_SZ", None)
-
-import occlog
 from occlog.errors import InputError
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
+from ..files.children import environment_for_children, how_it_ended, widen
 from .limits import MAX_PIXELS, SECONDS
 from .memory import SHARED, SharedImages, slot_size
 from .nursery import FORKS, NURSERY, Forked
-
-PIPE_SIZE = 1 << 20
-"""Bytes that a pipe holds, where the system lets it: images go through in few pieces."""
 
 
 class DecodingJob(TypedDict, total=False):
@@ -226,14 +214,7 @@ class Decoder:
         return header, payload
 
     def _death(self) -> str:
-        code = self.process.wait()
-        if code >= 0:
-            return f"stopped with exit code {code}"
-        if code == -getattr(signal, "SIGXCPU", 0):
-            return f"took more than {SECONDS} s for one frame"
-        with suppress(ValueError):
-            return f"crashed ({signal.Signals(-code).name})"
-        return f"crashed (signal {-code})"
+        return how_it_ended(self.process.wait(), f"{SECONDS} s for one frame")
 
 
 def start_decoder(job: DecodingJob) -> Decoder:
@@ -254,10 +235,8 @@ def start_decoder(job: DecodingJob) -> Decoder:
             shared.close()
         raise
     pipe: IO[bytes] = process.stdin  # type: ignore[assignment]
-    if PIPE_SIZE_OPTION is not None:
-        with suppress(OSError):
-            for end in (pipe, process.stdout):
-                fcntl.fcntl(end, PIPE_SIZE_OPTION, PIPE_SIZE)  # type: ignore[arg-type]
+    for end in (pipe, process.stdout):
+        widen(end)
     with suppress(BrokenPipeError):
         pipe.write(json.dumps(job).encode() + b"\n")
         pipe.flush()
@@ -266,14 +245,7 @@ def start_decoder(job: DecodingJob) -> Decoder:
 
 def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | Forked:
     """A process that waits for its job."""
-    environment = {
-        k: v for k, v in os.environ.items() if not k.startswith(("OPENCV_FFMPEG_", "OPENCV_LOG", "OPENCV_IO_"))
-    }
-    # -P and an explicit path: the process must find this very package, whatever the working folder holds.
-    package = str(Path(occlog.__file__).resolve().parents[1])
-    environment["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(MAX_PIXELS)
-    environment["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and nothing is computed
-    environment["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
+    environment = {**environment_for_children(), "OPENCV_IO_MAX_IMAGE_PIXELS": str(MAX_PIXELS)}
     if FORKS:
         return NURSERY.fork(environment, None if shared is None else shared.file)
     return subprocess.Popen(

@@ -1,4 +1,4 @@
-"""A network that is ready: its file is read, a runtime has loaded it, and it has been tried once."""
+"""A network that is ready: its file is read, a process of its own has loaded it, and it has been tried once."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from occlog.array_types import Floats32
 from occlog.errors import InputError, UsageError
 from occlog.io.models.onnx_file import OnnxFile, Port, read_onnx
 
+from .apart import Apart
 from .config import LARGEST_SIDE
-from .runtimes import Feeds, Runtime, load
+from .messages import Feeds
+from .runtimes import Runtime
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, 
     of_file = _whole_size(file, wide, high, size)
     if count is not None and batch not in (1, count):
         raise UsageError(f"{path}: takes {count} images at a time, not {batch}; leave the batch out")
-    found = Network(file, load(file, runtime, threads), image, extent, of_file, count or batch, count is None)
+    found = Network(file, Apart(file, runtime, threads), image, extent, of_file, count or batch, count is None)
     found.run(np.full((found.batch, 3, of_file[1], of_file[0]), 0.5, dtype=np.float32))
     return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
@@ -17,9 +17,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.models.onnx_file import OnnxFile
 
 from .config import ONNXRUNTIME, OPENCV, OPENVINO
-
-Feeds = Mapping[str, NDArray[np.generic]]
-"""Inputs of a network by name."""
+from .messages import Feeds
 
 
 class Runtime(Protocol):

@@ -1,0 +1,54 @@
+"""Processes that this one starts to take files apart: what they find, how they are talked to, how they ended."""
+
+from __future__ import annotations
+
+import os
+import signal
+from contextlib import suppress
+from pathlib import Path
+from typing import IO
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    PIPE_SIZE_OPTION = None
+else:
+    PIPE_SIZE_OPTION = getattr(fcntl, "F_SETPIPE_SZ", None)
+
+import occlog
+
+PIPE_SIZE = 1 << 20
+"""Bytes that a pipe holds, where the system lets it: images go through in few pieces."""
+_OF_OPENCV = ("OPENCV_FFMPEG_", "OPENCV_LOG", "OPENCV_IO_")
+
+
+def environment_for_children() -> dict[str, str]:
+    """Variables for a process `python -P -m occlog...`: it finds this very package, whatever its folder holds."""
+    found = {k: v for k, v in os.environ.items() if not k.startswith(_OF_OPENCV)}
+    package = str(Path(occlog.__file__).resolve().parents[1])
+    found["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and NumPy computes nothing there
+    found["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
+    return found
+
+
+def widen(pipe: IO[bytes] | None) -> None:
+    """Let a pipe hold `PIPE_SIZE` bytes, where the system does."""
+    if PIPE_SIZE_OPTION is not None and pipe is not None:
+        with suppress(OSError):
+            fcntl.fcntl(pipe, PIPE_SIZE_OPTION, PIPE_SIZE)
+
+
+def how_it_ended(code: int, too_long: str) -> str:
+    """How a process ended, as the end of a sentence about it.
+
+    Args:
+        code: exit code, or minus the number of the signal that ended it.
+        too_long: what it took more of, where the limit of processor time ended it.
+    """
+    if code >= 0:
+        return f"stopped with exit code {code}"
+    if code == -getattr(signal, "SIGXCPU", 0):
+        return f"took more than {too_long}"
+    with suppress(ValueError):
+        return f"crashed ({signal.Signals(-code).name})"
+    return f"crashed (signal {-code})"

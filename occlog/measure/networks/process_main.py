@@ -1,0 +1,69 @@
+"""The process that runs a network: `python -m occlog.measure.networks.process_main`, started by `apart`.
+
+The first message on standard input says which network; each further one has its inputs.  Each is answered on standard
+output by the outputs, or by why there are none.  The process ends when nobody asks any more.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+
+from occlog.errors import InputError, UsageError
+from occlog.io.frames.limits import Clock, lower_limits
+from occlog.io.models.onnx_file import read_onnx
+
+from .apart import SECONDS
+from .messages import Feeds, receive, send
+from .runtimes import Runtime, load, opencv_threads
+
+
+def main() -> None:
+    """Load the network that the first message names, and run it."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what programs write there is no message
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
+    lower_limits(memory=None)
+    with suppress(BrokenPipeError, EOFError):
+        job, _ = receive(sys.stdin.buffer)
+        clock = Clock(seconds=SECONDS * max(1, job["threads"]))
+        with opencv_threads(job["threads"]):
+            network = _answered(out, partial(_load, job))
+            while network is not None:
+                feeds = receive(sys.stdin.buffer)[1]
+                clock.go_on()
+                _answered(out, partial(_run, network, feeds))
+    os._exit(0)  # nothing is left to do, and threads of programs may hang in their clean-up
+
+
+def _load(job: dict[str, Any]) -> tuple[Runtime, dict[str, str], Feeds]:
+    network = load(read_onnx(Path(job["path"])), job["runtime"], job["threads"])
+    return network, {"called": network.called}, {}
+
+
+def _run(network: Runtime, feeds: Feeds) -> tuple[Runtime, dict[str, str], Feeds]:
+    return network, {}, network.run(feeds)
+
+
+def _answered(out: IO[bytes], work: Callable[[], tuple[Runtime, dict[str, str], Feeds]]) -> Runtime | None:
+    """Answer by what came of some work; the network, None where the work failed."""
+    try:
+        network, header, arrays = work()
+    except InputError as error:
+        send(out, {"error": str(error)}, {})
+        return None
+    except UsageError as error:
+        send(out, {"usage": str(error)}, {})
+        return None
+    send(out, header, arrays)
+    return network
+
+
+if __name__ == "__main__":
+    main()
