@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import sys
@@ -18,6 +19,7 @@ from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 from . import streams
 from .interrupts import INTERRUPTS
+from .open_files import allow_open_files, open_files_limit
 
 
 class Command(NamedTuple):
@@ -172,6 +174,7 @@ def main(args: list[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
     INTERRUPTS.install()
     streams.install()
+    allow_open_files()
     _only_own_lines()
     code = run(args)
     INTERRUPTS.end()
@@ -234,6 +237,10 @@ def explain(error: Exception) -> Explained:
     if isinstance(error, MemoryError):
         remedy = "use fewer particles, a shorter --lag or smaller images, or free memory"
         return Explained(f"out of memory; {remedy}", ExitCode.BAD_INPUT)
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        limit = open_files_limit()
+        remedy = "raise it (ulimit -n), or take fewer cameras or workers at a time"
+        return Explained(f"too many open files{f', limit: {limit}' if limit else ''}; {remedy}", ExitCode.BAD_INPUT)
     return Explained(_bug(error), ExitCode.BUG)
 
 

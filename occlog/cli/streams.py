@@ -3,6 +3,7 @@
 * Standard error: a message that cannot be written is dropped; the work goes on.
 * Standard output: a reader that went away (`| head`) ends the program quietly, as SIGPIPE ends other programs; a full
   disk is an error of one line.
+* A stream that was closed before the program began is one that nobody reads, and has nothing to be read.
 """
 
 from __future__ import annotations
@@ -55,9 +56,20 @@ def _send_nowhere(fd: int) -> None:
 
 
 def install() -> None:
-    """Replace the standard streams of this process, where they are files or pipes."""
+    """Replace the standard streams of this process, where they are files or pipes, or closed."""
+    _open_closed()
     sys.stdout = _wrapped(sys.stdout, _Output)
     sys.stderr = _wrapped(sys.stderr, _Messages)
+
+
+def _open_closed() -> None:
+    """Give streams that are closed a place; else the next file that is opened, an output perhaps, would be one."""
+    while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(fd, True)
+    os.close(fd)
+    for place, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(place, mode, encoding="utf-8", closefd=False))
 
 
 def _wrapped(stream: TextIO, kind: type[_Output]) -> TextIO:

@@ -16,6 +16,8 @@ from places import ROOT
 from occlog.cli.main import COMMANDS, LazyGroup, cli, run
 from occlog.cli.setting_options import VariantCommand, params_of
 from occlog.errors import ExitCode
+from occlog.io.files.tables.parquet import read_table
+from occlog.records.tables import Bearings
 
 HEAVY = (
     "numpy",
@@ -55,7 +57,7 @@ def imported_by(*args: str) -> set[str]:
 def test_help_imports_no_heavy_package() -> None:
     loaded = imported_by("--help")
     assert not {m for m in loaded if m.split(".")[0] in HEAVY}
-    assert len([m for m in loaded if m.startswith("occlog")]) <= 12
+    assert len([m for m in loaded if m.startswith("occlog")]) <= 13
     assert len(loaded) < 250
 
 
@@ -146,6 +148,35 @@ def test_messages_that_nobody_reads_do_not_stop_the_work() -> None:
         [sys.executable, "-m", "occlog", "info", "missing.parquet"], stderr=closed_pipe(), check=False
     )
     assert done.returncode == ExitCode.BAD_INPUT
+
+
+@pytest.mark.parametrize("closed", [(2,), (0, 1, 2)])
+def test_streams_that_are_closed_do_not_become_outputs(closed: tuple[int, ...], tmp_path: Path) -> None:
+    recording, output = ROOT / "sample_data/room/recording.mcap", tmp_path / "v.parquet"
+    words = [sys.executable, "-m", "occlog", "detect", str(recording), "-o", str(output)]
+    streams = " ".join(f"{fd}{'<' if fd == 0 else '>'}&-" for fd in closed)
+    done = subprocess.run(["sh", "-c", f'exec "$@" {streams}', "sh", *words], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (ExitCode.DONE, b"")
+    assert len(read_table(output, Bearings)) > 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of open files are those of Linux")
+def test_too_many_open_files_are_one_line(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "occlog", "detect", str(ROOT / "sample_data/room/recording.mcap"), "-o", "v.parquet"]
+    limited = ["sh", "-c", 'ulimit -n 14 && exec "$@"', "sh", *words]
+    done = subprocess.run(limited, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert done.stderr == (
+        "occlog: error: too many open files, limit: 14; raise it (ulimit -n), or take fewer cameras or workers at a "
+        "time\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_limit_of_open_files_that_may_be_raised_is(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "occlog", "detect", str(ROOT / "sample_data/room/recording.mcap"), "-o", "v.parquet"]
+    limited = ["sh", "-c", 'ulimit -S -n 14 && exec "$@"', "sh", *words]
+    assert subprocess.run(limited, cwd=tmp_path, check=False).returncode == ExitCode.DONE
 
 
 def test_a_full_standard_output_is_one_line() -> None:
