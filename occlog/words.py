@@ -19,6 +19,11 @@ def counted(count: int, one: str, many: str = "") -> str:
     return f"{count} {noun(count, one, many)}"
 
 
+def as_bytes(text: str) -> bytes:
+    r"""A text in UTF-8; bytes of names of files that are none become escapes (`\udce9`)."""
+    return text.encode(errors="backslashreplace")
+
+
 def told(text: str) -> str:
     r"""A text for a terminal: parts of it come from files, which may hold what moves the cursor or fills pages.
 

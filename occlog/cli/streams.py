@@ -78,6 +78,8 @@ def _wrapped(stream: TextIO, kind: type[_Output]) -> TextIO:
     stream.flush()
     raw = kind(stream.fileno(), "wb", closefd=False)
     lines = stream.line_buffering or stream.write_through or kind is _Messages
+    # Names of files and cameras may have what an encoding has not: an escape is better than no answer.
+    errors = "backslashreplace" if stream.errors == "strict" else stream.errors
     return io.TextIOWrapper(
-        io.BufferedWriter(raw), encoding=stream.encoding, errors=stream.errors, newline="\n", line_buffering=lines
+        io.BufferedWriter(raw), encoding=stream.encoding, errors=errors, newline="\n", line_buffering=lines
     )

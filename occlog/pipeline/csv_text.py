@@ -7,6 +7,7 @@ import io
 from collections.abc import Mapping, Sequence
 
 from occlog.io.files.texts.csv_rows import no_formula
+from occlog.words import as_bytes
 
 
 def to_csv(rows: Sequence[Mapping[str, object]]) -> bytes:
@@ -16,4 +17,4 @@ def to_csv(rows: Sequence[Mapping[str, object]]) -> bytes:
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
     writer.writerows({k: no_formula(v) if isinstance(v, str) else v for k, v in row.items()} for row in rows)
-    return text.getvalue().encode()
+    return as_bytes(text.getvalue())

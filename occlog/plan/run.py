@@ -21,6 +21,7 @@ from occlog.records.declared.plans import PlanMap
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import configure
+from occlog.words import as_bytes
 
 from .candidates import Placed, add_greedily, along_walls, rank_candidates, rank_own
 from .config import PlanConfig
@@ -256,4 +257,4 @@ def _draw(
     if request.report is not None:
         page = plan_page(PageInput(drawn, summary, tuple(warnings), provenance.as_dict()))
         with open_output(request.report, request.overwrite, together) as file:
-            file.write(page.encode())
+            file.write(as_bytes(page))

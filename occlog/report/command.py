@@ -204,6 +204,7 @@ def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]
     """Read everything, draw, write the page and the picture; what was shown, and which images were lost now."""
     from occlog.io.files.atomic import Together, open_output
     from occlog.io.files.content import Content, content_of
+    from occlog.words import as_bytes
 
     from .markdown import build_markdown
     from .page import build_page
@@ -219,11 +220,11 @@ def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]
     images = _images(paths, data)
     unseen = () if images is None else images.losses
     data = replace(data, losses=tuple(dict.fromkeys((*data.losses, *unseen))))
-    made = {paths.output: build_page(data, images).encode()}
+    made = {paths.output: as_bytes(build_page(data, images))}
     if paths.png is not None:
         made[paths.png] = build_picture(data)
     if paths.markdown is not None:
-        made[paths.markdown] = build_markdown(data).encode()
+        made[paths.markdown] = as_bytes(build_markdown(data))
     with Together() as together:
         for path, content in made.items():
             with open_output(path, paths.overwrite, together) as file:

@@ -150,6 +150,16 @@ def test_messages_that_nobody_reads_do_not_stop_the_work() -> None:
     assert done.returncode == ExitCode.BAD_INPUT
 
 
+@pytest.mark.parametrize(("encoding", "shown"), [("latin-1", rb"\u043a"), ("utf-8", "к".encode())])
+def test_what_an_encoding_does_not_have_is_shown_somehow(encoding: str, shown: bytes, tmp_path: Path) -> None:
+    scene = tmp_path / "room.yaml"
+    scene.write_text((ROOT / "examples/room.yaml").read_text().replace("southwest", "к"), encoding="utf-8")
+    words, variables = [sys.executable, "-m", "occlog", "info", str(scene)], {"PYTHONIOENCODING": encoding}
+    done = subprocess.run(words, env=os.environ | variables, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (ExitCode.DONE, b"")
+    assert shown in done.stdout
+
+
 @pytest.mark.parametrize("closed", [(2,), (0, 1, 2)])
 def test_streams_that_are_closed_do_not_become_outputs(closed: tuple[int, ...], tmp_path: Path) -> None:
     recording, output = ROOT / "sample_data/room/recording.mcap", tmp_path / "v.parquet"

@@ -10,6 +10,7 @@ import click
 from occlog.cli import options
 from occlog.cli.values import Finite
 from occlog.errors import ExitCode, UsageError
+from occlog.words import as_bytes
 
 
 @click.command(name="compare", short_help="Say whether runs on the same recordings differ, with intervals.")
@@ -81,7 +82,7 @@ def command(
         options.check_outputs([path for path in methods if path.is_file()], (markdown,), overwrite)
     found = run_compare(methods, truth, figures, conditions, match_distance, seed)
     if markdown is not None:
-        write_bytes(markdown, text.markdown(found, methods).encode(), overwrite)
+        write_bytes(markdown, as_bytes(text.markdown(found, methods)), overwrite)
     told = json.dumps(text.as_dict(found, methods), indent=2) if as_json else text.table(found, methods)
     click.echo(told)
     for loss in found.losses:

@@ -19,6 +19,7 @@ from occlog.io.files.tables.vectors import in_parts
 from occlog.io.files.texts.by_reader import table_of
 from occlog.io.files.texts.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.times.timestamps import TIME_COLUMNS
+from occlog.io.files.utf8_names import utf8_name
 from occlog.io.trajectories.reader import Trajectories, find_trajectories
 
 from .arrow_messages import FILE_MAGIC, STREAM_MAGIC, messages
@@ -117,7 +118,8 @@ def _may_be_text(head: bytes) -> bool:
 def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatchStreamReader:
     with path.open("rb") as file:
         of_file = file.read(len(FILE_MAGIC)) == FILE_MAGIC
-    source = pa.memory_map(str(path))
+    with utf8_name(path) as name:
+        source = pa.memory_map(name)
     return pa.ipc.open_file(source) if of_file else pa.ipc.open_stream(source)
 
 

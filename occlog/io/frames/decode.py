@@ -18,6 +18,7 @@ import numpy as np
 from occlog.array_types import NS, Ints
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
+from occlog.io.files.utf8_names import utf8_name
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
@@ -87,7 +88,8 @@ def examine(
 
 def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
     # One thread: what is decoded from a damaged file must not depend on the machine.
-    capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+    with utf8_name(path.resolve()) as name:
+        capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     if capture.isOpened():
         return capture
     if container is None:

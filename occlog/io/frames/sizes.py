@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 
+from ..files.utf8_names import utf8_name
 from .codec import image_size
 
 Size = tuple[int, int]
@@ -24,9 +25,8 @@ MAX_SEARCH = 4096
 
 def size_changes(path: Path) -> Changes:
     """Where the size of the frames changes, the first size included; empty where the codec is another."""
-    capture = cv2.VideoCapture(
-        str(path.resolve()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1, cv2.CAP_PROP_N_THREADS, 1]
-    )
+    with utf8_name(path.resolve()) as name:
+        capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1, cv2.CAP_PROP_N_THREADS, 1])
     changes: Changes = []
     try:
         while capture.grab():

@@ -17,6 +17,7 @@ import numpy as np
 from occlog.errors import OutputError
 from occlog.io.files.atomic import Together, check_writable, folder_beside, open_output
 from occlog.io.files.provenance import hash_file
+from occlog.io.files.utf8_names import utf8_name
 from occlog.io.video.mkv_uids import number_tracks
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
@@ -62,8 +63,8 @@ class VideoWriter:
         self._folder = folder_beside(Path(os.path.realpath(self.path)))
         self._draft = self._folder.__enter__() / f"video{self.suffix}"
         code = cv2.VideoWriter.fourcc(*self.code)
-        with _without_words():
-            self._video = cv2.VideoWriter(str(self._draft), cv2.CAP_FFMPEG, code, self.rate_hz, self.size)
+        with _without_words(), utf8_name(self._draft) as name:
+            self._video = cv2.VideoWriter(name, cv2.CAP_FFMPEG, code, self.rate_hz, self.size)
         if not self._video.isOpened():
             self._folder.__exit__(None, None, None)
             raise OutputError(f"{self.path}: OpenCV here cannot write {self.code} video{self.otherwise}")
@@ -144,7 +145,8 @@ class LosslessVideo(VideoWriter):
         self._sums.append(zlib.crc32(np.ascontiguousarray(image).data))
 
     def _damaged(self) -> int | None:
-        video = cv2.VideoCapture(str(self._draft), cv2.CAP_FFMPEG)
+        with utf8_name(self._draft) as name:
+            video = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
         try:
             for number, want in enumerate(self._sums):
                 good, image = video.read()

@@ -18,6 +18,7 @@ from mcap.writer import Writer
 
 from occlog.errors import InputError
 
+from ..files.utf8_names import is_utf8
 from .chunks import MAX_CHUNK_BYTES
 from .layout import damaged_mcap
 
@@ -32,7 +33,15 @@ def digest_of(name: str, values: Mapping[str, str]) -> str:
 
 
 def add_metadata(writer: Writer, records: Mapping[str, Mapping[str, str]]) -> None:
-    """Write all records of metadata of a recording, and their digests."""
+    """Write all records of metadata of a recording, and their digests.
+
+    Raises:
+        InputError: a value, which is a link to a video, is not UTF-8.
+    """
+    for values in records.values():
+        for value in values.values():
+            if not is_utf8(value):
+                raise InputError(f"{value}: a recording cannot name this file; its name is not UTF-8; rename it")
     for name, values in records.items():
         writer.add_metadata(name, dict(values))
     writer.add_metadata(DIGESTS, {name: digest_of(name, values) for name, values in records.items()})

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.errors import InputError, UsageError
+from occlog.io.files.utf8_names import utf8_name
 from occlog.io.models.onnx_file import OnnxFile
 
 from .config import ONNXRUNTIME, OPENCV, OPENVINO
@@ -96,8 +97,8 @@ class _OpenCv:
         if any(port.kind == "float16" for port in self.model.inputs):
             raise InputError(f"{self.model.path}: wants numbers of 16 bits, which {self.called} does not take; use "
                              f"the runtime {ONNXRUNTIME}")  # fmt: skip
-        with _told(self.model, self.called, self.ERRORS, "load"):
-            self.net = cv2.dnn.readNetFromONNX(str(self.model.path))
+        with _told(self.model, self.called, self.ERRORS, "load"), utf8_name(self.model.path) as name:
+            self.net = cv2.dnn.readNetFromONNX(name)
 
     @property
     def called(self) -> str:
@@ -127,10 +128,8 @@ class _OnnxRuntime:
         options.intra_op_num_threads, options.inter_op_num_threads = self.threads, 1
         options.use_deterministic_compute = True
         options.log_severity_level = 4
-        with _told(self.model, self.called, self.ERRORS, "load"):
-            self.session = self.module.InferenceSession(
-                str(self.model.path), options, providers=["CPUExecutionProvider"]
-            )
+        with _told(self.model, self.called, self.ERRORS, "load"), utf8_name(self.model.path) as name:
+            self.session = self.module.InferenceSession(name, options, providers=["CPUExecutionProvider"])
 
     @property
     def called(self) -> str:

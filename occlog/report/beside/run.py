@@ -13,6 +13,7 @@ from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.records.tables import Truth
 from occlog.report.command import Paths
+from occlog.words import as_bytes
 
 from .config import BesideConfig
 from .frames import common_times, laid
@@ -75,7 +76,7 @@ def run_beside(asked: Asked) -> Beside:
     with Together() as together:
         for path, content in made.items():
             with open_output(path, asked.overwrite, together) as file:
-                file.write(content.encode())
+                file.write(as_bytes(content))
     return found
 
 
