@@ -6,8 +6,6 @@ back, `run.json` last, so that a worker may be killed at any time.
 
 from __future__ import annotations
 
-import fcntl
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +13,7 @@ from pathlib import Path
 from occlog import __version__
 from occlog.errors import InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL, translate_write_errors
+from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.remote.cache import Cache
@@ -46,7 +45,8 @@ def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[
     """
     older = dict.fromkeys((*results, *(f"{table}.parquet" for table in TABLES)))
     if not is_url(output):
-        with _alone(_prepare(Path(output))) as folder:
+        folder = _prepare(Path(output))
+        with alone_with(folder, "batch"):
             for name in older:
                 with translate_write_errors(folder / name):
                     (folder / name).unlink(missing_ok=True)
@@ -64,20 +64,6 @@ def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[
         for name in results:
             if (folder / name).exists():
                 put(folder / name, f"{output}/{name}")
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[Path]:
-    """Yield the folder while no other command works in it; UsageError if one does."""
-    descriptor = os.open(folder / RUNS, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UsageError(f"{folder}: another `occlog batch` works in it; wait, or name another folder") from None
-        yield folder
-    finally:
-        os.close(descriptor)
 
 
 def _prepare(output: Path) -> Path:

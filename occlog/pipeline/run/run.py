@@ -10,7 +10,7 @@ import hashlib
 import io
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +22,7 @@ from occlog.cli import options
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL
+from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions
@@ -32,6 +33,8 @@ from .stages import Config, Stage, check_settings, plan, read_config, refused_in
 STATE = "run.json"
 GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
 """Exit codes of a stage after which the next stage runs."""
+PATIENCE = 5.0
+"""Time to wait for another command in a run folder [s]: workers of one that was killed need a moment to end."""
 
 
 @dataclass(frozen=True)
@@ -112,9 +115,17 @@ def do_stages(
         begin: called with the name of each stage that is done, before it is.
 
     Raises:
-        OcclogError, click.ClickException: what a stage refuses.
+        OcclogError, click.ClickException: what a stage refuses, or another command does stages in that folder.
     """
     folder = _folder(output, dry_run)
+    with nullcontext() if dry_run else alone_with(folder, "run", PATIENCE):
+        yield from _stages(wanted, folder, force=force, dry_run=dry_run, begin=begin)
+
+
+def _stages(
+    wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None]
+) -> Iterator[Step]:
+    """`do_stages` in a folder that is there."""
     state = outcomes(folder)
     if not dry_run and not (folder / STATE).exists():
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder

@@ -12,6 +12,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
 from io import BufferedWriter
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import NamedTuple
 
 from occlog import __version__
 from occlog.errors import InputError, OcclogError, OutputError
+from occlog.io.files.locks import alone_with
 from occlog.pipeline.executors.chosen import executor_of
 from occlog.pipeline.executors.interface import Lost
 from occlog.pipeline.executors.options import JOBS_FOLDER
@@ -48,6 +50,7 @@ class Store:
         self._path = path
         self._file: BufferedWriter | None = None
         self._good = 0
+        self._opened = ExitStack()
         if path is not None and path.exists():
             self._read(path)
 
@@ -71,8 +74,12 @@ class Store:
         if self._path is not None:
             try:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = self._path.open("ab")
-                self._file.truncate(self._good)
+                with ExitStack() as stack:
+                    self._file = stack.enter_context(self._path.open("ab"))
+                    stack.enter_context(alone_with(self._path, "sweep"))
+                    self._read(self._path)  # another may have added to it
+                    self._file.truncate(self._good)
+                    self._opened = stack.pop_all()
             except OSError as error:
                 raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
         return self
@@ -98,6 +105,8 @@ class Store:
             except OSError as error:
                 if kind is None:
                     raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
+            finally:
+                self._opened.close()
 
 
 class Outcome(NamedTuple):

@@ -276,13 +276,13 @@ def test_two_commands_do_not_work_in_one_folder(
 ) -> None:
     (tmp_path / "out" / "runs").mkdir(parents=True)
     (tmp_path / "out" / "batch.json").write_text('{"program": "occlog"}')
-    descriptor = os.open(tmp_path / "out" / "runs", os.O_RDONLY)
+    descriptor = os.open(tmp_path / "out", os.O_RDONLY)
     fcntl.flock(descriptor, fcntl.LOCK_EX)
     try:
         do(simulated, tmp_path / "out", code=ExitCode.USAGE)
     finally:
         os.close(descriptor)
-    assert "another `occlog batch` works in it" in json.loads(capsys.readouterr().err)["error"]
+    assert "another `occlog batch` works with it" in json.loads(capsys.readouterr().err)["error"]
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from people_boxes import boxes, hall, truth
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.texts.json_file import write_json
@@ -391,3 +393,33 @@ def test_a_run_folder_with_a_part_of_its_first_stage_is_gone_on_with(tmp_path: P
     (tmp_path / "views.parquet").unlink()
     drop_empty(tmp_path)
     assert not tmp_path.exists()
+
+
+def test_two_commands_do_not_mix_their_stages_in_one_folder(
+    config: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = config.parent / "out"
+    out.mkdir()
+    monkeypatch.setattr(stages_in_order, "PATIENCE", 0.0)
+    with alone_with(out, "run"):
+        assert run(["run", str(config), "-o", str(out)]) == ExitCode.USAGE
+    line = f"occlog: error: {out}: another `occlog run` works with it; wait, or name another one\n"
+    assert capsys.readouterr().err == line
+    assert list(out.iterdir()) == []
+
+
+def test_a_command_waits_for_the_one_before_it(tmp_path: Path) -> None:
+    held, free = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        with alone_with(tmp_path, "run"):
+            held.set()
+            free.wait(10)
+
+    other = threading.Thread(target=hold)
+    other.start()
+    held.wait(10)
+    threading.Timer(0.3, free.set).start()
+    with alone_with(tmp_path, "run", patience=10.0):
+        assert free.is_set()
+    other.join()

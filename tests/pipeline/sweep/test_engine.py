@@ -205,3 +205,14 @@ def test_a_full_disk_is_one_error(tmp_path):
     with pytest.raises(OutputError, match=r"trials\.jsonl: cannot be written: No space left"), store:
         store._file.close()
         store._file = Full()
+
+
+def test_two_sweeps_do_not_write_into_one_store(tmp_path: Path) -> None:
+    first, second = Store(tmp_path / "trials.jsonl"), Store(tmp_path / "trials.jsonl")
+    with first:
+        first.add("a", {"rmse": 1.0})
+        with pytest.raises(UsageError, match="another `occlog sweep` works with it"), second:
+            pass
+    with second:  # what the other has added since it was opened stays
+        second.add("b", {"rmse": 2.0})
+    assert Store(tmp_path / "trials.jsonl").results == {"a": {"rmse": 1.0}, "b": {"rmse": 2.0}}
