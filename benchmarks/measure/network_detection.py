@@ -24,7 +24,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.measure.detect.by_network import detect_by_network
 from occlog.measure.networks.config import NetworkConfig
 from occlog.measure.networks.detector import Detector, open_detector
-from occlog.measure.networks.runtimes import load, opencv_threads
+from occlog.measure.networks.running.runtimes import load, opencv_threads
 from occlog.records.scene import Camera, Scene
 
 NAME = "network"

@@ -18,7 +18,7 @@ from occlog.measure.detections import Detections
 from occlog.measure.networks.config import NetworkConfig
 from occlog.measure.networks.detector import Detector, open_detector
 from occlog.measure.networks.embedder import open_embedder
-from occlog.measure.networks.runtimes import opencv_threads
+from occlog.measure.networks.running.runtimes import opencv_threads
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views

@@ -12,10 +12,10 @@ from occlog.array_types import Floats32
 from occlog.errors import InputError, UsageError
 from occlog.io.models.onnx_file import OnnxFile, Port, read_onnx
 
-from .apart import Apart
 from .config import LARGEST_SIDE
-from .messages import Feeds
-from .runtimes import Runtime
+from .running.apart import Apart
+from .running.messages import Feeds
+from .running.runtimes import Runtime
 
 
 @dataclass(frozen=True)

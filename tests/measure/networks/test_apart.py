@@ -20,9 +20,9 @@ from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.models.onnx_file import read_onnx
 from occlog.io.recording.writer import RecordingWriter
-from occlog.measure.networks.apart import Apart
-from occlog.measure.networks.messages import receive, send
-from occlog.measure.networks.runtimes import load
+from occlog.measure.networks.running.apart import Apart
+from occlog.measure.networks.running.messages import receive, send
+from occlog.measure.networks.running.runtimes import load
 
 RNG = np.random.default_rng(5)
 

@@ -17,7 +17,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.utf8_names import utf8_name
 from occlog.io.models.onnx_file import OnnxFile
 
-from .config import ONNXRUNTIME, OPENCV, OPENVINO
+from ..config import ONNXRUNTIME, OPENCV, OPENVINO
 from .messages import Feeds
 
 

@@ -45,7 +45,7 @@ class Apart:
         self._model = model
         self.called = runtime
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "occlog.measure.networks.process_main"],
+            [sys.executable, "-P", "-m", "occlog.measure.networks.running.process_main"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -1,0 +1,1 @@
+"""Programs that run networks, each network in a process of its own."""
