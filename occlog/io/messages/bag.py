@@ -172,8 +172,10 @@ def open_bag(paths: Collection[Path]) -> Bag:
     bag = Bag(tuple(paths))
     try:
         for path in paths:
-            for file in _listed(path, bag):
+            listed = _listed(path, bag)
+            for file in listed:
                 _add(bag, file)
+            bag._losses += _left_out(path, listed)
         if not bag.files:
             told = bag.losses[0] if bag.losses else None
             where = next(iter(paths))
@@ -243,14 +245,16 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
             continue
         bag.promised[name] = bag.promised.get(name, 0) + count
     # A name may be an old absolute path, or lead out of the folder: only the file beside the metadata counts.
-    listed = [path / Path(name.replace("\\", "/")).name for name in names]
+    return [path / Path(name.replace("\\", "/")).name for name in names]
+
+
+def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
+    """The files of a folder that its metadata do not list."""
+    if not path.is_dir():
+        return []
     known = {_bare(file) for file in listed}
-    bag._losses += [
-        Loss(file.name, "whole file", f"{METADATA} does not name it, and it was not read; remove {METADATA} to take it")
-        for file in _members(path)
-        if _bare(file) not in known
-    ]
-    return listed
+    what = f"{METADATA} does not name it, and it was not read; remove {METADATA} to take it"
+    return [Loss(file.name, "whole file", what) for file in _members(path) if _bare(file) not in known]
 
 
 def _information(path: Path) -> dict[str, object]:
