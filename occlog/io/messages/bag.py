@@ -1,7 +1,7 @@
 """A bag: the files of one recording of another program, one after the other, with what was lost of them.
 
 A folder of rosbag2 says in `metadata.yaml` which files belong to it and how many messages they hold; without it all
-.mcap and .db3 files of the folder are taken in natural order.  Files compressed as a whole (.zstd) are unpacked into
+.mcap and .db3 files of the folder are taken.  Files compressed as a whole (.zstd) are unpacked into
 a temporary folder, messages compressed one by one as they come.
 """
 
@@ -164,7 +164,7 @@ def open_bag(paths: Collection[Path]) -> Bag:
     """Open the files of one recording.
 
     Args:
-        paths: folders of rosbag2, or files (.mcap, .db3, also compressed by zstd), which follow each other.
+        paths: folders of rosbag2, or files (.mcap, .db3, also compressed by zstd), in any order.
 
     Raises:
         InputError: none of the files can be read, or one is of another kind.
@@ -180,10 +180,18 @@ def open_bag(paths: Collection[Path]) -> Bag:
             told = bag.losses[0] if bag.losses else None
             where = next(iter(paths))
             raise InputError(f"{where}: {told}" if told else f"{where}: holds no .mcap or .db3 file")
+        if len(bag.files) > 1:
+            bag.files.sort(key=_begins)
     except BaseException:
         bag.__exit__(None, None, None)
         raise
     return bag
+
+
+def _begins(file: McapFile | SqliteFile) -> int:
+    """When a file begins [ns]: a shell puts `bag_10` before `bag_2`, and times that go back would be lost."""
+    span = file.span()
+    return 0 if span is None else span[0]
 
 
 def _add(bag: Bag, path: Path) -> None:

@@ -57,6 +57,11 @@ def test_a_file_that_the_metadata_do_not_name_is_told(tmp_path: Path) -> None:
     assert read(tmp_path) == ([b"0", b"1", b"2"], [])
 
 
+def test_files_follow_each_other_by_their_times(tmp_path: Path) -> None:
+    files = [written(tmp_path / f"b_{number}.db3", b"%d" % number, first=number) for number in (9, 10, 2)]
+    assert read(*files) == ([b"2", b"9", b"10"], [])
+
+
 @pytest.mark.parametrize("listed", [True, False])
 def test_a_file_that_is_there_unpacked_too_is_read_once(tmp_path: Path, listed: bool) -> None:
     """rosbag2 unpacks files beside the packed ones when it plays them."""
