@@ -13,6 +13,7 @@ from occlog import __version__
 from occlog.errors import ExitCode, InputError, OcclogError, UsageError
 from occlog.examine.diff.result import Comparison, DiffSettings, Tolerances
 from occlog.examine.diff.run import compare_files, stage_order
+from occlog.io.files.atomic import outputs_below
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
 from occlog.pipeline.pack.archive import take, unpack
@@ -72,7 +73,8 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
         _add_inputs(archive, manifest, inputs, folder / INPUTS)
         made = folder / INPUTS / manifest.folder
         try:
-            steps = _make_again(read_config(folder / INPUTS / manifest.config), folder, made, begin)
+            with outputs_below(folder / INPUTS):
+                steps = _make_again(read_config(folder / INPUTS / manifest.config), folder, made, begin)
         except (OcclogError, click.ClickException) as error:
             reason = str(error).replace(f"{folder}/", "")
             raise InputError(f"{archive}: cannot be made again: {reason}") from error

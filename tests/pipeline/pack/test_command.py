@@ -14,6 +14,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.io.files.atomic import write_bytes
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.pack.manifest import INPUTS, LOCK, MANIFEST, OUTPUTS
@@ -170,6 +171,25 @@ def test_a_configuration_may_name_no_file_outside_of_the_archive(
             new.writestr(name, data.get(name, old.read(name)))
     code, found = verify(tmp_path / "x.zip", capsys)
     assert (code, "which is not in the archive" in str(found["error"])) == (ExitCode.BAD_INPUT, True)
+
+
+def test_a_stage_may_write_nothing_outside_of_the_inputs(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Options of a stage name more outputs than those that a run has, and a configuration gives them any place."""
+    places = [tmp_path / "out.parquet", Path("../../run/out.parquet"), Path("../../../out.parquet")]
+
+    def write_elsewhere(stage: Stage) -> int:
+        write_bytes(places[0], b"")
+        return 0
+
+    monkeypatch.setattr("occlog.pipeline.run.run._do", write_elsewhere)
+    while places:
+        code, found = verify(packed / "x.zip", capsys)
+        assert code == ExitCode.BAD_INPUT
+        assert "out.parquet: lies outside of inputs, where all outputs have to be here" in str(found["error"])
+        del places[0]
+    write_bytes(tmp_path / "out.parquet", b"")  # elsewhere is anywhere again
 
 
 def test_what_cannot_be_packed_is_refused(packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
