@@ -79,10 +79,13 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
             reason = str(error).replace(f"{folder}/", "")
             raise InputError(f"{archive}: cannot be made again: {reason}") from error
         found = _compare(manifest, folder / OUTPUTS, made)
+    for name in sorted({name for step in steps for name in step.outputs} - {file.path for file in manifest.outputs}):
+        found.different[name] = "was made, and is not in the archive"
     codes = {step.stage: int(step.code) for step in steps}
-    for stage, code in manifest.stages.items():
-        if codes.get(stage) != code:
-            found.different[f"stage {stage}"] = f"ended with {code}, now with {codes.get(stage, 'nothing')}"
+    for stage in {**manifest.stages, **codes}:
+        then, now = (each.get(stage, "nothing") for each in (manifest.stages, codes))
+        if then != now:
+            found.different[f"stage {stage}"] = f"ended with {then}, now with {now}"
     return found
 
 

@@ -152,9 +152,29 @@ def test_the_same_values_in_other_bytes_are_explained_by_versions_alone(
 
 
 def test_a_stage_that_ends_otherwise_is_named(packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    old = changed(packed / "x.zip", tmp_path / "old.zip", stages={"detect": 3})
+    with zipfile.ZipFile(packed / "x.zip") as file:
+        stages = json.loads(file.read(MANIFEST))["stages"]
+    old = changed(packed / "x.zip", tmp_path / "old.zip", stages=stages | {"detect": 3})
     code, found = verify(old, capsys)
     assert (code, found["different"]) == (ExitCode.DIFFERENT, {"stage detect": "ended with 3, now with 0"})
+
+
+def test_what_is_made_and_not_in_the_archive_is_named(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An archive that tells of no outputs would be made again to the same bytes whatever they were."""
+    with zipfile.ZipFile(packed / "x.zip") as old, zipfile.ZipFile(tmp_path / "x.zip", "w") as new:
+        told = json.loads(old.read(MANIFEST))
+        for name in old.namelist():
+            if not name.startswith(OUTPUTS):
+                data = (
+                    json.dumps({**told, "outputs": [], "stages": {}}).encode() if name == MANIFEST else old.read(name)
+                )
+                new.writestr(name, data)
+    code, found = verify(tmp_path / "x.zip", capsys)
+    assert code == ExitCode.DIFFERENT
+    assert found["different"]["tracks.parquet"] == "was made, and is not in the archive"
+    assert found["different"]["stage track"] == "ended with nothing, now with 0"
 
 
 def test_a_configuration_may_name_no_file_outside_of_the_archive(
