@@ -22,6 +22,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import footer
 from occlog.io.files.tables.check_sums import Checked
 from occlog.io.files.tables.footer import CHUNK, COLUMNS, PATH, ROW_GROUPS, STATISTICS, Chunk, read_groups, read_spans
+from occlog.io.files.tables.parquet import arrow_batches
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.files.tables.thrift import BINARY, I32, I64, LIST, STRUCT, Field, MalformedError, Reader, written
 from occlog.records.tables import Tracks
@@ -65,7 +66,7 @@ def by_library(path: Path) -> list[list[Chunk]]:
         chunks = []
         for column in map(group.column, range(group.num_columns)):
             begin = column.data_page_offset
-            if column.has_dictionary_page and 0 < column.dictionary_page_offset < begin:
+            if column.has_dictionary_page and (0 < column.dictionary_page_offset < begin or not begin):
                 begin = column.dictionary_page_offset
             path_in = tuple(column.path_in_schema.split("."))
             chunks.append(Chunk(path_in, begin, begin + column.total_compressed_size))
@@ -290,3 +291,10 @@ def test_the_first_version_of_feather_says_so(tmp_path: Path, capsys: pytest.Cap
     path.write_bytes(b"FEA1" + bytes(40) + b"\x20\0\0\0FEA1")
     assert run(["info", str(path)]) == ExitCode.BAD_INPUT
     assert "a.feather: is in version 1 of Feather, which is not read; write it as Parquet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", WRITTEN)
+def test_a_table_of_others_without_rows_is_read(tmp_path: Path, options: dict[str, object]) -> None:
+    """Such a file has a group without rows, whose columns have dictionaries and no pages of data."""
+    write(path := tmp_path / "t.parquet", 0, options)
+    assert [batch.num_rows for batch in arrow_batches(path)] in ([], [0])

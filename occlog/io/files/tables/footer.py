@@ -219,5 +219,6 @@ def _described(reader: Reader) -> Chunk:
 def _chunk(path: tuple[str, ...], size: int, data: int, dictionary: int) -> Chunk:
     if min(size, data) < 0 or not path:
         raise MalformedError("a column without its name, its size or its place")
-    begin = dictionary if 0 < dictionary < data else data
+    # Of a column without values there is no page of data, but of its dictionary
+    begin = dictionary if dictionary > 0 and (dictionary < data or not data) else data
     return Chunk(path, begin, begin + size)
