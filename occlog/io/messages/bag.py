@@ -181,17 +181,24 @@ def open_bag(paths: Collection[Path]) -> Bag:
             where = next(iter(paths))
             raise InputError(f"{where}: {told}" if told else f"{where}: holds no .mcap or .db3 file")
         if len(bag.files) > 1:
-            bag.files.sort(key=_begins)
+            bag.files = _in_order(bag.files)
     except BaseException:
         bag.__exit__(None, None, None)
         raise
     return bag
 
 
-def _begins(file: McapFile | SqliteFile) -> int:
-    """When a file begins [ns]: a shell puts `bag_10` before `bag_2`, and times that go back would be lost."""
-    span = file.span()
-    return 0 if span is None else span[0]
+def _in_order(files: list[McapFile | SqliteFile]) -> list[McapFile | SqliteFile]:
+    """Files by when they begin: a shell puts `bag_10` before `bag_2`, and times that go back would be lost.
+
+    One whose times are not known, since it is damaged or empty, stays behind the one before it.
+    """
+    begins, last = list[int](), 0
+    for file in files:
+        span = file.span()
+        last = last if span is None else span[0]
+        begins.append(last)
+    return [files[n] for n in sorted(range(len(files)), key=begins.__getitem__)]
 
 
 def _add(bag: Bag, path: Path) -> None:

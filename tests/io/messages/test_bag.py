@@ -62,6 +62,17 @@ def test_files_follow_each_other_by_their_times(tmp_path: Path) -> None:
     assert read(*files) == ([b"2", b"9", b"10"], [])
 
 
+def test_a_file_that_is_cut_off_stays_where_it_is(tmp_path: Path) -> None:
+    """Its times cannot be told before it is read, which is as far as it goes."""
+    whole = written(tmp_path / "b_0.db3", b"0")
+    cut = written(tmp_path / "b_1.db3", *[bytes(3000)] * 20, first=1)
+    cut.write_bytes(cut.read_bytes()[:30000])
+    found, lost = read(whole, cut)
+    assert found[0] == b"0"
+    assert 1 < len(found) < 21
+    assert len(lost) == 1
+
+
 @pytest.mark.parametrize("listed", [True, False])
 def test_a_file_that_is_there_unpacked_too_is_read_once(tmp_path: Path, listed: bool) -> None:
     """rosbag2 unpacks files beside the packed ones when it plays them."""
