@@ -63,6 +63,8 @@ def test_what_is_no_setting_or_no_value_is_refused_in_one_line(name, value, mess
         {"speed": math.nan},
         {"sigma_v": math.inf},
         {"lost_after": -1},
+        {"calibrate_s": 1e300},
+        {"prior_max_age_s": 1e300},
     ],
 )
 def test_settings_out_of_their_limits_are_refused(values):

@@ -30,7 +30,7 @@ class WorldConfig(Settings):
     steps: int = setting(
         4000, "Time steps, the start included.", people=600, at_least=1, at_most=10_000_000, option="--steps"
     )
-    step_s: float = setting(1.0, "Time between two steps.", unit="s", people=0.1, at_least=1e-6)
+    step_s: float = setting(1.0, "Time between two steps.", unit="s", at_most=1e9, people=0.1, at_least=1e-6)
     targets: int = setting(1, "Targets.", at_least=0, option="--targets")
     occluders: int = setting(0, "Other moving objects.", at_least=0, option="--occluders")
     diameter: float = setting(
@@ -180,7 +180,9 @@ class SoundConfig(Settings):
         option="--label-doa",
         shown="unlabelled",
     )
-    step_s: float = setting(1.0, "Time between the looks of an array without a rate of its own.", unit="s", above=0)
+    step_s: float = setting(
+        1.0, "Time between the looks of an array without a rate of its own.", unit="s", at_most=1e9, above=0
+    )
     heights: bool = setting(True, "Targets have known heights; without, false directions have no elevation either.")
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

@@ -29,7 +29,7 @@ from occlog.examine.viewers.drawings.sensors import camera_calibration, frame_tr
 from occlog.examine.viewers.drawings.shapes import Thing, smaller
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.frames.codec import check_image, encode_image, image_kind, image_size
+from occlog.io.frames.codec import check_image, encode_image, image_kind, shown_size
 from occlog.io.open import losses_of
 from occlog.io.recording.reader import linked_videos
 from occlog.io.recording.writer import PROTOBUF, ROS2, RecordingWriter
@@ -232,7 +232,7 @@ class _Sink:
         """Compressed bytes, their kind, width and height, and how much smaller than recorded; JPEG of what is coded."""
         most = self._request.height
         if frame.encoded is not None:
-            kind, size = image_kind(frame.encoded), image_size(frame.encoded)
+            kind, size = image_kind(frame.encoded), shown_size(frame.encoded)
             if kind is not None and size is not None and size[1] <= most:
                 check_image(frame.encoded, f"camera {frame.sensor}")
                 return frame.encoded, kind, size, 1.0

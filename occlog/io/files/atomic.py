@@ -13,6 +13,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple, Self
@@ -21,12 +22,26 @@ from occlog.details import begin_work, tell
 from occlog.errors import OcclogError, OutputError, OutputExistsError, UsageError
 
 PARTIAL = ".partial"
+_ONLY: ContextVar[Path | None] = ContextVar("_ONLY", default=None)
+
+
+@contextmanager
+def outputs_below(folder: Path) -> Iterator[None]:
+    """Refuse outputs outside of a folder meanwhile: what somebody else wrote says where they go."""
+    token = _ONLY.set(folder.resolve())
+    try:
+        yield
+    finally:
+        _ONLY.reset(token)
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
     """Raise unless `path` may become an output: before any work is done for it."""
     if str(path) == "-":
         raise UsageError("-: nothing is written to standard output; name a file")
+    only = _ONLY.get()
+    if only is not None and only not in Path(os.path.realpath(path)).parents:
+        raise OutputError(f"{path}: lies outside of {only}, where all outputs have to be here")
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
     if path.exists() and not path.is_file():

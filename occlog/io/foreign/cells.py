@@ -218,7 +218,10 @@ class ArrowCells:
         kind = _plain(column.type)
         if not (_is_text(kind) or pa.types.is_integer(kind)):
             raise self._unfit(name, kind, "texts were expected")
-        return to_texts(column, f"{self._path}: column {name}", MAX_CELL)
+        texts = to_texts(column, f"{self._path}: column {name}", MAX_CELL)
+        if not blank and (texts == "").any():  # also null within a dictionary, which does not count as null
+            raise self.fail(int(np.flatnonzero(texts == "")[0]), f"{name} is empty; a text was expected")
+        return texts
 
     def lists(self, name: str, width: int) -> Floats:
         """(n, width) numbers, or as many as the first cell has (`ANY`); NaN for cells that are null."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from contextlib import suppress
 
 import cv2
 import numpy as np
@@ -16,6 +17,19 @@ from .limits import MAX_PIXELS
 MAX_SCANS = 200
 """Scans of a JPEG image at most: progressive ones have some ten, and each goes through all pixels again."""
 PNG_MARK = b"\x89PNG\r\n\x1a\n"
+ORIENTATION = (0x0112, 3, 1)
+"""Tag, type and count of the entry of Exif data that says how an image has to be turned."""
+SIDEWAYS = (5, 6, 7, 8)
+"""Values of it by which width and height are exchanged."""
+EXIF_BYTES = 1 << 16
+"""Bytes of a JPEG image among which its Exif data begin."""
+SEVERAL = "an animation, of which decoders give one picture; write each as an image, or give it as a video"
+ANIMATED_WEBP = 0x02
+"""Bit of the first part of a WebP image that says that it has several pictures."""
+DEEP_MARKS = (b"II*\0", b"MM\0*", b"P2", b"P3", b"P5", b"P6")
+"""What TIFF, PGM and PPM begin with, whose values may have 16 bits; of PNG a byte says so."""
+DARK_16 = 4095
+"""Largest of values of 16 bits up to which they are taken for values of 12 bits or fewer, which say so nowhere."""
 BLACK = 24
 """Mean of the brightest channel up to which a row or column is a black bar; codecs leave some noise in it."""
 
@@ -33,6 +47,28 @@ def image_size(data: bytes) -> tuple[int, int] | None:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)
     return _jpeg_size(data) if image_kind(data) == "jpeg" else None
+
+
+def shown_size(data: bytes) -> tuple[int, int] | None:
+    """As `image_size`, of the image as it is decoded: turned as its Exif data say."""
+    size = image_size(data)
+    return size if size is None or _orientation(data) not in SIDEWAYS else size[::-1]
+
+
+def _orientation(data: bytes) -> int:
+    """How the image has to be turned, 1 to 8 as Exif has it; 1, which is not at all, where it does not say."""
+    png = image_kind(data) == "png"
+    at = data.find(b"eXIf", 0, data.find(b"IDAT")) + 4 if png else data.find(b"Exif\0\0", 0, EXIF_BYTES) + 6
+    order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[at : at + 4])
+    if order is None:
+        return 1
+    with suppress(struct.error):
+        begin = at + struct.unpack_from(f"{order}I", data, at + 4)[0]
+        for entry in range(struct.unpack_from(f"{order}H", data, begin)[0]):
+            tag, kind, count, value = struct.unpack_from(f"{order}HHIH", data, begin + 2 + 12 * entry)
+            if (tag, kind, count) == ORIENTATION:
+                return int(value)
+    return 1
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
@@ -58,7 +94,8 @@ def image_damage(data: bytes) -> str | None:
         return "cut short: the end mark of a JPEG image is missing"
     if kind == "jpeg" and (scans := _scans(data)) > MAX_SCANS:
         return f"{scans} scans; a JPEG image of at most {MAX_SCANS} was expected"
-    return None
+    animated = data[:4] == b"RIFF" and data[8:16] == b"WEBPVP8X" and data[20:21] and data[20] & ANIMATED_WEBP
+    return SEVERAL if animated else None
 
 
 def _scans(data: bytes) -> int:
@@ -76,6 +113,8 @@ def _png_damage(data: bytes) -> str | None:
             break
         if zlib.crc32(data[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
             return f"wrong check sum of PNG part {name.decode('ascii', 'backslashreplace')} at byte {at}"
+        if name == b"acTL" and int.from_bytes(data[at + 8 : at + 12], "big") > 1:
+            return SEVERAL
         if name == b"IEND":
             return None
         at = end
@@ -106,7 +145,20 @@ def decode_image(data: bytes, where: str) -> Image:
         raise InputError(f"{where}: cannot be decoded ({' '.join(str(error.err).split())})") from None
     if image is None:
         raise InputError(f"{where}: not an image that can be decoded ({len(data)} bytes)")
+    _check_depth(data, where)
     return image  # type: ignore[no-any-return]
+
+
+def _check_depth(data: bytes, where: str) -> None:
+    """InputError for values of 16 bits that use the lowest of them alone: the upper 8 bits are what is decoded."""
+    if not (data[24:25] == b"\x10" if image_kind(data) == "png" else data.startswith(DEEP_MARKS)):
+        return
+    deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    if deep is not None and deep.dtype == np.uint16 and 0 < (most := int(deep.max())) <= DARK_16:
+        raise InputError(
+            f"{where}: values of 16 bits up to {most} of 65535, which as 8 bits would be nearly black; scale them to "
+            "the whole range, or write 8 bits"
+        )
 
 
 def dark_bars(image: Image) -> tuple[int, int, int, int]:

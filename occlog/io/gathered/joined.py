@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -9,11 +10,13 @@ import pyarrow as pa
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.arrow_columns import check_schema
 from occlog.io.files.tables.header import read_header
 from occlog.io.files.tables.parquet import arrow_batches, arrow_schema_of
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
+from occlog.records.tables import TABLES
 
-from .schema import NAMES, gathered_schema, gathered_writer
+from .schema import NAMES, RECORDING, gathered_schema, gathered_writer
 
 
 def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Provenance) -> int:
@@ -28,7 +31,8 @@ def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Pr
         provenance: how the new table is made.
 
     Raises:
-        InputError: parts are of another kind, in different units of length, or a column has different types.
+        InputError: parts are of another kind or a newer version, in different units of length, or a column has
+            different types, values that are missing, or the name of another.
     """
     fields, unit = _columns(parts, name)
     schema = gathered_schema(name, fields.values(), provenance, unit)
@@ -61,7 +65,12 @@ def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field],
                 "unit: make a batch of the recordings of each"
             )
         unit, where = header.length_unit, where or recording
-        for field in arrow_schema_of(part):
+        schema = arrow_schema_of(part)
+        check_schema(part, schema, TABLES[name])
+        twice = [each for each, count in Counter([RECORDING.name, *schema.names]).items() if count > 1]
+        if twice:
+            raise InputError(f"{part}: column {twice[0]} would be there twice; make it again")
+        for field in schema:
             known = fields.setdefault(field.name, field)
             if known.type != field.type:
                 raise InputError(
@@ -82,4 +91,6 @@ def _batches(parts: Mapping[str, Path], schema: pa.Schema) -> Iterator[pa.Table]
             for field in list(schema)[1:]:
                 there = field.name in batch.schema.names
                 columns.append(batch.column(field.name) if there else pa.nulls(batch.num_rows, field.type))
+                if there and (missing := columns[-1].null_count) and not field.nullable:
+                    raise InputError(f"{part}: column {field.name}: {missing} missing values; make it again")
             yield pa.Table.from_arrays(columns, schema=schema)

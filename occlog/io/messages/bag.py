@@ -1,7 +1,7 @@
 """A bag: the files of one recording of another program, one after the other, with what was lost of them.
 
 A folder of rosbag2 says in `metadata.yaml` which files belong to it and how many messages they hold; without it all
-.mcap and .db3 files of the folder are taken in natural order.  Files compressed as a whole (.zstd) are unpacked into
+.mcap and .db3 files of the folder are taken.  Files compressed as a whole (.zstd) are unpacked into
 a temporary folder, messages compressed one by one as they come.
 """
 
@@ -20,6 +20,7 @@ from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, mistaken_for
 from occlog.io.files.guard import read_configuration
 from occlog.io.files.inputs import check_input
+from occlog.io.files.promises import most_unpacked
 from occlog.io.files.sensor_names import natural_key
 from occlog.io.files.texts.yaml_nodes import yaml_documents
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
@@ -32,6 +33,7 @@ METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
 PACKED = (".zstd", ".zst")
 WHAT = "a bag (MCAP or ROS 2)"
+_PIECE = 1 << 20
 MAX_GROWTH = 1000
 """A file that is compressed as a whole may unpack to this many times its size: recordings come to ten times."""
 
@@ -80,11 +82,19 @@ class Bag:
         """Messages of some topics, file by file; memory does not grow with the bag."""
         counts: dict[str, int] = {}
         for file in self.files:
+            size = file.path.stat().st_size
+            most, unpacked = most_unpacked(size), 0
             for message in file.messages(topics):
                 counts[message.topic] = counts.get(message.topic, 0) + 1
                 if not message.data.startswith(ZSTD_MAGIC):
                     yield message
                 elif (data := self._unpacked(message)) is not None:
+                    unpacked += len(data)
+                    if unpacked > most:
+                        raise InputError(
+                            f"{self._packed.get(file.path, file.path)}: the compressed messages of a file of {size} "
+                            f"bytes unpack to more than {most} bytes, as those of no recording do"
+                        )
                     yield message._replace(data=data)
         # Topics that are no longer wanted were not read to the end.
         for topic in sorted(topics):
@@ -106,9 +116,11 @@ class Bag:
     def _unpacked(self, message: Message) -> bytes | None:
         """The bytes of a message that is compressed on its own; None, and a loss, where it is damaged or too large."""
         try:
-            told = zstandard.frame_content_size(message.data)
-            if 0 <= told <= MAX_CHUNK_BYTES:
-                return zstandard.ZstdDecompressor().decompress(message.data)
+            told = zstandard.frame_content_size(message.data)  # -1: whoever packed it did not know
+            if told <= MAX_CHUNK_BYTES:
+                return zstandard.ZstdDecompressor().decompress(
+                    message.data, max_output_size=MAX_CHUNK_BYTES, allow_extra_data=False
+                )
             reason = f"it would unpack to {told} bytes (limit {MAX_CHUNK_BYTES})"
         except zstandard.ZstdError as error:
             reason = str(error)
@@ -123,8 +135,9 @@ class Bag:
         self._packed[out] = path
         limit = MAX_CHUNK_BYTES + MAX_GROWTH * path.stat().st_size
         with path.open("rb") as source, out.open("wb") as target:
+            reader = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
             try:
-                for piece in zstandard.ZstdDecompressor().read_to_iter(source):
+                while piece := reader.read1(_PIECE):
                     target.write(piece)
                     if target.tell() > limit:
                         raise InputError(
@@ -133,6 +146,10 @@ class Bag:
                         )
             except zstandard.ZstdError as error:
                 self._losses.append(Loss(path.name, f"after {target.tell()} unpacked bytes", f"damaged zstd ({error})"))
+            if not target.tell():
+                raise InputError(
+                    f"{path}: nothing of it can be unpacked: its zstd is cut off or damaged; copy it again"
+                )
         return out
 
 
@@ -147,7 +164,7 @@ def open_bag(paths: Collection[Path]) -> Bag:
     """Open the files of one recording.
 
     Args:
-        paths: folders of rosbag2, or files (.mcap, .db3, also compressed by zstd), which follow each other.
+        paths: folders of rosbag2, or files (.mcap, .db3, also compressed by zstd), in any order.
 
     Raises:
         InputError: none of the files can be read, or one is of another kind.
@@ -155,16 +172,33 @@ def open_bag(paths: Collection[Path]) -> Bag:
     bag = Bag(tuple(paths))
     try:
         for path in paths:
-            for file in _listed(path, bag):
+            listed = _listed(path, bag)
+            for file in listed:
                 _add(bag, file)
+            bag._losses += _left_out(path, listed)
         if not bag.files:
             told = bag.losses[0] if bag.losses else None
             where = next(iter(paths))
             raise InputError(f"{where}: {told}" if told else f"{where}: holds no .mcap or .db3 file")
+        if len(bag.files) > 1:
+            bag.files = _in_order(bag.files)
     except BaseException:
         bag.__exit__(None, None, None)
         raise
     return bag
+
+
+def _in_order(files: list[McapFile | SqliteFile]) -> list[McapFile | SqliteFile]:
+    """Files by when they begin: a shell puts `bag_10` before `bag_2`, and times that go back would be lost.
+
+    One whose times are not known, since it is damaged or empty, stays behind the one before it.
+    """
+    begins, last = list[int](), 0
+    for file in files:
+        span = file.span()
+        last = last if span is None else span[0]
+        begins.append(last)
+    return [files[n] for n in sorted(range(len(files)), key=begins.__getitem__)]
 
 
 def _add(bag: Bag, path: Path) -> None:
@@ -197,12 +231,13 @@ def _kind(path: Path) -> str | None:
 
 
 def _members(folder: Path) -> list[Path]:
-    """Files of a bag in a folder, in natural order."""
+    """Files of a bag in a folder, in natural order; of one that is there unpacked, too, that one alone."""
     found = [p for p in folder.iterdir() if p.is_file() and _bare(p).suffix in SUFFIXES]
-    return sorted(found, key=lambda p: natural_key(p.name))
+    return sorted((p for p in found if p == _bare(p) or _bare(p) not in found), key=lambda p: natural_key(p.name))
 
 
 def _bare(path: Path) -> Path:
+    """The file without its packing, as which rosbag2 unpacks it into the same folder when it plays the bag."""
     return path.with_suffix("") if path.suffix in PACKED else path
 
 
@@ -226,6 +261,15 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
         bag.promised[name] = bag.promised.get(name, 0) + count
     # A name may be an old absolute path, or lead out of the folder: only the file beside the metadata counts.
     return [path / Path(name.replace("\\", "/")).name for name in names]
+
+
+def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
+    """The files of a folder that its metadata do not list."""
+    if not path.is_dir():
+        return []
+    known = {_bare(file) for file in listed}
+    what = f"{METADATA} does not name it, and it was not read; remove {METADATA} to take it"
+    return [Loss(file.name, "whole file", what) for file in _members(path) if _bare(file) not in known]
 
 
 def _information(path: Path) -> dict[str, object]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.errors import InputError
 from occlog.io.frames.apart import decode_apart
-from occlog.io.frames.codec import encode_image, image_damage, image_kind, image_size
+from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
 from occlog.io.frames.limits import MAX_PIXELS
 from occlog.records.frames import Image
 
@@ -66,7 +66,7 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
         InputError: the image is damaged or of an encoding that cannot be read.
     """
     kind = None if message.size is not None else image_kind(message.data)
-    size = image_size(message.data) if kind is not None else None
+    size = shown_size(message.data) if kind is not None else None
     if kind is not None and size is not None and store in (None, kind):
         damage = image_damage(message.data)
         if damage is None and size[0] * size[1] > MAX_PIXELS:

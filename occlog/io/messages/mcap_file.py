@@ -10,7 +10,8 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, NamedTuple, TypeVar
@@ -121,8 +122,19 @@ class McapFile:
 
         A topic that is taken out of the collection on the way is left out from the next chunk on.
         """
+        found = Counter[int]()
         for channel, log_ns, data in self._walk(topics):
+            found[channel] += 1
             yield Message(self._channels[channel].topic, log_ns, data)
+        if not self.losses:  # what is damaged is told already
+            self._tell_missing(topics, found)
+
+    def _tell_missing(self, topics: Collection[str], found: Mapping[int, int]) -> None:
+        """Tell of messages that the index counts, and whose chunks it does not lead to."""
+        for number, channel in self._channels.items():
+            missing = (self._counts or {}).get(number, 0) - found.get(number, 0)
+            if channel.topic in topics and missing > 0:
+                self._lose(channel.topic, "messages that its index counts were not found; the index is wrong", missing)
 
     def _topic(self, channel: Channel) -> Topic:
         schema = self._schemas.get(channel.schema_id)

@@ -19,6 +19,12 @@ FREE_STEPS, STEPS_PER_BYTE = 1_000_000, 50
 """Steps of SQLite that a pass through any file may take, and above that for each of its bytes: a row, which has four
 bytes or more, takes some ten."""
 _STEPS_AT_ONCE = 100_000
+_LOGS = {
+    "-wal": (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83"),
+    "-journal": (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7",),
+}
+"""What logs of SQLite beside a file begin with that hold writes; one that is done is empty, or begins with zeros."""
+_LOG_HEAD = 32
 _TABLES = ("topics", "messages", "message_definitions")
 
 
@@ -34,6 +40,7 @@ class SqliteFile:
                 self._topics = self._read_topics(base)
         except sqlite3.Error as error:
             raise InputError(f"{path}: not a ROS 2 bag that can be read ({error}); copy it again") from None
+        self._tell_beside()
 
     def topics(self) -> list[Topic]:
         """The topics."""
@@ -67,6 +74,18 @@ class SqliteFile:
         except (sqlite3.Error, ValueError) as error:
             place = f"after {last} ns" if last else "first message"
             self.losses[Loss(self.name, place, f"damaged SQLite file: the rest cannot be read ({error})")] = None
+
+    def _tell_beside(self) -> None:
+        """Tell of a log beside the file with writes that a recorder which ended early did not put into the file."""
+        for ending, magics in _LOGS.items():
+            log = self.path.with_name(self.path.name + ending)
+            if log.is_file():
+                with log.open("rb") as file:
+                    begins = file.read(_LOG_HEAD + 1)
+                if len(begins) > _LOG_HEAD and begins.startswith(magics):
+                    remedy = f"let SQLite put it right: sqlite3 {self.name} 'PRAGMA journal_mode = DELETE'"
+                    what = f"its last writes are in {log.name}, which was not read; {remedy}"
+                    self.losses[Loss(self.name, "end", what)] = None
 
     def _connect(self) -> sqlite3.Connection:
         # Immutable: nothing is written beside the file, not even a lock.

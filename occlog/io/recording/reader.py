@@ -25,6 +25,7 @@ from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
+from .layout import damaged_mcap
 from .links import leaves, linked_path
 from .made_index_reader import MadeIndexReader
 from .mcap_errors import open_mcap, read_attachment
@@ -179,9 +180,15 @@ class Recording:
         """(topic, log time, data, sequence) in the order of time."""
         if not topics:
             return
+        told, found = sum(t.messages for t in self.topics if t.name in topics), 0
         with open_mcap(self.path) as (reader, _):
             for _schema, channel, message in reader.iter_messages(topics=topics):
+                found += 1
                 yield channel.topic, message.log_time, message.data, message.sequence
+        # Of a chunk whose index does not name their topics the library says nothing
+        if found != told:
+            names = ", ".join(sorted(topics))[:200]
+            raise damaged_mcap(self.path, f"its index counts {told} messages of {names}, and leads to {found}")
 
 
 def linked_videos(path: Path) -> tuple[Path, ...]:

@@ -26,6 +26,8 @@ WHAT = "a WAV file"
 PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 OPEN = (0, 0xFFFFFFFF)
 """Lengths that a recorder writes first and corrects at the end."""
+MOST_CHUNKS = 1000
+"""Chunks behind the samples that are looked at."""
 MOST_CHANNELS, MOST_RATE = 4096, 10_000_000
 LOUDEST = 1e30
 """Full scale is 1; squares of much more leave the range of numbers."""
@@ -119,7 +121,39 @@ def open_sound(path: Path) -> Sound:
         start=start,
         frames=frames,
         promised=length // frame if known else None,
+        losses=[_left(path, start + length)] if known and _is_more(path, start + length) else [],
     )
+
+
+def _is_more(path: Path, at: int) -> bool:
+    """Whether something stands behind the samples that is no chunk but more of them, or a second chunk of samples."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        for _ in range(MOST_CHUNKS):
+            if size - at < 9:
+                return False
+            file.seek(at)
+            head = file.read(9)
+            # Chunks begin at even bytes, though some programs do not see to that
+            skipped = at % 2 if _is_name(head[at % 2 :][:4]) else 0
+            name, length = struct.unpack_from("<4sI", head, skipped)
+            if name == b"data" or not _is_name(name):
+                return True
+            at += skipped + 8 + length
+    return True
+
+
+def _is_name(name: bytes) -> bool:
+    return all(0x20 <= byte < 0x7F for byte in name)
+
+
+def _left(path: Path, at: int) -> Loss:
+    rest = path.stat().st_size - at
+    what = (
+        f"{rest} bytes from there on were not read: the header states a length of the samples that is too short, as "
+        "where it has room for 4 GiB alone; convert the file anew"
+    )
+    return Loss(path.name, f"byte {at}", what)
 
 
 def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
@@ -128,6 +162,7 @@ def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
     long_length: int | None = None
     while len(head := file.read(8)) == 8:
         name, length = struct.unpack("<4sI", head)
+        padding = length % 2
         if name == b"data":
             if form is None:
                 raise InputError(f"{path}: has no format (`fmt `) before its samples; convert it again")
@@ -139,7 +174,7 @@ def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
             elif len(body) >= 16:
                 long_length = struct.unpack("<Q", body[8:16])[0]
             length -= len(body)
-        file.seek(length + length % 2 if name not in (b"fmt ", b"ds64") else length, os.SEEK_CUR)
+        file.seek(length + padding, os.SEEK_CUR)
     raise InputError(f"{path}: has no samples (no `data`); the file is cut off or damaged")
 
 

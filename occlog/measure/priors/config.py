@@ -71,6 +71,7 @@ class HullConfig(Settings):
         0.2,
         "A polygon must have been there so long.",
         unit="s",
+        at_most=1e9,
         at_least=0,
         option="--persist",
         metavar="SECONDS",
@@ -79,15 +80,17 @@ class HullConfig(Settings):
         2.0,
         "How long it counts that a polygon was the only one to explain a run.",
         unit="s",
+        at_most=1e9,
         at_least=0,
         option="--memory",
         metavar="SECONDS",
     )
-    lost_s: float = setting(0.5, "How long an identity is kept without a polygon.", unit="s", at_least=0)
+    lost_s: float = setting(0.5, "How long an identity is kept without a polygon.", unit="s", at_most=1e9, at_least=0)
     hold_s: float = setting(
         0.3,
         "How long a certain polygon is kept when it is not there.",
         unit="s",
+        at_most=1e9,
         at_least=0,
         option="--hold",
         metavar="SECONDS",
@@ -133,7 +136,13 @@ class AcousticConfig(Settings):
         option="--q",
     )
     persist_s: float = setting(
-        0.3, "A source must have been heard so long.", unit="s", at_least=0, option="--persist", metavar="SECONDS"
+        0.3,
+        "A source must have been heard so long.",
+        unit="s",
+        at_most=1e9,
+        at_least=0,
+        option="--persist",
+        metavar="SECONDS",
     )
     silence_s: float = setting(
         2.0,

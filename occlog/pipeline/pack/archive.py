@@ -15,7 +15,7 @@ from typing import IO
 from occlog.errors import InputError, OutputError
 from occlog.io.files.inputs import check_input
 
-from .manifest import LOCK, MANIFEST, MAX_MANIFEST_BYTES, Manifest, PackedFile, check_name, read_manifest
+from .manifest import LOCK, MANIFEST, MAX_MANIFEST_BYTES, Manifest, PackedFile, check_name, key_of_name, read_manifest
 
 FREE_BYTES, MAX_GROWTH = 1 << 30, 4
 """Unpacked bytes that any archive may hold, and above that for each of its own: only texts are compressed."""
@@ -137,12 +137,12 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
             else "packed in a way that occlog does not pack"
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
             else "there twice"
-            if info.filename.lower() in found
+            if key_of_name(info.filename) in found
             else ""
         )
         if fault:
             raise InputError(f"{path}: {info.filename}: is {fault}; it is not unpacked")
-        found[info.filename.lower()] = info
+        found[key_of_name(info.filename)] = info
     limit, total = FREE_BYTES + MAX_GROWTH * path.stat().st_size, sum(info.file_size for info in infos)
     if total > limit:
         raise InputError(f"{path}: unpacks to {total} bytes; the limit of an archive of its size is {limit}")

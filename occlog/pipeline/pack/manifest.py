@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from pathlib import PurePosixPath
 from typing import Annotated
 
@@ -80,7 +81,7 @@ def read_manifest(data: bytes, where: str) -> Manifest:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{where}: not a manifest of `occlog pack` ({error}); pack the run again") from error
     check_names(manifest, where, "it is not unpacked")
-    if any(f"{file.path}/".startswith(f"{manifest.folder}/") for file in manifest.inputs):
+    if any(f"{key_of_name(file.path)}/".startswith(f"{key_of_name(manifest.folder)}/") for file in manifest.inputs):
         raise InputError(f"{where}: has inputs in its run folder {manifest.folder!r}; pack the run again")
     if manifest.config not in {file.path for file in manifest.inputs}:
         raise InputError(f"{where}: its configuration {manifest.config!r} is not among its inputs; pack the run again")
@@ -88,17 +89,22 @@ def read_manifest(data: bytes, where: str) -> Manifest:
 
 
 def check_names(manifest: Manifest, where: str, so: str) -> None:
-    """InputError, which ends with `so`, for names that no archive has, or two that differ in case alone."""
+    """InputError, which ends with `so`, for names that no archive has, or two that some systems take for one."""
     for place, files in ((INPUTS, manifest.inputs), (OUTPUTS, manifest.outputs)):
         met: dict[str, str] = {}
         for file in files:
             check_name(f"{place}/{file.path}", where, so)
-            key = file.path.lower()
+            key = key_of_name(file.path)
             if key in met:
                 both = f"{met[key]!r} and {file.path!r}"
                 raise InputError(f"{where}: names a file twice where case does not count, {both}; {so}")
             met[key] = file.path
     check_name(manifest.folder, where, so)
+
+
+def key_of_name(name: str) -> str:
+    """What a name has in common with those that some systems take for the same: by case, and by how accents are put."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
 def check_name(name: str, where: str, so: str) -> None:

@@ -285,9 +285,24 @@ def outcomes(folder: Path) -> dict[str, Outcome]:
             )
         return {}
     try:
-        return {name: Outcome(**outcome) for name, outcome in read_json(path)["stages"].items()}
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: not the state of a run; remove it to do every stage again") from error
+        found = {name: Outcome(**outcome) for name, outcome in read_json(path)["stages"].items()}
+        whole = all(_is_outcome(outcome, folder.resolve()) for outcome in found.values())
+    except (KeyError, TypeError, AttributeError, ValueError, OSError):
+        whole = False
+    if not whole:
+        raise InputError(f"{path}: not the state of a run; remove it to do every stage again")
+    return found
+
+
+def _is_outcome(told: Outcome, folder: Path) -> bool:
+    """Whether what a state tells of a stage can be: outputs in the run folder, since those of others are removed."""
+    texts = [told.key, *told.outputs.keys(), *told.outputs.values()]
+    return (
+        all(isinstance(text, str) for text in texts)
+        and type(told.code) is int
+        and told.code in GOING_ON
+        and all((folder / name).parent.resolve().is_relative_to(folder) for name in told.outputs)
+    )
 
 
 def other_versions(folder: Path) -> str:

@@ -13,6 +13,7 @@ from occlog import __version__
 from occlog.errors import ExitCode, InputError, OcclogError, UsageError
 from occlog.examine.diff.result import Comparison, DiffSettings, Tolerances
 from occlog.examine.diff.run import compare_files, stage_order
+from occlog.io.files.atomic import outputs_below
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
 from occlog.pipeline.pack.archive import take, unpack
@@ -72,15 +73,19 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
         _add_inputs(archive, manifest, inputs, folder / INPUTS)
         made = folder / INPUTS / manifest.folder
         try:
-            steps = _make_again(read_config(folder / INPUTS / manifest.config), folder, made, begin)
+            with outputs_below(folder / INPUTS):
+                steps = _make_again(read_config(folder / INPUTS / manifest.config), folder, made, begin)
         except (OcclogError, click.ClickException) as error:
             reason = str(error).replace(f"{folder}/", "")
             raise InputError(f"{archive}: cannot be made again: {reason}") from error
         found = _compare(manifest, folder / OUTPUTS, made)
+    for name in sorted({name for step in steps for name in step.outputs} - {file.path for file in manifest.outputs}):
+        found.different[name] = "was made, and is not in the archive"
     codes = {step.stage: int(step.code) for step in steps}
-    for stage, code in manifest.stages.items():
-        if codes.get(stage) != code:
-            found.different[f"stage {stage}"] = f"ended with {code}, now with {codes.get(stage, 'nothing')}"
+    for stage in {**manifest.stages, **codes}:
+        then, now = (each.get(stage, "nothing") for each in (manifest.stages, codes))
+        if then != now:
+            found.different[f"stage {stage}"] = f"ended with {then}, now with {now}"
     return found
 
 

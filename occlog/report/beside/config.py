@@ -38,6 +38,7 @@ class BesideConfig(Settings):
         1.0,
         "A person's track that changes for less than this is counted, but not told.",
         unit="s",
+        at_most=1e9,
         at_least=0,
         option="--lasting",
         metavar="SECONDS",

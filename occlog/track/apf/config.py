@@ -130,7 +130,7 @@ class ApfConfig(SmoothingConfig):
         at_most=1,
     )
     occluder_diameter: float = setting(3.33, "Diameter of a moving occluder.", unit="length", above=0, people=0.5)
-    prior_max_age_s: float = setting(5.0, "Older priors are not used.", unit="s", above=0)
+    prior_max_age_s: float = setting(5.0, "Older priors are not used.", unit="s", at_most=1e9, above=0)
     own_gate: float = setting(
         0.0, "Priors this many standard deviations near the target are its own; 0: none is.", at_least=0
     )
@@ -142,7 +142,7 @@ class ApfConfig(SmoothingConfig):
         "or at first only (`initial`).",
         choices=CALIBRATE,
     )
-    calibrate_s: float = setting(100.0, "How long `initial` gathers.", unit="s", above=0)
+    calibrate_s: float = setting(100.0, "How long `initial` gathers.", unit="s", at_most=1e9, above=0)
 
     # When to give up
     max_gap_s: float = setting(60.0, "After a longer time without a scan particles are drawn anew.", unit="s", above=0)

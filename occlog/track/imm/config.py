@@ -39,6 +39,7 @@ class ImmConfig(SmoothingConfig):
         None,
         "How long a motion model holds on average.",
         unit="s",
+        at_most=1e9,
         above=0,
         nothing="every model is as likely at every step",
     )
@@ -72,7 +73,9 @@ class ImmConfig(SmoothingConfig):
     confirm: float = setting(0.95, "A target is reported from this probability on that it exists.", at_least=0, below=1)
     confirm_hits: int = setting(3, "And when it was heard so often.", at_least=1)
     die: float = setting(0.02, "Below this probability a target is given up.", at_least=0, below=1)
-    forget_s: float = setting(15.0, "So is one that was neither heard nor seen for so long.", unit="s", above=0)
+    forget_s: float = setting(
+        15.0, "So is one that was neither heard nor seen for so long.", unit="s", at_most=1e9, above=0
+    )
     walls: bool = setting(True, "No target leaves the room, if the scene has one.")
 
     # Cooperation with cameras, [Lee] Sec. 3.3
@@ -84,7 +87,7 @@ class ImmConfig(SmoothingConfig):
         option="--cooperate",
         metavar="POLICY",
     )
-    period_s: float = setting(10.0, "Period of `periodic`.", unit="s", above=0)
+    period_s: float = setting(10.0, "Period of `periodic`.", unit="s", at_most=1e9, above=0)
     triggers: str = setting(
         "count,bearing,ellipse", "Triggers of `printed`, with commas.", choices=TRIGGERS, several=True
     )
@@ -98,7 +101,7 @@ class ImmConfig(SmoothingConfig):
     )
     share: bool = setting(True, "Other targets that the frames show are taken in as well.")
     frame_age_s: float = setting(
-        0.5, "Frames older than this are not used, the time of an answer not counted.", unit="s", above=0
+        0.5, "Frames older than this are not used, the time of an answer not counted.", unit="s", at_most=1e9, above=0
     )
     answer_s: float = setting(
         0.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 from pathlib import Path
@@ -12,13 +13,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from apart import check_apart
+from pyarrow.parquet import encryption
 from random_tables import random_table
 
+from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import footer
 from occlog.io.files.tables.check_sums import Checked
 from occlog.io.files.tables.footer import CHUNK, COLUMNS, PATH, ROW_GROUPS, STATISTICS, Chunk, read_groups, read_spans
+from occlog.io.files.tables.parquet import arrow_batches
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.files.tables.thrift import BINARY, I32, I64, LIST, STRUCT, Field, MalformedError, Reader, written
 from occlog.records.tables import Tracks
@@ -62,7 +66,7 @@ def by_library(path: Path) -> list[list[Chunk]]:
         chunks = []
         for column in map(group.column, range(group.num_columns)):
             begin = column.data_page_offset
-            if column.has_dictionary_page and 0 < column.dictionary_page_offset < begin:
+            if column.has_dictionary_page and (0 < column.dictionary_page_offset < begin or not begin):
                 begin = column.dictionary_page_offset
             path_in = tuple(column.path_in_schema.split("."))
             chunks.append(Chunk(path_in, begin, begin + column.total_compressed_size))
@@ -256,3 +260,41 @@ def test_first_column_spans(tmp_path: Path) -> None:
     path.write_bytes(changed(tracks(), STATISTICS, Field(STRUCT, {5: Field(I64, 5)}), column=0))
     with Checked(path) as source:
         assert not list(read_spans(source))
+
+
+class Keys(encryption.KmsClient):
+    """Keys that are no secrets."""
+
+    def wrap_key(self, key_bytes: bytes, master_key_identifier: str) -> bytes:
+        return base64.b64encode(key_bytes)
+
+    def unwrap_key(self, wrapped_key: bytes, master_key_identifier: str) -> bytes:
+        return base64.b64decode(wrapped_key)
+
+
+@pytest.mark.parametrize("plain_footer", [True, False])
+def test_encrypted_files_say_that_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], plain_footer: bool
+) -> None:
+    path, rows = tmp_path / "a.parquet", pa.table({"t_ns": [1], "x": [2.0]})
+    told = encryption.EncryptionConfiguration("a", column_keys={"b": ["x"]}, plaintext_footer=plain_footer)
+    factory = encryption.CryptoFactory(lambda _: Keys())
+    properties = factory.file_encryption_properties(encryption.KmsConnectionConfig(), told)
+    with pq.ParquetWriter(path, rows.schema, encryption_properties=properties) as writer:
+        writer.write_table(rows)
+    assert run(["info", str(path)]) == ExitCode.BAD_INPUT
+    assert "a.parquet: is encrypted (Parquet), and occlog takes no keys; write it" in capsys.readouterr().err
+
+
+def test_the_first_version_of_feather_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.feather"
+    path.write_bytes(b"FEA1" + bytes(40) + b"\x20\0\0\0FEA1")
+    assert run(["info", str(path)]) == ExitCode.BAD_INPUT
+    assert "a.feather: is in version 1 of Feather, which is not read; write it as Parquet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", WRITTEN)
+def test_a_table_of_others_without_rows_is_read(tmp_path: Path, options: dict[str, object]) -> None:
+    """Such a file has a group without rows, whose columns have dictionaries and no pages of data."""
+    write(path := tmp_path / "t.parquet", 0, options)
+    assert [batch.num_rows for batch in arrow_batches(path)] in ([], [0])

@@ -274,6 +274,21 @@ def test_cells_of_columns_are_refused_with_their_row(
         open_input(tmp_path / "t.parquet", Truth).read(Truth)
 
 
+@pytest.mark.parametrize(
+    ("sensors", "word"),
+    [
+        (pa.array(["a", "b", ""]), "empty"),
+        (pa.array(["a", "b", None]), "null"),
+        (pa.DictionaryArray.from_arrays(pa.array([0, 1, 2], pa.int8()), pa.array(["a", "b", None])), "empty"),
+    ],
+)
+def test_a_sensor_without_a_name_is_refused_as_in_text(tmp_path: Path, sensors: pa.Array, word: str) -> None:
+    columns = {"t_ns": [1, 2, 3], "sensor": sensors, "bearing": [0.1] * 3, "sigma": [0.1] * 3}
+    feather.write_feather(pa.table(columns), path := tmp_path / "a.feather")
+    with pytest.raises(InputError, match=f"row 2: sensor is {word}; a text was expected"):
+        open_input(path, Bearings).read(Bearings)
+
+
 def test_a_file_is_what_a_command_wants_of_it(tmp_path: Path) -> None:
     """Places with a time are tracks or a truth, whichever is wanted; alone they are taken for tracks."""
     path = text(tmp_path / "p.csv", "t,id,x,y", "0,1,1,1")

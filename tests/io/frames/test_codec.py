@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.frames.codec import BLACK, PNG_MARK, dark_bars, decode_image, image_damage, image_size
+from occlog.io.frames.codec import (
+    BLACK,
+    DARK_16,
+    PNG_MARK,
+    SEVERAL,
+    dark_bars,
+    decode_image,
+    image_damage,
+    image_size,
+    shown_size,
+)
 from occlog.io.frames.limits import MAX_PIXELS
 
 
@@ -58,3 +68,62 @@ def test_a_bar_is_black_up_to_a_mean(level: int, bars: tuple[int, int, int, int]
     image[2:16, 3:29] = 200
     assert dark_bars(image) == bars
     assert dark_bars(np.full((20, 30, 3), BLACK, np.uint8)) == (0, 0, 0, 0)
+
+
+def png_part(name: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+
+def exif(order: str, turn: int) -> bytes:
+    """Exif data with two entries, of which the second says how the image is turned."""
+    mark = b"II*\0" if order == "<" else b"MM\0*"
+    entries = struct.pack(f"{order}HHIHHHHIHH", 0x0100, 3, 1, 9, 0, 0x0112, 3, 1, turn, 0)
+    return mark + struct.pack(f"{order}IH", 8, 2) + entries + bytes(4)
+
+
+@pytest.mark.parametrize("turn", range(10))
+@pytest.mark.parametrize("order", "<>")
+def test_a_size_is_that_of_the_image_turned_as_its_exif_data_say(order: str, turn: int) -> None:
+    pixels = np.zeros((8, 24, 3), np.uint8)
+    told = b"Exif\0\0" + exif(order, turn)
+    jpg, png = (cv2.imencode(kind, pixels)[1].tobytes() for kind in (".jpg", ".png"))
+    jpg = jpg[:2] + b"\xff\xe1" + struct.pack(">H", len(told) + 2) + told + jpg[2:]
+    png = png[:33] + png_part(b"eXIf", exif(order, turn)) + png[33:]
+    for data in (jpg, png):
+        image = decode_image(data, "x")
+        assert shown_size(data) == (image.shape[1], image.shape[0])
+        assert image_size(data) == (24, 8)
+
+
+def test_exif_data_that_end_early_or_lead_nowhere_turn_nothing() -> None:
+    whole = b"\xff\xd8\xff\xe1\0\x40Exif\0\0" + exif("<", 6)
+    for stop in range(len(whole) - 8):
+        cut = whole[:stop] + jpeg()[2:]
+        assert shown_size(cut) == image_size(cut)
+    astray = whole.replace(b"\x08\0\0\0", b"\xff\xff\xff\xff") + jpeg()[2:]
+    assert shown_size(astray) == image_size(astray)
+
+
+@pytest.mark.parametrize("kind", [".png", ".tiff", ".pgm"])
+def test_values_of_16_bits_that_would_be_black_as_8_are_refused(kind: str) -> None:
+    """Cameras of 12 bits write such images, and depth in mm: their upper eight bits are the brightness that is left."""
+
+    def image(most: int) -> bytes:
+        values = np.linspace(0, most, 64).astype(np.uint16).reshape(8, 8)
+        return cv2.imencode(kind, values)[1].tobytes()
+
+    assert decode_image(image(65535), "x").max() == 255
+    assert decode_image(image(DARK_16 + 1), "x").max() == 16
+    assert decode_image(image(0), "x").max() == 0
+    with pytest.raises(InputError, match="x: values of 16 bits up to 4095 of 65535, which as 8 bits would be nearly"):
+        decode_image(image(DARK_16), "x")
+
+
+def test_animations_are_refused_whose_other_pictures_would_be_lost() -> None:
+    png = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
+    one, two = (png[:33] + png_part(b"acTL", struct.pack(">II", n, 0)) + png[33:] for n in (1, 2))
+    assert (image_damage(one), image_damage(two)) == (None, SEVERAL)
+    webp = cv2.imencode(".webp", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+    head = b"RIFF" + struct.pack("<I", 100) + b"WEBPVP8X" + struct.pack("<I", 10)
+    assert image_damage(webp) is None
+    assert (image_damage(head + b"\0" * 10), image_damage(head + b"\x02" + bytes(9))) == (None, SEVERAL)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from random_tables import random_table
@@ -69,4 +71,32 @@ def test_what_does_not_go_together_is_refused_and_nothing_is_left(tmp_path: Path
         join_tables(tmp_path / "all.parquet", made, "tracks", MADE)
     with pytest.raises(InputError, match="holds tracks, want errors"):
         join_tables(tmp_path / "all.parquet", made, "errors", MADE)
+    assert not (tmp_path / "all.parquet").exists()
+
+
+def changed(table: pa.Table, name: str, values: pa.Array) -> pa.Table:
+    field = pa.field(name, values.type)
+    if name in table.schema.names:
+        return table.set_column(table.schema.get_field_index(name), field, values)
+    return table.append_column(field, values)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: changed(t, "x", pa.array([None, 1.0, 2.0, 3.0, 4.0, 5.0])), "column x: 1 missing values"),
+        (lambda t: changed(t, "recording", pa.array(["b"] * 6)), "column recording would be there twice"),
+        (lambda t: t.append_column("t_ns", t["t_ns"]), "column t_ns is there twice"),
+        (lambda t: t.append_column("more", t["x"]).append_column("more", t["x"]), "column more would be there twice"),
+        (lambda t: t.drop_columns(["cov_xx"]), "column cov_xx is missing"),
+        (lambda t: t.replace_schema_metadata({**t.schema.metadata, b"occlog.schema": b"tracks/9"}), "is newer than"),
+    ],
+)
+def test_a_part_that_is_no_such_table_is_refused_by_its_name(
+    tmp_path: Path, change: Callable[[pa.Table], pa.Table], words: str
+) -> None:
+    made = parts(tmp_path)
+    pq.write_table(change(pq.read_table(made["b"])), made["b"])
+    with pytest.raises(InputError, match=f"b.parquet: .*{words}"):
+        join_tables(tmp_path / "all.parquet", made, "tracks", MADE)
     assert not (tmp_path / "all.parquet").exists()

@@ -82,6 +82,39 @@ def test_what_is_cut_off_is_counted(tmp_path: Path) -> None:
     assert [(loss.place, loss.count) for loss in sound.losses] == [("frame 5", 15)]
 
 
+@pytest.mark.parametrize(
+    ("behind", "lost"),
+    [
+        (b"", False),
+        (bytes(8), False),
+        (b"LIST" + struct.pack("<I", 3) + b"abc\0" + b"id3 " + struct.pack("<I", 9), False),
+        (b"LIST" + struct.pack("<I", 3) + b"abc" + b"id3 " + struct.pack("<I", 5) + b"abcde", False),  # not padded
+        (np.arange(9, dtype="<i2").tobytes(), True),
+        (bytes(100), True),
+        (b"LIST" + struct.pack("<I", 4) + b"abcd" + b"data" + struct.pack("<I", 4) + b"abcd", True),
+        (b"LIST\0\0\0\0" * 2000, True),
+    ],
+)
+def test_samples_behind_those_of_the_header_are_told(tmp_path: Path, behind: bytes, lost: bool) -> None:
+    """A header has room for 4 GiB alone: of 5 GiB it says one, and a recorder may not say what it added."""
+    data = np.arange(10, dtype="<i2").tobytes()
+    path = wav(tmp_path / "a.wav", data + behind, length=len(data))
+    sound = open_sound(path)
+    assert sum(len(b) for b in sound.blocks()) == 5
+    begin = path.stat().st_size - len(behind)
+    assert [(loss.place, loss.what[:20]) for loss in sound.losses] == (
+        [(f"byte {begin}", f"{len(behind)} bytes from there on"[:20])] if lost else []
+    )
+
+
+def test_a_format_of_an_odd_length_is_padded(tmp_path: Path) -> None:
+    data = np.arange(10, dtype="<i2").tobytes()
+    path = wav(tmp_path / "a.wav", data, form=b"\0")
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"\0data", b"\0\0data"))
+    assert open_sound(path).frames == 5
+
+
 @pytest.mark.parametrize("wrong", [np.nan, 1e31, -3e38])
 def test_samples_that_are_no_numbers_are_counted(tmp_path: Path, wrong: float) -> None:
     """Of large ones the squares were infinite, and frames of sound were left out without a word."""

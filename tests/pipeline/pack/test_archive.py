@@ -124,11 +124,24 @@ def test_what_the_manifest_does_not_say_is_refused(tmp_path: Path, changed: Memb
     refused(tmp_path, words)
 
 
-def test_a_file_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+ALIKE = (("run.yaml", "RUN.yaml"), ("caf\u00e9", "cafe\u0301"), ("stra\u00dfe", "strasse"), ("\u212b", "\u00e5"))
+"""Names that some systems take for the same one."""
+
+
+@pytest.mark.parametrize(("one", "other"), ALIKE)
+def test_inputs_are_not_in_the_run_folder_however_it_is_written(tmp_path: Path, one: str, other: str) -> None:
+    """The state of a run in it would say that every stage is done."""
+    inputs = [told("run.yaml", CONFIG), told(f"{other}/run.json", b"{}")]
+    write(tmp_path / "x.zip", {**members(inputs=inputs, folder=one), f"inputs/{other}/run.json": b"{}"})
+    refused(tmp_path, "has inputs in its run folder")
+
+
+@pytest.mark.parametrize(("one", "other"), ALIKE)
+def test_a_file_that_is_there_twice_is_refused(tmp_path: Path, one: str, other: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with zipfile.ZipFile(tmp_path / "x.zip", "w") as file:
-            for name in ("inputs/run.yaml", "inputs/RUN.yaml"):
+            for name in (f"inputs/{one}", f"inputs/{other}"):
                 file.writestr(name, CONFIG)
     refused(tmp_path, "there twice")
 

@@ -14,6 +14,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.io.files.atomic import write_bytes
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.pack.manifest import INPUTS, LOCK, MANIFEST, OUTPUTS
@@ -151,9 +152,29 @@ def test_the_same_values_in_other_bytes_are_explained_by_versions_alone(
 
 
 def test_a_stage_that_ends_otherwise_is_named(packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    old = changed(packed / "x.zip", tmp_path / "old.zip", stages={"detect": 3})
+    with zipfile.ZipFile(packed / "x.zip") as file:
+        stages = json.loads(file.read(MANIFEST))["stages"]
+    old = changed(packed / "x.zip", tmp_path / "old.zip", stages=stages | {"detect": 3})
     code, found = verify(old, capsys)
     assert (code, found["different"]) == (ExitCode.DIFFERENT, {"stage detect": "ended with 3, now with 0"})
+
+
+def test_what_is_made_and_not_in_the_archive_is_named(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An archive that tells of no outputs would be made again to the same bytes whatever they were."""
+    with zipfile.ZipFile(packed / "x.zip") as old, zipfile.ZipFile(tmp_path / "x.zip", "w") as new:
+        told = json.loads(old.read(MANIFEST))
+        for name in old.namelist():
+            if not name.startswith(OUTPUTS):
+                data = (
+                    json.dumps({**told, "outputs": [], "stages": {}}).encode() if name == MANIFEST else old.read(name)
+                )
+                new.writestr(name, data)
+    code, found = verify(tmp_path / "x.zip", capsys)
+    assert code == ExitCode.DIFFERENT
+    assert found["different"]["tracks.parquet"] == "was made, and is not in the archive"
+    assert found["different"]["stage track"] == "ended with nothing, now with 0"
 
 
 def test_a_configuration_may_name_no_file_outside_of_the_archive(
@@ -170,6 +191,25 @@ def test_a_configuration_may_name_no_file_outside_of_the_archive(
             new.writestr(name, data.get(name, old.read(name)))
     code, found = verify(tmp_path / "x.zip", capsys)
     assert (code, "which is not in the archive" in str(found["error"])) == (ExitCode.BAD_INPUT, True)
+
+
+def test_a_stage_may_write_nothing_outside_of_the_inputs(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Options of a stage name more outputs than those that a run has, and a configuration gives them any place."""
+    places = [tmp_path / "out.parquet", Path("../../run/out.parquet"), Path("../../../out.parquet")]
+
+    def write_elsewhere(stage: Stage) -> int:
+        write_bytes(places[0], b"")
+        return 0
+
+    monkeypatch.setattr("occlog.pipeline.run.run._do", write_elsewhere)
+    while places:
+        code, found = verify(packed / "x.zip", capsys)
+        assert code == ExitCode.BAD_INPUT
+        assert "out.parquet: lies outside of inputs, where all outputs have to be here" in str(found["error"])
+        del places[0]
+    write_bytes(tmp_path / "out.parquet", b"")  # elsewhere is anywhere again
 
 
 def test_what_cannot_be_packed_is_refused(packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,9 +11,9 @@ import pytest
 from people_boxes import boxes, hall, truth
 
 from occlog.cli.main import run
-from occlog.errors import ExitCode
+from occlog.errors import ExitCode, InputError
 from occlog.io.files.locks import alone_with
-from occlog.io.files.provenance import Provenance
+from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.models.onnx_file import OnnxFile
@@ -423,3 +423,44 @@ def test_a_command_waits_for_the_one_before_it(tmp_path: Path) -> None:
     with alone_with(tmp_path, "run", patience=10.0):
         assert free.is_set()
     other.join()
+
+
+def test_a_state_that_names_files_elsewhere_is_refused_and_removes_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The outputs of a stage that the configuration no longer has are removed: only where they are the run's own."""
+    config, folder, elsewhere = tmp_path / "run.yaml", tmp_path / "out", tmp_path / "mine.txt"
+    config.write_text("occlog_run: 1\nrecording: missing.mcap\ntrack: {}\n")
+    elsewhere.write_text("mine")
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path)
+    for name in ("../mine.txt", str(elsewhere), "link/mine.txt"):
+        told = {"key": "", "code": 0, "outputs": {name: hash_file(elsewhere)}}
+        write_json(folder / "run.json", {"stages": {"listen": told}}, overwrite=True)
+        assert run(["run", str(config), "-o", str(folder)]) == ExitCode.BAD_INPUT
+        assert "run.json: not the state of a run; remove it" in capsys.readouterr().err
+        assert elsewhere.exists()
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"code": "abc"},
+        {"code": None},
+        {"code": True},
+        {"code": 4},
+        {"code": 10**30},
+        {"outputs": []},
+        {"outputs": None},
+        {"outputs": {"a": 1}},
+        {"key": 1},
+        {"more": 1},
+    ],
+)
+def test_a_state_of_other_kinds_is_refused(tmp_path: Path, told: dict[str, object]) -> None:
+    whole: dict[str, object] = {"key": "", "code": 3, "outputs": {"a/b": "c"}}
+    write_json(tmp_path / "run.json", {"stages": {"track": whole}})
+    assert outcomes(tmp_path)["track"].code == ExitCode.LOSSY
+    write_json(tmp_path / "run.json", {"stages": {"track": whole | told}}, overwrite=True)
+    with pytest.raises(InputError, match="not the state of a run; remove it to do every stage again"):
+        outcomes(tmp_path)

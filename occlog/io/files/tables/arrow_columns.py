@@ -115,6 +115,8 @@ def check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
         raise InputError(f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog")
     for c in table.columns():
         if schema.get_field_index(c.name) < 0:
+            if c.name in schema.names:
+                raise InputError(f"{path}: column {c.name} is there twice; make it again")
             if c.optional:  # a file of an older version
                 continue
             raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")

@@ -13,17 +13,25 @@ from collections.abc import Iterator
 from sys import intern
 from typing import NamedTuple
 
+from occlog.errors import InputError
+
 from .check_sums import Checked
 from .thrift import BINARY, I32, I64, SHORT, STRUCT, VARINT, MalformedError, Reader, from_varint
 
 # Fields of Parquet's structures, by the numbers of its definition
-SCHEMA, NUM_ROWS, ROW_GROUPS = 2, 3, 4  # of the footer
+SCHEMA, NUM_ROWS, ROW_GROUPS, ENCRYPTION = 2, 3, 4, 8  # of the footer
 COLUMNS, GROUP_BYTES, GROUP_ROWS = 1, 2, 3  # of a group of rows
 PLACE, CHUNK = 2, 3  # of a column of a group
 PATH, VALUES, UNPACKED, PACKED, DATA_PAGE, DICTIONARY_PAGE, STATISTICS = 3, 5, 6, 7, 9, 11, 12  # of its description
 GREATEST, LEAST = 5, 6  # of its statistics
 LENGTH = struct.Struct("<I4s")
 """What a file ends with: bytes of the footer, and a mark."""
+ENCRYPTED = "is encrypted (Parquet), and occlog takes no keys; write it again without encryption"
+UNREAD = {
+    b"PARE": ENCRYPTED,
+    b"FEA1": "is in version 1 of Feather, which is not read; write it as Parquet, or as version 2 (Arrow)",
+}
+"""What a file is that ends with another mark, and what to do."""
 FREE_CHUNKS, BYTES_PER_CHUNK = 250_000, 1000
 """Columns of all groups of rows together that any file may have, and bytes of the file for each one more."""
 FREE_STEPS, BYTES_PER_STEP = 2_000_000, 50
@@ -87,7 +95,8 @@ class Group(NamedTuple):
 def read_groups(source: Checked) -> list[Group]:
     """The groups of rows of a file, of which none share bytes.
 
-    MalformedError for a footer that does not say where they are, or that says more than such a file can hold.
+    MalformedError for a footer that does not say where they are, or that says more than such a file can hold;
+    InputError for a file that is encrypted, or in another format.
     """
     reader, groups, rows = _reader(source), list[Group](), -1
     left, room = FREE_CHUNKS + source.size // BYTES_PER_CHUNK, source.size
@@ -107,6 +116,8 @@ def read_groups(source: Checked) -> list[Group]:
                     raise MalformedError("a column beyond the end of the file")
                 if room < 0:
                     raise MalformedError("its columns have more bytes than the file")
+        elif number == ENCRYPTION and kind == STRUCT:
+            raise InputError(f"{source.path}: {ENCRYPTED}")
         else:
             reader.skip(kind)
     if rows != sum(group.rows for group in groups):
@@ -133,7 +144,9 @@ def read_spans(source: Checked) -> Iterator[tuple[bytes, bytes]]:
 
 def _reader(source: Checked) -> Reader:
     """Reads the footer."""
-    length, _ = LENGTH.unpack(source.peek(source.size - LENGTH.size, LENGTH.size))
+    length, mark = LENGTH.unpack(source.peek(source.size - LENGTH.size, LENGTH.size))
+    if mark in UNREAD:
+        raise InputError(f"{source.path}: {UNREAD[mark]}")
     if length > source.size - LENGTH.size:
         raise MalformedError("a footer that is longer than the file")
     data = source.peek(source.size - LENGTH.size - length, length)
@@ -206,5 +219,6 @@ def _described(reader: Reader) -> Chunk:
 def _chunk(path: tuple[str, ...], size: int, data: int, dictionary: int) -> Chunk:
     if min(size, data) < 0 or not path:
         raise MalformedError("a column without its name, its size or its place")
-    begin = dictionary if 0 < dictionary < data else data
+    # Of a column without values there is no page of data, but of its dictionary
+    begin = dictionary if dictionary > 0 and (dictionary < data or not data) else data
     return Chunk(path, begin, begin + size)

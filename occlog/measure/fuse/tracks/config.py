@@ -32,7 +32,9 @@ class TrackFusionConfig(Settings):
     compare_s: float = setting(
         2.0, "Two tracks are compared over so long, half of it before and half after.", unit="s", above=0
     )
-    gap_s: float = setting(1.0, "Longest gap in a track that is bridged by a straight line.", unit="s", at_least=0)
+    gap_s: float = setting(
+        1.0, "Longest gap in a track that is bridged by a straight line.", unit="s", at_most=1e9, at_least=0
+    )
     window_s: float | None = setting(
         None,
         "Times this close together are one moment.",
