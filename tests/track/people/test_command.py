@@ -162,6 +162,17 @@ def test_what_is_in_the_images_is_evaluated_and_exported(walk, tmp_path, capsys)
     assert list((tmp_path / "mot").rglob("*.txt"))
 
 
+@pytest.mark.parametrize("args", [(), ("--smooth",)])
+@pytest.mark.parametrize("px", [-25.0, 0.0])
+def test_a_camera_that_is_turned_is_named(tmp_path, capsys, px, args):
+    found = boxes(SCENE, 6.0, px=2.0)
+    moved = replace(found, left_px=found.left_px + np.where(found.sensor == "b", px, 0.0))
+    assert track(tmp_path, moved, SCENE, *args) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert [warning["code"] for warning in summary["warnings"]] == (["camera-leans"] if px else [])
+    assert not px or re.search(r"camera b has people 0\.\d+ of their height to the left of where", noted)
+
+
 def test_a_camera_that_is_late_is_named(tmp_path, capsys):
     found = boxes(SCENE, 6.0, late={"b": 30.0})
     assert track(tmp_path, found, SCENE) == ExitCode.DONE
