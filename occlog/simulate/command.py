@@ -246,7 +246,7 @@ def command(
     setup = people_setup(given(PeopleConfig, own) | images, request) if kind == "people" else scene_setup(request)
     options.check_outputs(request.inputs, [output, *video_paths(setup, output).values()], overwrite)
     summary = run_simulate(request.inputs, setup, output, seed, overwrite=overwrite, quiet=quiet)
-    return options.finish(summary, [], as_json)
+    return options.finish(summary, setup.losses, as_json)
 
 
 def _check_scene(scene: Path | None, kind: str | None) -> None:

@@ -22,7 +22,7 @@ from occlog.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.open import open_input
+from occlog.io.open import Opened, open_input
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.paths import read_paths
 from occlog.measure.scans.moving_people import People, moving_people
@@ -131,6 +131,7 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
     workers = request.workers or threads_by_default()
     look = configure(RenderConfig(diameter=world.diameter, workers=workers), request.render)
     fields = configure(FieldConfig.in_unit(scene.length_unit), request.avoidance)
+    avoid = None if request.avoid is None else open_input(request.avoid, Tracks, Truth)
     heights = world.z is not None or (script is not None and script.heights)
     return Setup(
         scene=scene,
@@ -141,17 +142,15 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
         sound=configure(SoundConfig(step_s=world.step_s, heights=heights), request.sound),
         script=script,
         field=fields if world.motion == "field" else None,
-        people=_people(scene, request, world),
+        people=None if avoid is None else _people(avoid, scene, world),
         reads=configure(ReadConfig(), request.reads),
         measure=configure(MeasureConfig.in_unit(scene.length_unit), request.measure),
+        losses=() if avoid is None else avoid.losses,
     )
 
 
-def _people(scene: Scene, request: SimulateRequest, world: WorldConfig) -> Moving | None:
-    """Whom walkers avoid; None: nobody."""
-    if request.avoid is None:
-        return None
-    opened = open_input(request.avoid, Tracks, Truth)
+def _people(opened: Opened, scene: Scene, world: WorldConfig) -> Moving:
+    """Whom walkers avoid."""
     taken = People(
         radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
     )
@@ -240,7 +239,7 @@ def run_simulate(
     inputs: list[Path], setup: Setup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, object]:
     """Write the recording and summarise what it holds."""
-    made = Provenance("simulate", _parameters(setup), seed, hash_inputs(inputs))
+    made = Provenance("simulate", _parameters(setup), seed, hash_inputs(inputs), setup.losses)
     start = _places_apart(setup, seed) if setup.apart else None
     if setup.render is not None and setup.script is not None:
         for chunk in _truth(setup, seed, start):

@@ -15,6 +15,7 @@ from occlog.core.numerics.time_grid import Grid
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import LosslessVideo
 from occlog.io.recording.writer import RecordingWriter
+from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.scripts import Script
 from occlog.records.tables import Truth
@@ -50,6 +51,7 @@ class Setup:
         people: who walk as they did and are avoided; None: nobody.
         reads: what readers of tags read.
         measure: what cameras and arrays measure of distances.
+        losses: what was lost when the tracks of people to avoid were made.
     """
 
     scene: Scene
@@ -64,6 +66,7 @@ class Setup:
     people: Moving | None = None
     reads: ReadConfig = ReadConfig()
     measure: MeasureConfig = MeasureConfig()
+    losses: tuple[Loss, ...] = ()
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:

@@ -14,6 +14,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
+from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.models.motion_models import read_motion
 from occlog.io.models.path_losses import read_path_loss
 from occlog.io.open import open_input
@@ -254,7 +255,7 @@ def run_track(
         **({} if plugin is None else {"plugin": f"{plugin.package} {plugin.version}"}),
     }
     # Write all tables while they stream
-    losses = inputs.losses
+    losses = tuple(dict.fromkeys((*inputs.losses, *lost_in_models([request.motion, request.path_loss]))))
     provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), losses)
     outputs: list[tuple[Path | None, type[Table]]] = [
         (wanted.tracks, Tracks),

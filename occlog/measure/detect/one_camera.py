@@ -6,6 +6,7 @@ Frames that cannot be used become losses.
 from __future__ import annotations
 
 import math
+import re
 import zlib
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -261,3 +262,13 @@ def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
         place = f"frame {numbers[0]}" if len(numbers) == 1 else f"frames {numbers[0]} to {numbers[-1]}"
         losses.append(Loss(sensor, place, what, len(numbers)))
     return tuple(losses)
+
+
+FRAMES = re.compile(r"frames? (\d+)(?: to (\d+))?")
+"""Place of a loss that `stretches` has made."""
+
+
+def numbers_of(loss: Loss) -> tuple[int, int] | None:
+    """First and last number of the frames of a loss that `stretches` has made; None for any other loss."""
+    found = FRAMES.fullmatch(loss.place)
+    return None if found is None else (int(found[1]), int(found[2] or found[1]))

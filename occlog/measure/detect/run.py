@@ -34,6 +34,7 @@ from .config import DetectConfig, parameters
 from .from_boxes import detect_boxes
 from .labels import survey_labels
 from .learning import TargetBox, learn
+from .left_out import LeftOut
 from .near import Near, limited, near_of
 from .one_camera import upright
 from .stage import Learned, detect
@@ -69,7 +70,8 @@ def run_detect(
     """Detect and write; the summary, and the input that was lost."""
     opened = open_recording(request.recording)
     scene = options.load_scene(request.scene, opened.scene, request.recording)
-    detections, used = _detections(request, opened, scene, quiet)
+    left = LeftOut()
+    detections, used = _detections(request, opened, scene, left, quiet)
     if not upright(scene):
         options.note(
             "warning: the world of the scene seems not to be upright: sizes of people come from the images, and "
@@ -97,8 +99,9 @@ def run_detect(
             if regions is not None:
                 regions.write(part.views)
             losses += part.losses
+            left.lost(part.losses)
             _count(tally, part)
-        final = replace(provenance, losses=tuple(losses))
+        final = replace(provenance, losses=tuple(losses), parameters={**parameters, **left.parameters()})
         for writer in (rows, regions):
             if writer is not None:
                 writer.annotate(final)
@@ -146,7 +149,7 @@ def _fused(
 
 
 def _detections(
-    request: DetectRequest, recording: Recording, scene: Scene, quiet: bool
+    request: DetectRequest, recording: Recording, scene: Scene, left: LeftOut, quiet: bool
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """The parts in the order of time, and the parameters on which they depend.
 
@@ -159,7 +162,7 @@ def _detections(
             "this recording; leave it out"
         )
     if recording.cameras:
-        return _from_images(request, recording, scene, config, quiet)
+        return _from_images(request, recording, scene, config, left, quiet)
     if recording.has(Boxes):
         if request.near is not None:
             raise UsageError(
@@ -175,7 +178,7 @@ def _detections(
         if config.labels is not None:
             labels = survey_labels(_rows_of(recording.tables(Boxes), only), config.labels, config)
             used |= {"labels": config.labels}
-        return detect_boxes(chunks, scene, config, labels), used
+        return detect_boxes(left.watch_boxes(chunks), scene, config, labels), used
     if recording.has(Bearings):
         near, used = _near(request, config, scene.length_unit)
         places = {c.name: c.ground for c in scene.cameras if c.placed}
@@ -230,7 +233,7 @@ def _pass_on(chunks: Iterator[Bearings], near: Near | None, places: dict[str, Fl
 
 
 def _from_images(
-    request: DetectRequest, recording: Recording, scene: Scene, config: DetectConfig, quiet: bool
+    request: DetectRequest, recording: Recording, scene: Scene, config: DetectConfig, left: LeftOut, quiet: bool
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """Learn from a first look where that is asked for, then detect in a second."""
     sensors = cameras_of(request.only, recording)
@@ -251,7 +254,7 @@ def _from_images(
         **limits,
     }
     frames = options.progress(recording.frames(sensors), "detect", total, quiet=quiet)
-    return detect(frames, scene, config, request.workers, learned, targets, near=near), used
+    return detect(left.watch(frames), scene, config, request.workers, learned, targets, near=near), used
 
 
 def cameras_of(only: tuple[str, ...], recording: Recording) -> tuple[str, ...]:

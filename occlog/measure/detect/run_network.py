@@ -26,6 +26,7 @@ from occlog.settings import configure
 
 from .by_network import detect_by_network
 from .config import DetectConfig
+from .left_out import LeftOut
 from .run import cameras_of, frames_of
 
 
@@ -77,9 +78,10 @@ def run_network(
         provenance = Provenance("detect", parameters, None, hash_inputs(files))
         total = frames_of(opened, sensors)
         frames = options.progress(opened.frames(sensors), "detect", total, quiet=quiet)
-        parts = detect_by_network(frames, scene, detector, embedder, config)
+        left = LeftOut()
+        parts = detect_by_network(left.watch(frames), scene, detector, embedder, config)
         losses, tally = write_detections(
-            parts, views, bearings, provenance, opened.losses, scene.length_unit, overwrite=overwrite
+            parts, views, bearings, provenance, opened.losses, left, scene.length_unit, overwrite=overwrite
         )
     return _summary(detector, views, bearings, tally), losses
 
@@ -102,6 +104,7 @@ def write_detections(
     bearings: Path | None,
     provenance: Provenance,
     lost: Sequence[Loss],
+    left: LeftOut,
     length_unit: str,
     *,
     overwrite: bool,
@@ -117,8 +120,10 @@ def write_detections(
             if rows is not None:
                 rows.write(part.bearings)
             losses += part.losses
+            left.lost(part.losses)
             tally.update(frames=part.frames, boxes=len(part.views), rows=len(part.bearings))
-        final = replace(provenance, losses=tuple(losses))
+        told = {**provenance.parameters, **left.parameters()}
+        final = replace(provenance, losses=tuple(losses), parameters=told)
         for writer in (boxes, rows):
             if writer is not None:
                 writer.annotate(final)

@@ -15,6 +15,7 @@ from occlog.settings import configure
 
 from .by_plugin import detect_by_plugin
 from .config import DetectConfig
+from .left_out import LeftOut
 from .run import cameras_of, frames_of
 from .run_network import check_placed, of_boxes, write_detections
 
@@ -47,9 +48,10 @@ def run_plugin(
     files = [path for path in (request.recording, request.scene) if path is not None]
     provenance = Provenance("detect", parameters, None, hash_inputs(files))
     frames = options.progress(opened.frames(sensors), "detect", frames_of(opened, sensors), quiet=quiet)
-    parts = detect_by_plugin(frames, scene, request.chosen, config)
+    left = LeftOut()
+    parts = detect_by_plugin(left.watch(frames), scene, request.chosen, config)
     losses, tally = write_detections(
-        parts, views, bearings, provenance, opened.losses, scene.length_unit, overwrite=overwrite
+        parts, views, bearings, provenance, opened.losses, left, scene.length_unit, overwrite=overwrite
     )
     summary: dict[str, object] = {"views": str(views), **({"bearings": str(bearings)} if bearings is not None else {})}
     summary |= {"method": request.chosen.plugin.name, "plugin": request.chosen.plugin.origin}

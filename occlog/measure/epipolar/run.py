@@ -17,6 +17,7 @@ from occlog.io.models.fundamental_matrices import (
     read_epipolar,
     write_epipolar,
 )
+from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.models.matches import read_matches
 from occlog.io.open import names_recording, open_input
 from occlog.io.recording.copy import copy_recording
@@ -69,7 +70,8 @@ def run_epipolar(
     _check_usage(request, output)
     recording = open_recording(request.recording) if request.recording is not None else None
     scene = _scene(request, recording)
-    losses = recording.losses if recording is not None else ()
+    made = () if recording is None else recording.losses
+    losses = tuple(dict.fromkeys((*made, *lost_in_models([request.tracks, request.fundamental]))))
     if request.check:
         checks = _checks(request, recording, scene)
         agree = all(check.fits for check in checks)

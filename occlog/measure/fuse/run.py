@@ -16,6 +16,7 @@ from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
 from occlog.measure.scans.inputs import Inputs
 from occlog.records.columns import Table
+from occlog.records.left_out_frames import carried
 from occlog.records.tables import Bearings, Tracks, Views
 from occlog.settings import configure
 
@@ -63,7 +64,8 @@ def run_fuse(files: FuseFiles, values: Mapping[str, object], quiet: bool) -> tup
     unit = inputs.scene.length_unit
     config = configure(FuseConfig.in_unit(unit), values)
     losses = inputs.losses
-    provenance = Provenance("fuse", asdict(config), None, hash_inputs(files.inputs), losses)
+    kept = {} if files.views is None else carried(open_input(files.views).provenance.parameters)
+    provenance = Provenance("fuse", {**asdict(config), **kept}, None, hash_inputs(files.inputs), losses)
     chunks = options.progress(inputs.chunks, "fuse", quiet=quiet)
     tally = FuseTally()
     with ExitStack() as stack:

@@ -14,7 +14,7 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.open import check_unit, open_input
+from occlog.io.open import check_unit, losses_of, open_input
 from occlog.measure.scans.grouping import nearest
 from occlog.records.columns import Table
 from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Tracks, Truth, Views
@@ -155,9 +155,11 @@ def run_hull(request: HullRequest, output: Path, hulls: Path | None, overwrite: 
     used = request.cameras.chosen(place)
     config = configure(HullConfig.in_unit(place.length_unit), request.settings)
     views = _of_cameras(options.progress(source.chunks(Views), "hull", quiet=quiet), used)
-    frames = None if bearings is None else _of_cameras(Source(bearings, scene).chunks(Bearings), used)
+    looked = None if bearings is None else Source(bearings, scene)
+    frames = None if looked is None else _of_cameras(looked.chunks(Bearings), used)
+    losses = losses_of([source.opened, None if looked is None else looked.opened])
     parameters = {"source": "hull", "cameras": used, **asdict(config)}
-    provenance = _provenance(parameters, [path, scene, bearings], source.losses, None)
+    provenance = _provenance(parameters, [path, scene, bearings], losses, None)
     tally, candidates, moments = PriorsTally(), 0, 0
     with ExitStack() as stack:
         outputs = [(output, Occluders)] + ([(hulls, Hulls)] if hulls is not None else [])
@@ -173,7 +175,7 @@ def run_hull(request: HullRequest, output: Path, hulls: Path | None, overwrite: 
         if not moments:
             raise InputError(f"{path}: no row is of the chosen cameras; choose others")
     summary = {"occluders": str(output), "source": "hull", "cameras": len(used), **tally.summary()}
-    return {**summary, "candidates_a_moment": candidates / moments}, source.losses
+    return {**summary, "candidates_a_moment": candidates / moments}, losses
 
 
 def run_acoustic(

@@ -10,7 +10,8 @@ from occlog.errors import InputError
 from occlog.io.files.atomic import write_bytes
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import ShownVideo
-from occlog.io.open import open_input
+from occlog.io.models.losses_of_models import lost_in_models
+from occlog.io.open import losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import IMAGE_SCHEMA, Recording, open_recording
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.records.losses import Loss
@@ -18,6 +19,13 @@ from occlog.records.tables import Tracks
 from occlog.track.images.run.provenance import other_video
 
 from .pictures import Asked, Pictures
+
+
+def _lost_earlier(asked: Asked) -> tuple[Loss, ...]:
+    """What was lost in making the inputs."""
+    tables = (asked.recording, asked.tracks, asked.world, asked.diagnostics, asked.truth, asked.failures)
+    found = losses_of(open_if_ours(path) for path in tables if path is not None)
+    return tuple(dict.fromkeys((*found, *lost_in_models([asked.fundamental]))))
 
 
 def run_overlay(asked: Asked, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -53,7 +61,7 @@ def run_overlay(asked: Asked, *, quiet: bool = False) -> tuple[dict[str, object]
         _check_shown(asked, shown, png, pictures)
     if asked.png is not None:
         write_bytes(asked.png, png, asked.overwrite)
-    for loss in recording.provenance.losses:
+    for loss in _lost_earlier(asked):
         options.note(f"lost earlier: {loss}", quiet)
     return _summary(asked, names, shown, rate, pictures), pictures.losses
 

@@ -14,6 +14,7 @@ from occlog.track.plausibility.verdict import Finding, beyond
 
 from .boxes_by_moment import BoxTally, FrameLook
 from .delay import Delays
+from .lean import Leans
 from .rows import LIKELY, seen_in
 
 PLAIN = 0.8
@@ -28,6 +29,8 @@ LEAST_ALONE = 0.25
 """The same for the share itself, where there is no third camera to compare with."""
 TWICE = 0.2
 """Share of boxes that are reported twice that a user must know."""
+LEAN = 0.1
+"""Boxes so many heights of people beside where the cameras together find them are those of another pose."""
 OUTSIDE = 0.01
 """Share of boxes outside the image that a user must know."""
 UNEXPLAINED = 0.5
@@ -41,7 +44,7 @@ class Agreement:
         """Nothing was seen yet."""
         self.names = [c.name for c in cameras]
         self.heights = [float(c.position[2]) for c in cameras]
-        self._delays = Delays(cameras)
+        self._delays, self._leans = Delays(cameras), Leans(cameras)
         n = len(self.names)
         # What one odd camera alone sees is not expected of the others, where these are enough
         self.fewest = 2 if n > 3 else 1
@@ -62,6 +65,7 @@ class Agreement:
         others = by.sum(axis=1)[:, None] - by >= self.fewest
         with np.errstate(invalid="ignore"):
             due = (moment.visibility >= PLAIN) & others
+        self._leans.add(moment, looks, due & by)
         for c in looked:
             self.expected[c] += np.count_nonzero(due[:, c])
             self.met[c] += np.count_nonzero(due[:, c] & by[:, c])
@@ -76,6 +80,7 @@ class Agreement:
         """What a user must know of the cameras."""
         yield from self._unexplained(tally)
         yield from self._odd(tally)
+        yield from self._leaning()
         yield from self._apart(tally.first_ns, tally.last_ns)
         whole = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.names):
@@ -131,6 +136,20 @@ class Agreement:
                     + (f" (the others: {float(np.median(others)):.0%})" if len(others) else "")
                     + f"; {_remedy(late)}, or leave {name} out",
                 )
+
+    def _leaning(self) -> Iterator[Finding]:
+        """The camera whose boxes are the farthest to one side, if that is far: the others' people follow it there."""
+        leans = self._leans.medians()
+        if not np.isfinite(leans).any() or np.nanmax(np.abs(leans)) <= LEAN:
+            return
+        c = int(np.nanargmax(np.abs(leans)))
+        yield Finding(
+            "camera-leans",
+            "warning",
+            f"camera {self.names[c]} has people {abs(leans[c]):.2g} of their height to the "
+            f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: {LEAN:g}): check "
+            f"its yaw, its principal point and whose boxes it has, or leave {self.names[c]} out",
+        )
 
     def _apart(self, first_ns: Ints, last_ns: Ints) -> Iterator[Finding]:
         """Cameras that look at no time at which another one does."""

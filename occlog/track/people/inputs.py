@@ -14,6 +14,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, check_unit, losses_of, open_input
 from occlog.measure.scans.grouping import nearest
 from occlog.measure.scans.sources import bearings_of_doa
+from occlog.records.left_out_frames import holes, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, Doa, Views
@@ -168,9 +169,11 @@ class PeopleInput:
         """Frames of a table of regions, or of boxes of others, in which nobody was detected, counted."""
         if self.opened.recording is not None:
             return
+        lost = holes(self.opened.provenance.parameters)
         for each in empty_frames(self.opened.rows(FrameTimes), place, self.numbers):
-            self.tally.saw(each.look)
-            yield each
+            if not inside(lost.get(self.cameras[each.look.camera].name, []), each.frame):
+                self.tally.saw(each.look)
+                yield each
 
     def _directions(self) -> Opened | None:
         """The input with directions of arrival; None: there are none."""

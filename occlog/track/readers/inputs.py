@@ -12,6 +12,7 @@ import numpy as np
 from occlog.array_types import NS, Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
+from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.models.path_losses import PathLossSpec, read_path_loss
 from occlog.io.open import losses_of, open_input
 from occlog.measure.scans.grouping import nearest
@@ -62,7 +63,7 @@ class ReadsInput:
         readers: those that are used.
         window_ns: length of a window.
         first_ns: time of the first read.
-        losses: what was lost when the reads were made.
+        losses: what was lost when the reads, and the path losses, were made.
     """
 
     def __init__(self, request: ReadsRequest) -> None:
@@ -72,7 +73,8 @@ class ReadsInput:
         self.scene: Scene = options.load_scene(request.scene, opened.scene, request.reads)
         self._opened = opened
         self._sights = None if request.sights is None else open_input(request.sights, Bearings)
-        self.losses: tuple[Loss, ...] = losses_of([opened, self._sights])
+        made = (*losses_of([opened, self._sights]), *lost_in_models([request.path_loss]))
+        self.losses: tuple[Loss, ...] = tuple(dict.fromkeys(made))
         self.readers = choose_readers(self.scene, request)
         self.window_ns = WINDOW_NS if request.window_ns is None else request.window_ns
         if self.window_ns <= 0:

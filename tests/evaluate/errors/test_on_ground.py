@@ -98,6 +98,16 @@ def test_truth_that_covers_no_estimate_is_an_error() -> None:
         evaluate(tracks([100, 101], [0, 0]), truth(T5, [0, 0]), None, scene())
 
 
+def test_tracks_that_have_the_numbers_of_others_are_called_so() -> None:
+    """Each track is there while the other one's target is."""
+    early, late = T5, [t + 10.0 for t in T5]
+    true = both(truth(early, [0, 0], 0), truth(late, [10, 10], 1))
+    found = both(tracks(early, [0, 0], 1), tracks(late, [10, 10], 0))
+    with pytest.raises(InputError, match=r"the one of its number: .*match optimal"):
+        evaluate(found, true, None, scene())
+    assert evaluate(found, true, None, scene(), EvaluateConfig(match="optimal")).metrics["rmse_m"] == 0.0
+
+
 def test_unequal_lengths_add_up_as_sums() -> None:
     true = both(truth(T5, [0, 0], 0), truth(T5, [10, 10], 1))
     found = both(tracks(T5, [1, 0], 0), tracks([2.0], [10, 14], 1))

@@ -136,6 +136,7 @@ def test_exit_code_3_for_frames_that_cannot_be_used(tmp_path: Path, capsys: pyte
     assert any("b: frame 3: the end mark of a PNG image is missing" in line for line in told)
     assert not any("Traceback" in line for line in told)
     assert [loss.count for loss in read_provenance(tmp_path / "b.parquet").losses] == [2, 1]
+    assert read_provenance(tmp_path / "v.parquet").parameters["frames_left_out"] == {"a": [[7, 8]], "b": [[3, 3]]}
     assert len(read_table(tmp_path / "b.parquet", Bearings)) == 2 * STEPS - 3
 
 

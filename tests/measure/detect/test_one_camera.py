@@ -17,12 +17,14 @@ from occlog.measure.detect.one_camera import (
     check_background,
     check_size,
     known_sizes,
+    numbers_of,
     plain_image,
     process,
     shrink_of,
     stretches,
 )
 from occlog.records.frames import Frame
+from occlog.records.losses import Loss
 
 CAMERA = camera("a", 0.0, 0.0, 45.0)
 PLACE = scene(CAMERA)
@@ -103,6 +105,8 @@ def test_frames_lost_in_a_row_for_one_reason_are_one_loss() -> None:
         ("frame 8", "torn", 1),
     ]
     assert stretches("a", []) == ()
+    assert [numbers_of(loss) for loss in stretches("a", lost)] == [(3, 4), (5, 5), (6, 6), (8, 8)]
+    assert numbers_of(Loss("a", "after frame 3", "torn")) is None
 
 
 def changed(share: float) -> np.ndarray:

@@ -342,3 +342,12 @@ def test_recorded_corners_agree_with_the_calibration_and_tell_it(tmp_path, share
     assert epipolar(tmp_path, *args) == ExitCode.DONE
     estimated = [pair["median_px"] for pair in json.loads(capsys.readouterr().out)["pairs"].values()]
     assert np.mean(estimated) < np.mean(calibrated)
+
+
+def test_what_was_lost_of_the_matches_is_lost_for_matrices_that_are_read_again(folder):
+    assert epipolar(folder, "--scene", "scene.yaml", "-o", "f.json") == ExitCode.DONE
+    values = json.loads((folder / "f.json").read_text())
+    values["_provenance"]["losses"] = [loss.as_dict() for loss in MADE.losses]
+    (folder / "f.json").write_text(json.dumps(values))
+    assert epipolar(folder, "--fundamental", "f.json", "-o", "g.json") == ExitCode.LOSSY
+    assert json.loads((folder / "g.json").read_text())["_provenance"]["losses"] == values["_provenance"]["losses"]

@@ -14,7 +14,8 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.header import describe, read_provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.records.tables import APPEARANCE_BINS, Hulls, Occluders, Tracks, Truth, Views
+from occlog.records.losses import Loss
+from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Occluders, Tracks, Truth, Views
 
 pytestmark = pytest.mark.jit
 
@@ -104,6 +105,20 @@ def test_kalman_of_a_recording(recording, tmp_path, capsys) -> None:
     again = tmp_path / "again.parquet"
     assert run(["priors", "kalman", str(recording), "-o", str(again), "--sigma", "0.4", "--seed", "5"]) == 0
     assert np.array_equal(read_table(again, Occluders).x, table.x)
+
+
+def test_what_was_lost_of_the_bearings_is_lost_for_hulls_too(tmp_path, capsys) -> None:
+    (tmp_path / "room.yaml").write_text(SCENE)
+    seen, looked, out = tmp_path / "views.parquet", tmp_path / "bearings.parquet", tmp_path / "occluders.parquet"
+    table, lost = views(), Loss("a.mp4", "frame 7", "cannot be decoded", 1)
+    write_table(seen, table, Provenance("detect"))
+    frames = {n: getattr(table, n) for n in ("t_ns", "sensor", "bearing", "sigma", "u_px", "sigma_px")}
+    nobody = {"target_id": np.full(len(table), -1, np.int32), "seen": np.zeros(len(table), bool)}
+    write_table(looked, Bearings.of(**frames, **nobody, score=frames["sigma"]), Provenance("detect", losses=(lost,)))
+    args = ["--scene", str(tmp_path / "room.yaml"), "--bearings", str(looked), "-o", str(out), "-q"]
+    assert run(["priors", "hull", str(seen), *args]) == ExitCode.LOSSY
+    assert read_provenance(out).losses == (lost,)
+    assert "a.mp4: frame 7" in capsys.readouterr().err
 
 
 def test_kalman_of_measured_positions_and_tracks(tmp_path, capsys) -> None:

@@ -12,12 +12,14 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import SHOWN
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.declared.views import Failures, ViewTracks
+from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.report.overlay.draw import ALARM, BAR, colour_of
@@ -321,3 +323,15 @@ def test_nothing_is_replaced_unasked(folder: Path) -> None:
     assert report(folder, "--video", str(folder / "o.avi")) == ExitCode.EXISTS
     assert (folder / "o.avi").read_bytes() == b"mine"
     assert open_recording(folder / "r.mcap").cameras == ("view1", "view2")
+
+
+def test_what_was_lost_of_the_tracks_and_failures_is_told(folder, capsys):
+    losses = Loss("view1", "frame 4", "cut short", 1), Loss("view2", "frame 5", "cut short", 1)
+    times = [k * STEP for k in range(N)]
+    write_table(folder / "t.parquet", tracks_of(times), Provenance("track", losses=losses[:1]), overwrite=True)
+    failures = read_table(folder / "f.parquet", Failures)
+    write_table(folder / "f.parquet", failures, Provenance("evaluate", losses=losses), overwrite=True)
+    args = ["--failures", str(folder / "f.parquet"), "--frame", "1", "--png", str(folder / "o.png")]
+    assert report(folder, *args) == ExitCode.DONE
+    told = [line for line in capsys.readouterr().err.splitlines() if "lost earlier" in line]
+    assert told == [f"occlog: lost earlier: {loss}" for loss in losses]

@@ -14,9 +14,12 @@ from occlog.cli.main import run
 from occlog.core.navigation.moving import Clock, Moving
 from occlog.core.plane.polygons import distance_to_boundary, inside_polygon, sight_blocked
 from occlog.errors import ExitCode, InputError
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.reader import open_recording
+from occlog.records.losses import Loss
 from occlog.records.scene import Occluder, Scene
-from occlog.records.tables import Truth
+from occlog.records.tables import Tracks, Truth
 from occlog.settings import configure
 from occlog.simulate.config import START_NS, FieldConfig, WorldConfig
 from occlog.simulate.stage import simulate_truth
@@ -116,6 +119,18 @@ def test_a_floor_full_of_people_is_refused():
 def test_waypoints_know_nothing_of_fields():
     assert WorldConfig().motion == "waypoints"
     assert FieldConfig.in_unit("m").attraction_power == 1
+
+
+@pytest.mark.jit
+def test_what_was_lost_of_the_people_to_avoid_is_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    tracks, out, lost = tmp_path / "walk.parquet", tmp_path / "among.mcap", Loss("cam1.mp4", "frame 7", "is cut", 1)
+    one = {n: [1.0] for n in ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy")}
+    someone = Tracks.of(t_ns=[1_577_836_800 * 10**9], target_id=np.zeros(1, np.int32), **one)
+    write_table(tracks, someone, Provenance("track", losses=(lost,)))
+    args = ["--motion", "field", "--avoid", str(tracks), "--seconds", "1", "-q"]
+    assert run(["simulate", str(EXAMPLES / "room.yaml"), "-o", str(out), *args]) == ExitCode.LOSSY
+    assert open_recording(out).losses == (lost,)
+    assert "cam1.mp4: frame 7" in capsys.readouterr().err
 
 
 @pytest.mark.jit

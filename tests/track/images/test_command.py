@@ -16,10 +16,12 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.recording.reader import open_recording
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.epipolar.geometry import view_geometry
 from occlog.measure.epipolar.views import View
 from occlog.records.declared.views import ViewTracks
+from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Boxes, Tracks, TruthBoxes
 from occlog.track.catalogue import METHODS
 from occlog.track.images.catalogue import VISUAL
@@ -492,3 +494,16 @@ def test_tables_may_be_of_a_longer_recording(tmp_path, capsys):
     said = capsys.readouterr().err
     assert "1 of 1 first ellipses began no tracker: the video ends before them" in said
     assert "no target was found" in said
+
+
+def test_what_was_lost_of_first_ellipses_and_of_matrices_is_listed(balls, tmp_path):
+    first, matrices = tmp_path / "first.parquet", tmp_path / "f.json"
+    lost = [Loss("a.mp4", "frame 7", "is cut", 1), Loss("b.mp4", "frame 9", "is cut", 2)]
+    boxes = open_recording(balls).read(TruthBoxes)
+    write_table(first, boxes, Provenance("detect", losses=(lost[0],)))
+    assert run(["epipolar", "--scene", str(balls), "-o", str(matrices), "-q"]) == ExitCode.DONE
+    values = json.loads(matrices.read_text())
+    values["_provenance"]["losses"] = [lost[1].as_dict()]
+    matrices.write_text(json.dumps(values))
+    assert track(balls, tmp_path, "--fundamental", str(matrices), "-q", initial=first) == ExitCode.LOSSY
+    assert list(read_provenance(tmp_path / "t.parquet").losses) == lost

@@ -98,6 +98,25 @@ def test_everybody_is_followed_and_the_tables_agree(walk, tmp_path, capsys):
     assert made.parameters["window_ns"] == STEP_NS // 2 - 1
 
 
+def test_frames_that_were_lost_are_no_looks_at_nobody(walk, tmp_path, capsys):
+    kept = walk.take(~np.isin(walk.frame, range(10, 18)))
+    with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test")) as out:
+        out.table(kept)
+    views, scene = tmp_path / "v.parquet", ["--scene", str(tmp_path / "r.mcap")]
+    args = ["-o", str(tmp_path / "b.parquet"), "--views", str(views), "-q"]
+    assert run(["detect", str(tmp_path / "r.mcap"), *args]) == ExitCode.DONE
+    fused = [str(tmp_path / "b.parquet"), "--views", str(views), "--fused-views", str(tmp_path / "f.parquet"), *scene]
+    assert run(["fuse", *fused, "-o", str(tmp_path / "fb.parquet"), "-q"]) == ExitCode.DONE
+    for name in ("v.parquet", "f.parquet"):
+        told = read_provenance(tmp_path / name).parameters["frames_left_out"]
+        assert told == {key: [[10, 17]] for key in "abcd"}
+    capsys.readouterr()
+    assert follow(tmp_path, str(views), *scene) == ExitCode.DONE
+    summary, _ = said(capsys)
+    assert (summary["births"], summary["deaths"]) == (PEOPLE, 0)
+    assert summary["frames"] == dict.fromkeys("abcd", 22)
+
+
 def test_the_same_boxes_give_the_same_bytes(walk, tmp_path):
     files = []
     for _ in range(2):
@@ -125,6 +144,7 @@ def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, 
     scene = ["--scene", str(tmp_path / "r.mcap")]
     assert follow(tmp_path, str(tmp_path / "v.parquet"), *scene, "-q") == ExitCode.DONE
     other = tracks(tmp_path)
+    assert "frames_left_out" not in read_provenance(tmp_path / "v.parquet").parameters
     np.testing.assert_array_equal(other.t_ns, rows.t_ns)
     # Boxes stand in another order there
     np.testing.assert_allclose(other.x, rows.x, atol=0.02)
@@ -160,6 +180,17 @@ def test_what_is_in_the_images_is_evaluated_and_exported(walk, tmp_path, capsys)
     assert figures["idf1"] > 0.85
     assert figures["recall"] > 0.95
     assert list((tmp_path / "mot").rglob("*.txt"))
+
+
+@pytest.mark.parametrize("args", [(), ("--smooth",)])
+@pytest.mark.parametrize("px", [-25.0, 0.0])
+def test_a_camera_that_is_turned_is_named(tmp_path, capsys, px, args):
+    found = boxes(SCENE, 6.0, px=2.0)
+    moved = replace(found, left_px=found.left_px + np.where(found.sensor == "b", px, 0.0))
+    assert track(tmp_path, moved, SCENE, *args) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert [warning["code"] for warning in summary["warnings"]] == (["camera-leans"] if px else [])
+    assert not px or re.search(r"camera b has people 0\.\d+ of their height to the left of where", noted)
 
 
 def test_a_camera_that_is_late_is_named(tmp_path, capsys):

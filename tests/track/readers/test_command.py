@@ -88,6 +88,17 @@ def test_signals_locate_better_than_virtual_sensors_and_both_know_how_well(folde
     assert 0.8 < found["virtual"]["nees_mean"] < 3.5
 
 
+@pytest.mark.parametrize("method", ["virtual", "rssi", "map"])
+def test_what_was_lost_of_the_reads_of_a_path_loss_is_lost_for_tracks_too(folder: Path, method: str) -> None:
+    loss, tracks = json.loads((folder / "loss.json").read_text()), folder / "lossy.parquet"
+    lost = {"source": "a.mcap", "place": "after 5 s", "what": "is cut", "count": 3}
+    loss["_provenance"]["losses"] = [lost]
+    (folder / "lossy.json").write_text(json.dumps(loss))
+    options = ["--method", method, "--path-loss", str(folder / "lossy.json"), "-q", "--overwrite"]
+    assert run(["track", str(folder / "b.mcap"), "-o", str(tracks), *options]) == ExitCode.LOSSY
+    assert [each.as_dict() for each in read_provenance(tracks).losses] == [lost]
+
+
 @pytest.mark.jit
 def test_strengths_of_reads_are_measurements_of_other_methods_with_the_fitted_path_loss(folder: Path) -> None:
     tracks, loss = folder / "b.map.parquet", folder / "loss.json"

@@ -11,6 +11,7 @@ from occlog.cli import options
 from occlog.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.models.ellipses import FIRST, MOST_ID, GivenEllipse, read_ellipses
+from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.open import Opened, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
@@ -71,6 +72,7 @@ class ViewsInput:
         self.request, self.stage = request, stage
         self.given = 0  # first ellipses
         self.opened, self.recording = open_video(request)
+        self._initial: Opened | None = None
         self._detections: Opened | None = None
         given = None if request.scene is None else options.load_scene(request.scene, None, request.scene)
         self.scene: Scene | None = given if given is not None else self.recording.scene
@@ -85,8 +87,9 @@ class ViewsInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What was lost when the recording and the detections were made."""
-        return losses_of([self.opened, self._detections])
+        """What was lost when the recording, the first ellipses, the detections and the matrices were made."""
+        found = losses_of([self.opened, self._initial, self._detections])
+        return tuple(dict.fromkeys((*found, *lost_in_models([self.request.fundamental]))))
 
     @property
     def length_unit(self) -> str:
@@ -127,7 +130,8 @@ class ViewsInput:
             return (), 0
         sizes = {view.name: (view.width, view.height) for view in self.views}
         given = read_ellipses(self.request.initial, sizes, self.recording.cameras)
-        if open_if_ours(self.request.initial) is None:
+        self._initial = open_if_ours(self.request.initial)
+        if self._initial is None:
             self._check_frames(given)  # tables may be of a longer recording
         place = {name: v for v, name in enumerate(self.names)}
         starts = [Start(place[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]

@@ -1,0 +1,61 @@
+"""How far to one side a camera's boxes are of the people whom the cameras find together: a pose that is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+from occlog.records.scene import Camera
+from occlog.track.jipda.interface import STATE, Moment
+from occlog.track.jipda.kernels.body_box import pack_views
+
+from .boxes_by_moment import FrameLook
+from .kernels.projection import project
+
+LOOKS = 200
+"""Looks of a camera that count, evenly spread; at most twice as many are kept."""
+FEWEST = 50
+"""Of a camera with fewer boxes of people whom others see nothing is said."""
+CERTAIN = 0.9
+"""A box that is so probably of one person alone counts."""
+
+
+class Leans:
+    """Keeps, while moments stream by, how far boxes are to the right of where their people are expected."""
+
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        """Nothing was seen yet."""
+        self._cameras = cameras
+        self._kept: list[list[Floats]] = [[] for _ in cameras]  # of each look, (k,) in heights of the expected boxes
+        self._every, self._count = [1] * len(cameras), [0] * len(cameras)
+
+    def add(self, moment: Moment, looks: Sequence[FrameLook], counts: Bools) -> None:
+        """Keep one more moment; `counts` (m, C) says whose boxes in which cameras do."""
+        views = None
+        for look in (each.look for each in looks):
+            c = look.camera
+            due, self._count[c] = self._count[c] % self._every[c] == 0, self._count[c] + 1
+            if not due or not len(look.row):
+                continue
+            s = moment.support
+            mine = (s.camera == c) & (s.probability >= CERTAIN) & (s.joint <= 1.0 - CERTAIN) & np.isin(s.row, look.row)
+            mine &= counts[s.person, c]
+            if not mine.any():
+                continue
+            views = pack_views(self._cameras) if views is None else views
+            found = np.zeros((int(mine.sum()), 8))
+            project(views, c, moment.mean[s.person[mine]], np.zeros((len(found), STATE, STATE)), 0.0, found)
+            order = np.argsort(look.row)
+            boxes = look.boxes[order[np.searchsorted(look.row, s.row[mine], sorter=order)]]
+            off = 0.5 * (boxes[:, 0] + boxes[:, 2] - found[:, 0] - found[:, 2])
+            self._kept[c].append((off / (found[:, 3] - found[:, 1]))[found[:, 7] > 0.0])
+            if len(self._kept[c]) > 2 * LOOKS:
+                self._kept[c] = self._kept[c][::2]
+                self._every[c] *= 2
+
+    def medians(self) -> Floats:
+        """(C,) how far boxes of each camera are to the right, in heights of people; NaN: too few tell."""
+        values = [np.concatenate([np.zeros(0), *kept]) for kept in self._kept]
+        return np.array([np.median(v) if len(v) >= FEWEST else np.nan for v in values])
