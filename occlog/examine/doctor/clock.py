@@ -119,6 +119,11 @@ class Clock:
                 heapq.heappushpop(self._longest, one)
 
     @property
+    def times(self) -> int:
+        """How many different times came, of a sensor whose times do not go back: rows of one time count once."""
+        return self.count - self._repeats
+
+    @property
     def usual_ns(self) -> int | None:
         """The usual interval [ns], where the sensor is regular; else None."""
         total = sum(self._intervals.values())
@@ -200,7 +205,8 @@ def judge_clocks(clocks: Sequence[Clock], findings: Findings) -> None:
         findings.add("clock-apart", clock.name, value)
     for clock, late_ns in _late([clock for clock in told if clock not in apart]):
         limit = f"{LONGEST * (clock.usual_ns or 0) / NS:.6g} s"
-        findings.add("clock-late", clock.name, f"by {late_ns / NS:.6g} s", limit=limit)
+        value = f"by {late_ns / NS:.6g} s, which an offset of {-late_ns / NS:.6g}s takes out"
+        findings.add("clock-late", clock.name, value, limit=limit)
 
 
 def judge_truth(truth: Iterable[tuple[str, Clock]], sensors: Iterable[Clock], findings: Findings) -> None:
@@ -241,7 +247,7 @@ def _late(clocks: Iterable[Clock]) -> Iterator[tuple[Clock, int]]:
         like = [
             other
             for other, their in regular
-            if abs(their - usual) <= SAME_RATE * usual and abs(other.count - clock.count) <= 1
+            if abs(their - usual) <= SAME_RATE * usual and abs(other.times - clock.times) <= 1
         ]
         if len(like) < 2:
             continue
