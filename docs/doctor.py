@@ -40,13 +40,13 @@ The exit code is that of the worst finding.
 ## Clocks
 
 The times of each camera, array, reader and topic are looked at, and of text tables with a column `camera` or
-`sensor`.
+`sensor`; of a file of boxes of one camera those of its frames.
 
 * **Gaps** are told of a regular sensor: one with at least {MIN_INTERVALS} intervals, of which {REGULAR_SHARE:.0%}
   are between {REGULAR_FROM:g} and {REGULAR_TO:g} times their median. What is longer than {LONGEST:g} times the
   median is a gap; one lost frame is none. Where the frames are numbered on through it, no frame is lost: the
-  clock has jumped. Reads of tags, directions of sound and tracks have no gaps: there no row says that nothing was
-  there.
+  clock has jumped. Reads of tags, directions of sound, tracks and files of boxes of one camera have no gaps: there no
+  row says that nothing was there.
 * **Epochs.** Times since 1970 lie between 2000 and 2100. Those that do so only when taken for seconds,
   milliseconds or microseconds were written in that unit. Times that count from the beginning of a recording are
   left in peace, those of microseconds up to eleven days.

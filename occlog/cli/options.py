@@ -116,6 +116,10 @@ def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet:
     tell(f"{label}: {count} parts in {time.perf_counter() - start:.2f} s")
 
 
+FROM_WHOLE, TO_WHOLE = 1e4, 1e15
+"""Numbers of this size are told as whole ones: four digits of them would need a power of ten."""
+
+
 def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
     """The result on standard output: one JSON object, or `key: value` lines for a person."""
     if as_json:
@@ -148,7 +152,7 @@ def _in_words(figures: object) -> str:
 
 def _shown(value: object) -> str:
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return f"{value:.4g}" if not FROM_WHOLE <= abs(value) < TO_WHOLE else f"{value:.0f}"
     if isinstance(value, dict):
         return ", ".join(f"{k} {_shown(v)}" for k, v in value.items())
     if isinstance(value, list | tuple):

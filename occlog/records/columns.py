@@ -252,8 +252,21 @@ def repeated_rows(table: Table, but: str = "") -> tuple[Bools, Bools]:
     return copy & alone, twice & ~copy & told
 
 
+def is_in_key_order(table: Table) -> bool:
+    """Whether the rows of a table are in the order of its key, not of its times alone."""
+    near = np.arange(max(len(table) - 1, 0))
+    for name in table.KEY:
+        values = getattr(table, name)
+        before, after = values[near], values[near + 1]
+        if (after < before).any():
+            return False
+        near = near[after == before]
+    return True
+
+
 def check_copies(table: Table) -> None:
-    """InputError where a row of a table in the order of its key stands there twice, or somebody is in two places."""
+    """InputError where a row of a table stands there twice, or somebody is in two places."""
+    table = table if is_in_key_order(table) else table.sorted()
     copies, twice = repeated_rows(table)
     if copies.any():
         where = key_of(table, first_row(copies))

@@ -9,7 +9,7 @@ import numpy as np
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import groups, number
-from occlog.report.content.model import ReportInput
+from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing.html import script, template
 from occlog.report.drawing.plot import Plot, plot
 from occlog.report.drawing.style import COLOURS, DARK, house_style, label
@@ -80,8 +80,8 @@ def floorplan(data: ReportInput) -> Plot:
     if data.occluders is not None and (n := len(moments(data.occluders.t_ns[data.occluders.occluder_id >= 0]))):
         words.append(f"Moving occluders are drawn as the tracker knew them at {plural(n, 'moment')}.")
     if (since := bold_from(data)) is not None:
-        recent = number(float(f"{(data.time.end_ns - since) / data.time.ns_per_unit:.3g}"))
-        words.append(f"The paths are long: the last {recent} {data.time.unit} are bold, what came before is faint.")
+        recent = TimeAxis(since, data.time.end_ns).told
+        words.append(f"The paths are long: the last {recent} are bold, what came before is faint.")
     if (gone := outside(data)) > 0:
         whose = " of those that are drawn lie" if data.drawn("tracks") else ""
         words.append(f"{plural(gone, 'estimate')}{whose} outside the drawing.")

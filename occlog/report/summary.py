@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 
-from occlog.array_types import NS
 from occlog.records.tables import Errors
 from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import Figure, number
-from occlog.report.content.model import ReportInput
+from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.content.people import People
 from occlog.words import noun
 
@@ -95,8 +94,7 @@ def row_counts(data: ReportInput) -> list[Figure]:
         if not data.rows(name):
             out.append(Figure(name, "0", "rows", "empty"))
             continue
-        first, last = data.span_ns(name)
-        seconds = number((last - first) / NS)
+        lasted = TimeAxis(*data.span_ns(name)).told
         moments = data.whole[name].times if name in data.whole else len(np.unique(table.t_ns))
-        out.append(Figure(name, number(data.rows(name)), "rows", f"{seconds} s, {plural(moments, 'time')}"))
+        out.append(Figure(name, number(data.rows(name)), "rows", f"{lasted}, {plural(moments, 'time')}"))
     return out

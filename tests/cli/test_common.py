@@ -77,3 +77,21 @@ def test_figures_of_each_of_many_take_a_line_each(capsys: pytest.CaptureFixture[
         "       cam_2:",
         "sees:  a 1",
     ]
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (0.123456, "0.1235"),
+        (9999.4, "9999"),
+        (29_999.99, "30000"),
+        (-18_000.0, "-18000"),
+        (1e16, "1e+16"),
+        (1e-9, "1e-09"),
+    ],
+)
+def test_large_figures_are_told_without_powers_of_ten(
+    capsys: pytest.CaptureFixture[str], value: float, words: str
+) -> None:
+    echo_summary({"seconds": value}, as_json=False)
+    assert capsys.readouterr().out == f"seconds: {words}\n"

@@ -22,7 +22,7 @@ from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.page import build_page
 from occlog.report.picture import build_picture
 from occlog.report.plots.floorplan import plan_limits
-from occlog.report.summary import headline
+from occlog.report.summary import headline, row_counts
 
 EVIL = '<script>alert("x")</script>\' onload=$x_1$ style="color: red" ]]>\x07'
 
@@ -291,6 +291,17 @@ def test_time_axis(start: int, length_s: int, unit: str, begin: str) -> None:
     assert axis.start.startswith(begin)
     per_unit = {"s": 1, "min": 60, "h": 3600}[unit]
     assert axis.of(np.array([axis.end_ns]))[0] == pytest.approx(length_s / per_unit)
+    assert axis.told == f"{length_s / per_unit:.4g} {unit}"
+
+
+def test_long_times_are_told_in_a_unit_that_suits_them() -> None:
+    """Of hours they were written as `3e+04 s`."""
+    data = run(steps=200)
+    assert data.tracks is not None
+    t_ns = data.tracks.t_ns[0] + np.arange(len(data.tracks), dtype=np.int64) * 10**9 * 150
+    counts = row_counts(replace(data, tracks=replace(data.tracks, t_ns=t_ns)))
+    (note,) = [figure.note for figure in counts if figure.name == "tracks"]
+    assert note == "8.292 h, 200 times"
 
 
 def test_heights_have_figures_and_a_row_of_their_own() -> None:

@@ -78,13 +78,18 @@ class Clock:
         whole = t_ns if self._last is None else np.concatenate([[self._last], t_ns])
         # As float64 a difference cannot overflow; it is exact for any interval below 104 days
         steps = np.diff(whole.astype(np.float64)) if _is_wide(whole) else np.diff(whole)
-        offset = before - (len(whole) - len(t_ns))
+        added = len(whole) - len(t_ns)
+
+        def where(place: int) -> str:
+            row = place + 1 - added
+            return f"row {before + row}" if frame is None else f"frame {frame[row]}"
+
         for place in np.flatnonzero(steps < 0).tolist():
             self._back += 1
             if self._back == 1:
-                self._first_back = f"row {offset + place + 1}: {whole[place + 1]} ns after {whole[place]} ns"
+                self._first_back = f"{where(place)}: {whole[place + 1]} ns after {whole[place]} ns"
         for place in np.flatnonzero(steps == 0)[:1].tolist():
-            self._first_repeat = self._first_repeat or f"row {offset + place + 1}: {whole[place + 1]} ns"
+            self._first_repeat = self._first_repeat or f"{where(place)}: {whole[place + 1]} ns"
         self._repeats += int((steps == 0).sum())
         self._note_intervals(whole, steps, frame)
         low, high = int(t_ns.min()), int(t_ns.max())
@@ -117,6 +122,11 @@ class Clock:
                 heapq.heappush(self._longest, one)
             else:
                 heapq.heappushpop(self._longest, one)
+
+    @property
+    def times(self) -> int:
+        """How many different times came, of a sensor whose times do not go back: rows of one time count once."""
+        return self.count - self._repeats
 
     @property
     def usual_ns(self) -> int | None:
@@ -165,20 +175,23 @@ class Clock:
 
     def _judge_gaps(self, findings: Findings) -> None:
         usual = self.usual_ns
-        if usual is None or self.sporadic:
+        if usual is None:
             return
         long = sorted((one for one in self._longest if one[0] > LONGEST * usual), key=lambda one: one[1])
         total = sum(n for d, n in self._intervals.items() if d > LONGEST * usual)
         for length, before, step in long:
+            kind = "jump" if 0 < step == self._step else "gap"
+            if kind == "gap" and self.sporadic:
+                continue
             what = f"for {length / NS:.6g} s, where {usual / NS:.6g} s are usual"
             missed = f", {counted(step // self._step - 1, 'frame')} by their numbers" if step > self._step > 0 else ""
             findings.add(
-                "jump" if 0 < step == self._step else "gap",
+                kind,
                 f"{self.name}: after {utc(before)}",
                 what + missed,
                 limit=f"{LONGEST * usual / NS:.6g} s",
             )
-        if total > len(long):
+        if total > len(long) and not self.sporadic:
             findings.add("gap", self.name, "further ones", count=total - len(long))
 
 
@@ -200,7 +213,8 @@ def judge_clocks(clocks: Sequence[Clock], findings: Findings) -> None:
         findings.add("clock-apart", clock.name, value)
     for clock, late_ns in _late([clock for clock in told if clock not in apart]):
         limit = f"{LONGEST * (clock.usual_ns or 0) / NS:.6g} s"
-        findings.add("clock-late", clock.name, f"by {late_ns / NS:.6g} s", limit=limit)
+        value = f"by {late_ns / NS:.6g} s, which an offset of {-late_ns / NS:.6g}s takes out"
+        findings.add("clock-late", clock.name, value, limit=limit)
 
 
 def judge_truth(truth: Iterable[tuple[str, Clock]], sensors: Iterable[Clock], findings: Findings) -> None:
@@ -241,7 +255,7 @@ def _late(clocks: Iterable[Clock]) -> Iterator[tuple[Clock, int]]:
         like = [
             other
             for other, their in regular
-            if abs(their - usual) <= SAME_RATE * usual and abs(other.count - clock.count) <= 1
+            if abs(their - usual) <= SAME_RATE * usual and abs(other.times - clock.times) <= 1
         ]
         if len(like) < 2:
             continue

@@ -58,7 +58,7 @@ KINDS: dict[str, Kind] = {
         "no index, or not of all that it holds: each command makes one in a pass through the file",
         remedy="write one: occlog recover {file} -o OUT.mcap",
     ),
-    "damaged-table": Kind(E, "rows that are damaged", remedy="make the table again from the recording"),
+    "damaged-table": Kind(E, "rows that are damaged"),
     "damaged-bag": Kind(W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"),
     "message": Kind(E, "a message that is not of its type", remedy="make the recording again"),
     "row": Kind(E, "a row that cannot be"),

@@ -43,7 +43,8 @@ def look_at_table(path: Path, findings: Findings) -> None:
                     _look_at_batch(batch, first, watch)
                     first += batch.num_rows
             except InputError as error:
-                findings.refused("damaged-table", error, place=f"rows {first} to {group.first + group.rows - 1}")
+                what = InputError(str(error).replace(": damaged: ", ": ", 1))
+                findings.refused("damaged-table", what, place=f"rows {first} to {group.first + group.rows - 1}")
     except InputError as error:
         if not findings.has("unreadable"):
             findings.refused("unreadable", error)

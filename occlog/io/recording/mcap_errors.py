@@ -131,7 +131,7 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
     if start == 0:
         return
     if start > size:
-        raise InputError(f"{path}: damaged MCAP file: the index is said to begin at byte {start} of {size}")
+        raise damaged_mcap(path, f"the index is said to begin at byte {start} of {size}")
     file.seek(start)
     if crc == 0:
         # Behind another file places in an index are wrong, and the library would read the index of that one
@@ -140,7 +140,7 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
         return
     found = zlib.crc32(file.read(size - 8 - 4 - start))
     if found != crc:
-        raise InputError(f"{path}: damaged MCAP file: the index from byte {start} on has a wrong check sum")
+        raise damaged_mcap(path, f"the index from byte {start} on has a wrong check sum")
 
 
 def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> bytes:

@@ -14,6 +14,9 @@ from .urls import EXTRAS, READ_ONLY, kind_of, scrubbed, shown
 MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
 """What file systems tell of a file that changes when the file does."""
 
+GONE = (404, 410)
+"""Answers of a web server that say that a file is not there; others, as 403 and 503, do not."""
+
 
 class Version(NamedTuple):
     """What is known of a file before it is fetched.
@@ -37,11 +40,22 @@ def _told(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
     except ImportError as error:
         extra = EXTRAS[kind_of(url)]
         raise UsageError(f"{shown(url)}: wants a package that is not installed; install occlog[{extra}]") from error
-    except FileNotFoundError:
+    except FileNotFoundError as error:
+        reason = _unreached(error)
+        if reason is not None:
+            raise failure(f"{shown(url)}: cannot be reached: {scrubbed(str(reason))}; try again") from error
         raise failure(f"{shown(url)}: no such file") from None
     except Exception as error:  # each file system has errors of its own
         words = scrubbed(str(error))
         raise failure(f"{shown(url)}: {type(error).__name__}{f': {words}' if words else ''}; try again") from None
+
+
+def _unreached(error: FileNotFoundError) -> BaseException | None:
+    """Why nobody knows whether a file is there: fsspec says of all that a web server does not give that it is not."""
+    cause = error.__cause__
+    if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
+        return cause  # no such host, no connection, a time limit
+    return cause if getattr(cause, "status", None) not in (None, *GONE) else None
 
 
 def _opened(url: str) -> tuple[Any, str]:

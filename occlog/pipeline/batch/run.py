@@ -23,9 +23,10 @@ from occlog.pipeline.progress import shown_progress
 from occlog.pipeline.run.run import worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
 from occlog.records.tables import TABLES
+from occlog.words import counted
 
 from .folders import RUNS, batch_folder, fetch_files
-from .plan import Source, sources_of
+from .plan import Source, in_text, sources_of
 from .recording import FAILED, Outcome, Task, process
 from .tables import METRICS_FILES, METRICS_TABLE, RUNS_TABLE, gather
 
@@ -90,7 +91,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
         gathered = gather(folder, folder / RUNS, outcomes, request.tables, config)
         times = [{"recording": o.name, "seconds": o.seconds, "cpu_seconds": o.cpu_seconds} for o in outcomes]
         write_bytes(folder / TIMINGS, to_csv(times), overwrite=True)
-    _tell(outcomes, quiet)
+    _tell(outcomes, sources, quiet)
     for name in request.tables:
         if name not in gathered.rows and not gathered.losses:
             options.note(f"warning: no run has made {name}, so that there is no table of all", quiet)
@@ -164,20 +165,31 @@ def _code(outcomes: Sequence[Outcome], lost: bool) -> int:
     return worst([*codes, ExitCode.LOSSY] if lost else codes)
 
 
-def _tell(outcomes: Sequence[Outcome], quiet: bool) -> None:
+def _from_here(source: Source) -> str:
+    """What a command takes for a recording: tables have its name without the folder."""
+    if is_url(source.place):
+        return source.shown
+    place, here = Path(source.place), Path.cwd()
+    return in_text(str(place.relative_to(here) if place.is_relative_to(here) else place))
+
+
+def _tell(outcomes: Sequence[Outcome], sources: Sequence[Source], quiet: bool) -> None:
     """Name recordings that failed or that are not to be believed, on standard error."""
-    failed = [each for each in outcomes if each.state == FAILED]
-    for each in failed[:TOLD]:
-        click.echo(f"occlog: failed: {each.name}: {each.stage}: {each.message}", err=True)
+    failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
+    for each, source in failed[:TOLD]:
+        message = each.message.replace(each.shown, _from_here(source))
+        click.echo(f"occlog: failed: {each.name}: {each.stage}: {message}", err=True)
     if len(failed) > TOLD:
         click.echo(f"occlog: {len(failed) - TOLD} more have failed; {RUNS_TABLE} names them", err=True)
     lossy = [each for each in outcomes if each.losses]
     if lossy:
-        click.echo(f"occlog: lost: input of {len(lossy)} recordings; {RUNS_TABLE} lists it (losses)", err=True)
+        click.echo(
+            f"occlog: lost: input of {counted(len(lossy), 'recording')}; {RUNS_TABLE} lists it (losses)", err=True
+        )
     doubted = [each for each in outcomes if each.plausible is False]
     if doubted:
         names = ", ".join(each.name for each in doubted[:TOLD]) + (", ..." if len(doubted) > TOLD else "")
-        options.note(f"warning: tracks of {len(doubted)} recordings are not plausible: {names}", quiet)
+        options.note(f"warning: tracks of {counted(len(doubted), 'recording')} are not plausible: {names}", quiet)
 
 
 def _summary(folder: str, outcomes: Sequence[Outcome], rows: object) -> dict[str, object]:

@@ -35,6 +35,8 @@ GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
 """Exit codes of a stage after which the next stage runs."""
 PATIENCE = 5.0
 """Time to wait for another command in a run folder [s]: workers of one that was killed need a moment to end."""
+WAITING = "would run"
+"""What a dry run says of a stage that is not up to date."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Step(NamedTuple):
     """What was done of a stage."""
 
     stage: str
-    what: str  # "up to date", "would run" or "done"
+    what: str  # "up to date", `WAITING` or "done"
     code: int
     outputs: tuple[str, ...]  # paths in the run folder; none of a stage that failed
 
@@ -139,7 +141,7 @@ def _stages(
             if not force and kept is not None and _is_current(kept, key, folder):
                 step = Step(stage.name, "up to date", kept.code, tuple(kept.outputs))
             elif dry_run:
-                step = Step(stage.name, "would run", ExitCode.DONE, ())
+                step = Step(stage.name, WAITING, ExitCode.DONE, ())
             else:
                 begin(stage.name)
                 with refused_in(wanted, stage):
@@ -192,13 +194,15 @@ def worst(codes: Iterable[int]) -> int:
 
 def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, object]:
     metrics = folder / "metrics.json"
-    values = read_json(metrics) if "evaluate" in done and metrics.is_file() else {}
+    # Figures that another evaluation made, before a dry run, are not those of this configuration
+    values = read_json(metrics) if done.get("evaluate", WAITING) != WAITING and metrics.is_file() else {}
     verdict = {k: v for k, v in values.items() if k in ("plausible", "warnings")}
     numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in verdict}
     if as_json:
         return {"stages": done, "folder": str(folder), "metrics": numbers, **verdict}
     head = {k: v for k, v in numbers.items() if _is_headline(k) and v is not None}
-    return {**done, "report": str(folder / "report.html"), **head, **verdict}
+    page = {} if done.get("report") == WAITING else {"report": str(folder / "report.html")}
+    return {**done, **page, **head, **verdict}
 
 
 def _is_headline(name: str) -> bool:

@@ -18,6 +18,7 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import BEARINGS, entry
 from occlog.track.catalogue import settings_of as settings_of_method
+from occlog.words import counted
 
 from .trial import PRIORS
 
@@ -119,17 +120,24 @@ def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, s
     return name, f"$.{name}"
 
 
-def settings_of(spec: SweepSpec, folder: Path) -> list[Setting]:
+def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
     """Combine all settings with their trials, in the order of the file; the last name of `vary` varies fastest.
 
     Args:
-        spec: the sweep file.
-        folder: to which the scene's path is relative.
+        path: the sweep file, beside which the scene is.
+        spec: what it says.
 
     Raises:
         InputError: a name that cannot vary, an empty list, too many trials, or cameras that are not there.
     """
-    scene = check_input(folder / spec.scene, "a scene").read_text(encoding="utf-8")
+    scene = check_input(path.parent / spec.scene, "a scene").read_text(encoding="utf-8")
+    try:
+        return _combined(spec, scene)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _combined(spec: SweepSpec, scene: str) -> list[Setting]:
     for name, values in spec.vary.items():
         if not values:
             raise InputError(f"vary: {name}: has no values; give at least one")
@@ -182,7 +190,8 @@ def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
     if value is None or isinstance(value, list):
         return value
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= len(order):
-        raise InputError(
-            f"cameras: {value!r}: want a list of names, or how many of the {len(order)} names in `order` to use"
+        names = (
+            f"the {counted(len(order), 'name')} in `order`" if order else "some names in `order`, which is not there"
         )
+        raise InputError(f"cameras: {value!r}: want a list of names, or how many of {names} to use")
     return list(order[:value])

@@ -66,7 +66,7 @@ def run_sweep(
         as_json: true: print JSON.
     """
     spec = read_sweep(path)
-    settings = settings_of(spec, path.parent)
+    settings = settings_of(path, spec)
     check_values(path, spec, settings)
     trials = [trial for setting in settings for trial in setting.trials]
     made = {

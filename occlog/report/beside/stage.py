@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from occlog.array_types import NS, Ints
+from occlog.array_types import Ints
 from occlog.core.metrics.clear_mot import match
 from occlog.core.metrics.frame_pairs import of_points
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -16,6 +16,7 @@ from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Truth
+from occlog.report.content.model import TimeAxis
 
 from .accuracy import OverTime, Paired, over_time
 from .identities import Followed, by_truth
@@ -71,9 +72,9 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
     parts = []
     for letter, (own_start, own_end) in zip(("A", "B"), spans, strict=True):
         if start - own_start > step:
-            parts.append(f"{letter} begins {(start - own_start) / NS:.3g} s earlier")
+            parts.append(f"{letter} begins {TimeAxis(own_start, start).told} earlier")
         if own_end - end > step:
-            parts.append(f"{letter} goes on for {(own_end - end) / NS:.3g} s longer")
+            parts.append(f"{letter} goes on for {TimeAxis(end, own_end).told} longer")
     if parts:
         said = f"{' and '.join(parts)}: the runs are laid beside each other in their common time"
         more = "; figures are of all true frames, in which a run that is not there misses its people" if truth else ""

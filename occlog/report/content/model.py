@@ -71,6 +71,11 @@ class TimeAxis:
         return (self.end_ns - self.start_ns) / self.ns_per_unit
 
     @property
+    def told(self) -> str:
+        """Time from first to last row with its unit, in words."""
+        return f"{self.length:.4g} {self.unit}"
+
+    @property
     def label(self) -> str:
         """Title of the axis."""
         return f"{TIME_LABEL} [{self.unit}]"

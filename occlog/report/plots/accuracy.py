@@ -176,7 +176,7 @@ def _axis_error(
             shown.append(spread)
     line(axes, data.time, t_ns, values, buckets, color=colour, linewidth=0.8)
     axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.6, zorder=1)
-    axes.set_ylabel(f"{name} error")
+    axes.set_ylabel(f"{name} error [{label(data.unit)}]")
     top = sensible_top(*shown)
     axes.set_ylim(-top, top)
 

@@ -133,6 +133,17 @@ def test_a_sensor_that_is_late_by_a_constant() -> None:
     assert judged(*others, clock(regular(96, start=START + 4 * STEP), "cam3")) == []
 
 
+def test_several_rows_of_one_time_count_once_as_of_a_sensor_that_is_late() -> None:
+    t_ns = regular(100)
+    boxes = np.repeat(t_ns, 1 + np.arange(100) % 3)  # one to three people in each frame
+    (late,) = judged(clock(boxes, "left", sorted=True), clock(t_ns + 4 * STEP, "right", sorted=True))
+    assert (late.kind, late.place, late.value) == (
+        "clock-late",
+        "right",
+        "by 0.4 s, which an offset of -0.4s takes out",
+    )
+
+
 def test_memory_is_bounded_and_the_usual_interval_still_found() -> None:
     draws = np.random.default_rng(2).normal(STEP, STEP / 50, 3 * MOST_INTERVALS).astype(np.int64)
     draws[70_000] = NS

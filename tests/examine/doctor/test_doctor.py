@@ -144,10 +144,21 @@ def test_a_damaged_group_does_not_hide_the_others(tmp_path: Path) -> None:
     last = pq.ParquetFile(path).metadata.row_group(1).column(4)
     data[last.dictionary_page_offset + last.total_compressed_size - 2] ^= 4
     path.write_bytes(data)
-    assert [(f.kind, f.place) for f in found_in(path)] == [("row", "row 3"), ("damaged-table", "rows 20 to 39")]
+    found = found_in(path)
+    assert [(f.kind, f.place) for f in found] == [("row", "row 3"), ("damaged-table", "rows 20 to 39")]
+    assert str(found[1]).count("again") == 1, "the reader says what to do"
+
+
+def frames(times: Iterable[float]) -> str:
+    """A box of one camera in each frame, last ones first."""
+    rows = [f"{n},{t},1,2,3,4\n" for n, t in enumerate(times)]
+    return "frame,time,left,top,width,height\n" + "".join(reversed(rows))
 
 
 TEXTS = {
+    "frames back": (frames([0.1, 0.2, 0.15, 0.3]), "order", "camera a"),
+    "frames jump": (frames(n / 10 + 5 * (n > 9) for n in range(20)), "jump", "camera a: after 1970-01-01T00:00:00.9"),
+    "frame of two times": ("frame,time,left,top,width,height\n0,0.1,1,2,3,4\n0,0.2,9,2,3,4\n", "row", "line 3"),
     "copies": ("frame,camera,left,top,right,bottom\n0,a,1,2,3,4\n1,a,1,2,3,4\n0,a,1,2,3,4\n", "repeated-row", "line 4"),
     "edge": ("frame,camera,left,top,right,bottom\n0,a,-1e308,2,1e308,4\n", "row", "line 2"),
     "nan": ("frame,camera,left,top,right,bottom\n0,a,nan,2,3,4\n", "row", "line 2"),
@@ -168,6 +179,14 @@ TEXTS = {
     "stamps twice": ("time\n1.0\n2.0\n2.0\n", "repeated-time", "times"),
     "no table": ("a,b\n1,2\n", "no-table", ""),
 }  # fmt: skip
+
+
+def test_frames_without_a_box_are_no_gap(tmp_path: Path) -> None:
+    """They say that nobody was seen."""
+    (tmp_path / "a.csv").write_text(
+        "frame,time,left,top,width,height\n" + "".join(f"{n},{n / 10},1,2,3,4\n" for n in (*range(10), *range(40, 50)))
+    )
+    assert found_in(tmp_path) == []
 
 
 @pytest.mark.parametrize("name", TEXTS)

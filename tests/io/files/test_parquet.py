@@ -314,6 +314,21 @@ def test_names_that_are_not_there_are_damage(index: int) -> None:
         from_arrow(pa.table(columns), Truth)
 
 
+@pytest.mark.parametrize("rows", [1, 2, 3, 10])
+def test_copies_behind_others_of_their_time_are_refused(tmp_path: Path, rows: int) -> None:
+    """A table and a copy of it, put in the order of time alone, were read, and gave other figures."""
+    one = random_table(Tracks, 1)
+    people = Tracks.concat([replace(one, target_id=np.array([n], np.int32)) for n in range(4)])
+    path = tmp_path / "t.parquet"
+    write_table(path, people, PROVENANCE)
+    whole = pq.read_table(path)
+    pq.write_table(pa.concat_tables([whole, whole.slice(2)]), path)
+    with pytest.raises(InputError, match=r"t\.parquet: Tracks: a row stands there twice \(t_ns .*target_id [23]\)"):
+        list(iter_table(path, Tracks, rows))
+    pq.write_table(whole.take([3, 1, 2, 0]), path)
+    assert sum(len(chunk) for chunk in iter_table(path, Tracks, rows)) == 4
+
+
 @pytest.mark.parametrize("apart", [False, True])
 def test_somebody_in_two_places_at_one_time_is_refused(tmp_path: Path, apart: bool) -> None:
     """`evaluate` took both rows; the second lay in another group of rows."""

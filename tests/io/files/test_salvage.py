@@ -121,6 +121,15 @@ def test_no_flipped_bit_is_read_as_data(whole: Path, tmp_path: Path) -> None:
     assert lost > 50
 
 
+@pytest.mark.parametrize("at", [4, 6, 12, 40, 400])
+def test_all_rows_come_back_where_the_mark_at_the_beginning_is_damaged(whole: Path, tmp_path: Path, at: int) -> None:
+    data = bytearray(whole.read_bytes())
+    data[at] ^= 1
+    table, losses = salvaged(tmp_path, bytes(data))
+    assert alike(table, Bearings.concat([rows(k) for k in range(GROUPS)]))
+    assert losses == (BEFORE,)
+
+
 def test_rows_that_are_lost_are_counted_with_their_times(whole: Path, tmp_path: Path) -> None:
     data = bytearray(whole.read_bytes())
     third = [group_of(mark) for mark in marks(data) if mark.kind == GROUP][2]

@@ -203,6 +203,16 @@ def test_a_recording_that_stands_there_twice_counts_once(tmp_path: Path) -> None
     assert any("not later than those before it are left out" in loss.what and loss.count == 40 for loss in said.losses)
 
 
+@pytest.mark.parametrize("cut", [None, 2_600_000])
+def test_what_is_left_out_of_another_recording_is_listed_once(cut: int | None, tmp_path: Path) -> None:
+    """Messages of times that were there already were listed as lost in what is damaged, too."""
+    data = recording(tmp_path / "a.mcap")
+    found, said = recovered(tmp_path, data[:cut] + data)
+    assert found == messages(tmp_path / "a.mcap")
+    assert sum(loss.count for loss in said.losses if "not later than those before it" in loss.what) > 20
+    assert not any(counted(said).values())
+
+
 def test_another_recording_of_the_same_times_is_left_out(tmp_path: Path) -> None:
     """Two trials in one scene became one, in which everybody was twice."""
     data, other = recording(tmp_path / "a.mcap"), recording(tmp_path / "b.mcap", seed=1, start_ns=STEP_NS * FRAMES // 2)

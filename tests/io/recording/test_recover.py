@@ -154,7 +154,7 @@ def test_a_record_whose_length_nothing_tells_costs_one_chunk(whole: Path, tmp_pa
     damaged = tmp_path / "hall.mcap"
     damaged.write_bytes(data)
     found = recover_recording(damaged, tmp_path / "out.mcap")
-    assert "damaged: read on at the next chunk" in str(found.losses)
+    assert "records are damaged: read on at the next chunk" in str(found.losses)
     first = [m for m in messages(whole) if m[2] > T0 + 22 * STEP]
     assert messages(tmp_path / "out.mcap")[-len(first) :] == first
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import http.server
+import socket
 import threading
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -85,7 +87,11 @@ def test_scratch_folders_of_killed_processes_are_removed(tmp_path: Path) -> None
 
 
 class Quiet(http.server.SimpleHTTPRequestHandler):
-    """Files of a folder; what is not in it is not there."""
+    """Files of a folder; what is not in it is not there, and `/503` has an answer of its own."""
+
+    def send_head(self) -> Any:
+        number = self.path.strip("/").partition("?")[0]
+        return self.send_error(int(number)) if number.isdecimal() else super().send_head()
 
     def log_message(self, *_: object) -> None:
         pass
@@ -105,6 +111,18 @@ def test_a_web_server_is_read_and_its_signature_is_not_told(tmp_path: Path) -> N
         with pytest.raises(InputError, match=r"b\.mcap: no such file") as told:
             Cache(tmp_path / "cache", 10**6).holding(f"{url}/b.mcap?signature=s3cret").__enter__()
         assert "s3cret" not in str(told.value)
+        for answer in (401, 403, 503):
+            with pytest.raises(InputError, match=f"cannot be reached: {answer}, .*; try again") as told:
+                Cache(tmp_path / "cache", 10**6).holding(f"{url}/{answer}?signature=s3cret").__enter__()
+            assert "s3cret" not in str(told.value)
     finally:
         server.shutdown()
         server.server_close()
+
+
+def test_a_server_that_does_not_answer_does_not_say_that_a_file_is_not_there(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp")
+    with socket.create_server(("127.0.0.1", 0)) as nobody:
+        url = f"http://127.0.0.1:{nobody.getsockname()[1]}/a.mcap"
+    with pytest.raises(InputError, match=r"a\.mcap: cannot be reached: Cannot connect to host .*; try again"):
+        Cache(tmp_path / "cache", 10**6).holding(url).__enter__()

@@ -64,7 +64,8 @@ def test_failures_are_listed_and_the_rest_goes_on(simulated: Path, capsys: pytes
     printed = capsys.readouterr()
     told = json.loads(printed.out)
     assert (told["recordings"], told["done"], told["failed"], told["up_to_date"]) == (3, 2, 1, 0)
-    assert printed.err.startswith("occlog: failed: cut: detect: cut.mcap: ")
+    assert printed.err.startswith(f"occlog: failed: cut: detect: {simulated / 'cut.mcap'}: ")
+    assert f"`occlog recover {simulated / 'cut.mcap'} -o OUT.mcap`" in printed.err, "the remedy works where it is read"
     rows = {row["recording"]: row for row in pq.read_table(out / "runs.parquet").to_pylist()}
     assert len(rows) == 3
     assert rows["cut"]["state"] == "failed"
@@ -155,7 +156,7 @@ def test_a_link_that_leads_nowhere_has_failed(
     assert {name: row["state"] for name, row in rows.items()} == {"gone": "failed", "hall": "done", "self": "failed"}
     assert (rows["gone"]["exit_code"], rows["gone"]["stage"]) == (ExitCode.BAD_INPUT, "recording")
     assert "gone.mcap: is a symbolic link to a file that is not there" in rows["gone"]["message"]
-    assert "occlog: failed: gone: recording: gone.mcap: is a symbolic link" in capsys.readouterr().err
+    assert f"occlog: failed: gone: recording: {folder / 'gone.mcap'}: is a symbolic link" in capsys.readouterr().err
     (folder / "hall.mcap").unlink()
     do(folder, tmp_path / "none", code=ExitCode.BAD_INPUT)
 

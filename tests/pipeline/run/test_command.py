@@ -88,7 +88,12 @@ def test_all_stages_then_only_what_changed(config: Path, capsys: pytest.CaptureF
     assert [again[n] for n in ("simulate", "detect")] == ["up to date"] * 2
     assert again["track"] == "done"
 
-    (config.parent / "out" / "metrics.json").write_text("{}")  # an output that somebody changed is made again
+    (config.parent / "out" / "metrics.json").write_text("{}]")  # an output that somebody changed is made again
+    assert stages(config, capsys, "--dry-run")["evaluate"] == "would run"
+    (config.parent / "out" / "metrics.json").write_text('{"rmse_m": 7}')
+    assert run(["run", str(config), "-o", str(config.parent / "out"), "--dry-run"]) == ExitCode.DONE
+    told = capsys.readouterr().out
+    assert "rmse" not in told
     assert stages(config, capsys)["evaluate"] == "done"
 
 

@@ -18,7 +18,7 @@ HEAD = "occlog_sweep: 1\nscene: scene.yaml\nruns: 2\nseed: 5\n"
 def settings(tmp_path, text):
     (tmp_path / "scene.yaml").write_text(SCENE)
     (tmp_path / "sweep.yaml").write_text(HEAD + text)
-    return settings_of(read_sweep(tmp_path / "sweep.yaml"), tmp_path)
+    return settings_of(tmp_path / "sweep.yaml", read_sweep(tmp_path / "sweep.yaml"))
 
 
 def test_everything_that_varies_is_combined(tmp_path):
@@ -43,13 +43,14 @@ def test_everything_that_varies_is_combined(tmp_path):
         ("vary: {particles: [3]}\n", "want cameras or skip, or a part"),
         ("vary: {filter.particles: [3]}\n", "parts: simulate, observe"),
         ("vary: {track.particles: []}\n", "has no values"),
-        ("cameras: 2\n", "how many of the 0 names"),
+        ("cameras: 2\n", "how many of some names in `order`, which is not there"),
+        ("cameras: 3\norder: [a, b]\n", "how many of the 2 names in `order`"),
         ("vary: {track.particles: [1, 2]}\nrun: 3\n", "run"),
         ("vary: {simulate.steps: [1, 2]}\nruns: 3\n", "twice|repeated|duplicate"),
     ],
 )
 def test_a_file_that_does_not_fit_is_told(tmp_path, text, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=rf"sweep\.yaml: .*({words})"):
         settings(tmp_path, text)
 
 
@@ -62,7 +63,7 @@ def test_too_many_trials_are_refused(tmp_path):
 def test_a_missing_scene_is_told(tmp_path):
     (tmp_path / "sweep.yaml").write_text(HEAD)
     with pytest.raises(InputError, match=r"scene\.yaml"):
-        settings_of(read_sweep(tmp_path / "sweep.yaml"), tmp_path)
+        settings_of(tmp_path / "sweep.yaml", read_sweep(tmp_path / "sweep.yaml"))
 
 
 def test_statistics_by_hand():

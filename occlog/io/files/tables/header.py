@@ -30,14 +30,22 @@ class Header(NamedTuple):
     provenance: Provenance
 
 
+class Footer(NamedTuple):
+    """What the footer of a table says: its header, how many rows there should be, and the schema."""
+
+    header: Header
+    rows: int
+    schema: pa.Schema
+
+
 def read_header(path: Path) -> Header:
     """The header of a table; InputError for files that occlog did not write."""
     with opened_table(path) as file:
         return header_of(path, file.schema_arrow.with_metadata(_metadata(file)))
 
 
-def header_by_footer(path: Path) -> tuple[Header, int] | None:
-    """The header of a table and how many rows it should have, by its footer alone; None where that has no check sum.
+def read_footer(path: Path) -> Footer | None:
+    """What a table says of itself, by its footer alone; None where that has no check sum.
 
     InputError for a damaged footer, and for files that occlog did not write.
     """
@@ -47,7 +55,8 @@ def header_by_footer(path: Path) -> tuple[Header, int] | None:
             return None
         read_groups(source)  # refuses what would fill the memory
         file = pq.ParquetFile(pa.BufferReader(PARQUET_MAGIC + footer))
-        return header_of(path, file.schema_arrow.with_metadata(_metadata(file))), file.metadata.num_rows
+        schema = file.schema_arrow.with_metadata(_metadata(file))
+        return Footer(header_of(path, schema), file.metadata.num_rows, schema)
 
 
 def header_of(path: Path, schema: pa.Schema) -> Header:

@@ -11,9 +11,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.promises import check_promise, most_unpacked
@@ -24,7 +26,7 @@ from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.salvage.marks import is_marked
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 from occlog.io.files.tables.vectors import in_parts
-from occlog.records.columns import Table, check_copies, key_of
+from occlog.records.columns import Table, check_copies
 from occlog.records.tables import has_all
 
 
@@ -100,6 +102,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
         whole = has_all(table)
         last: T | None = None
+        held: T | None = None
         size, texts = path.stat().st_size, 0
         most = most_unpacked(size)
         for batch in in_parts(path, size, batches(file, rows, names)):
@@ -116,10 +119,21 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
                 raise InputError(f"{path}: t_ns goes back between two chunks; sort the table by t_ns")
             if whole:
                 check_copies(chunk)
-                if last is not None and key_of(last, len(last) - 1) == key_of(chunk, 0):
-                    check_copies(table.concat([last.take(slice(-1, None)), chunk.take(slice(0, 1))]))
+                held = _check_beside(held, chunk)
             last = chunk
             yield chunk
+
+
+def _check_beside(held: T | None, chunk: T) -> T:
+    """Look for copies of rows of one time in several chunks; returns those of the last time, for the chunks behind."""
+    times: Ints = chunk.t_ns  # type: ignore[attr-defined]
+    last = chunk.take(slice(int(np.searchsorted(times, times[-1])), None))
+    if held is None or held.t_ns[0] != times[0]:  # type: ignore[attr-defined]
+        return last
+    first = chunk.take(slice(0, int(np.searchsorted(times, times[0], "right"))))
+    both = chunk.concat([held, first])
+    check_copies(both)
+    return both.take(slice(-ROWS_PER_GROUP, None)) if times[0] == times[-1] else last
 
 
 def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:

@@ -171,7 +171,7 @@ def _behind(file: IO[bytes], at: int, size: int, damaged: Tell) -> int:
 
 
 def _read_on(file: IO[bytes], begins: int) -> str:
-    return f"damaged: read on at the next {'recording' if _is_recording(file, begins) else 'chunk'}"
+    return f"records are damaged: read on at the next {'recording' if _is_recording(file, begins) else 'chunk'}"
 
 
 def _is_recording(file: IO[bytes], at: int) -> bool:

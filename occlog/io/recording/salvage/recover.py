@@ -218,12 +218,15 @@ class _Salvage:
         if channel_id not in part.channels:
             self._lose(f"channel {channel_id}", "its messages are left out: what they are is lost")
             return
+        topic = part.channels[channel_id].topic
+        tally = part.tallies.setdefault(channel_id, Tally(channel_id, part.damage))
         if part is not self._first and not (self._belongs(part) and part.schema_of(channel_id) != VIDEO_FRAME):
             part.left_out += 1
+            tally.add(number, log_ns)
             return
-        topic = part.channels[channel_id].topic
         if log_ns <= part.before.get(topic, -1):
             part.early += 1
+            tally.add(number, log_ns)
             return
         if part.is_copy(topic, number, log_ns, record.data):
             return
@@ -231,7 +234,7 @@ class _Salvage:
             part.written[channel_id] = self._register(part, part.channels[channel_id])
         data: Any = memoryview(record.data)[MESSAGE_HEAD.size :]  # no copy of what may be large
         self._writer.add_message(part.written[channel_id], log_ns, data, publish_ns, number)
-        part.tallies.setdefault(channel_id, Tally(channel_id, part.damage)).add(number, log_ns)
+        tally.add(number, log_ns)
         self._messages[topic] = self._messages.get(topic, 0) + 1
         low, high = self._span or (log_ns, log_ns)
         self._span = min(low, log_ns), max(high, log_ns)

@@ -20,10 +20,10 @@ from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.arrow_columns import check_schema, from_arrow
-from occlog.io.files.tables.header import Header, header_by_footer, header_of, read_header
+from occlog.io.files.tables.header import Footer, Header, header_of, read_footer, read_header
 from occlog.io.files.tables.parquet import arrow_schema_of, groups_of, translate_read_errors
 from occlog.io.files.tables.salvage.groups import pattern_of, rows_of
-from occlog.io.files.tables.salvage.marks import GROUP, SCHEMA, Mark, group_of, marks
+from occlog.io.files.tables.salvage.marks import GROUP, SCHEMA, group_of, marks
 from occlog.io.files.tables.table_writer import WRITTEN, TableWriter
 from occlog.io.files.tables.thrift import MalformedError, Struct
 from occlog.io.files.times.utc import utc
@@ -100,37 +100,41 @@ def _by_footer(source: Path, table: type[Table]) -> Iterator[Table | Lost]:
 def _without_footer(source: Path, path: Path, overwrite: bool) -> RecoveredTable:
     """The same for a file that the library cannot open, by its marks."""
     with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        found = marks(data)
-        first = next(found, None)
-        if first is None or first.kind != SCHEMA or data[: len(PARQUET_MAGIC)] != PARQUET_MAGIC:
-            raise InputError(
-                f"{source}: neither its end nor its beginning says what it holds (damaged there, not a table, or "
-                "written by another program or before occlog marked groups of rows); make it again"
-            )
-        by_footer = None
+        footer: Footer | None = None
         with suppress(InputError):
-            by_footer = header_by_footer(source)
+            footer = read_footer(source)
         with translate_read_errors(source):
-            schema = pa.ipc.read_schema(pa.py_buffer(first.says))
-            header, rows = by_footer or (header_of(source, schema), None)
+            schema = _schema_of(data, footer)
+            if schema is None:
+                raise InputError(
+                    f"{source}: neither its end nor its beginning says what it holds (damaged there, not a table, or "
+                    "written by another program or before occlog marked groups of rows); make it again"
+                )
+            header = header_of(source, schema) if footer is None else footer.header
             table, left_out = _table_for(source, header.table, schema.names)
             check_schema(source, schema, table)
             pattern = pattern_of(_row_of(schema))
         before = (*header.provenance.losses, *left_out)
-        if rows is None:
+        if footer is None:
             before = (*before, Loss(source.name, "its end", "what was lost while it was made is not known any more"))
-        whole = _by_marks(data, pattern, table, first, found, rows)
+        whole = _by_marks(data, pattern, table, None if footer is None else footer.rows)
         return _write(source, path, header, table, whole, before, overwrite)
 
 
-def _by_marks(
-    data: mmap.mmap, pattern: Struct, table: type[Table], first: Mark, found: Iterator[Mark], due: int | None
-) -> Iterator[Table | Lost]:
-    """Groups of rows behind their marks, of a table of so many rows if that is known."""
-    told = 0
-    behind = first.behind
-    for mark in found:
+def _schema_of(data: mmap.mmap, footer: Footer | None) -> pa.Schema | None:
+    """The schema that a file states at its beginning, or in its footer where that is damaged; None: in neither."""
+    first = next(marks(data), None)
+    if first is not None and first.kind == SCHEMA and data[: len(PARQUET_MAGIC)] == PARQUET_MAGIC:
+        return pa.ipc.read_schema(pa.py_buffer(first.says))
+    return None if footer is None else footer.schema
+
+
+def _by_marks(data: mmap.mmap, pattern: Struct, table: type[Table], due: int | None) -> Iterator[Table | Lost]:
+    """Groups of rows before their marks, of a table of so many rows if that is known."""
+    told = behind = 0
+    for mark in marks(data):
         if mark.kind != GROUP:
+            behind = behind or mark.behind  # of the schema
             continue
         try:
             group = group_of(mark)
