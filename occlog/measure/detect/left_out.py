@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 
 from occlog.records.frames import Frame
@@ -16,12 +17,17 @@ MOST = 10_000
 
 
 class LeftOut:
-    """Gathers the numbers while frames stream by."""
+    """Gathers the numbers while frames stream by.
+
+    Frames that are numbered in steps (0, 5, 10) leave no number out between them.
+    """
 
     def __init__(self) -> None:
         """Nothing was seen yet."""
         self._last: dict[str, int] = {}
-        self._stretches: dict[str, list[tuple[int, int]]] = {}
+        self._step: dict[str, int] = {}  # that divides all differences of the numbers of a camera
+        self._gaps: dict[str, list[tuple[int, int]]] = {}
+        self._lost: dict[str, list[tuple[int, int]]] = {}
 
     def watch(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """Pass on the frames."""
@@ -40,20 +46,31 @@ class LeftOut:
         """Count frames that could not be used."""
         for loss in losses:
             if (numbers := numbers_of(loss)) is not None and loss.source in self._last:
-                self._add(loss.source, *numbers)
+                stretches = self._lost.setdefault(loss.source, [])
+                if len(stretches) <= MOST:
+                    stretches.append(numbers)
 
     def _see(self, sensor: str, number: int) -> None:
         last = self._last.get(sensor)
-        if last is not None and number > last + 1:
-            self._add(sensor, last + 1, number - 1)
         self._last[sensor] = number
+        if last is None or number <= last:
+            return
+        self._step[sensor] = math.gcd(self._step.get(sensor, 0), number - last)
+        if number == last + 1:
+            return
+        gaps = self._gaps.setdefault(sensor, [])
+        if len(gaps) > MOST:
+            self._gaps[sensor] = gaps = self._without_steps(sensor)
+        if len(gaps) <= MOST:
+            gaps.append((last + 1, number - 1))
 
-    def _add(self, sensor: str, first: int, last: int) -> None:
-        stretches = self._stretches.setdefault(sensor, [])
-        if len(stretches) <= MOST:
-            stretches.append((first, last))
+    def _without_steps(self, sensor: str) -> list[tuple[int, int]]:
+        """The gaps that are more than a step of the numbers."""
+        step = self._step.get(sensor, 1)
+        return [(first, last) for first, last in self._gaps.get(sensor, ()) if last - first + 2 > step]
 
     def parameters(self) -> dict[str, object]:
         """What provenance says of it; nothing where no number is left out."""
-        told = {name: sorted(each) for name, each in sorted(self._stretches.items()) if len(each) <= MOST}
+        told = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
+        told = {name: each for name, each in told.items() if 0 < len(each) <= MOST}
         return {LEFT_OUT: told} if told else {}
