@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
+import re
 import struct
 from collections.abc import Callable
 from functools import lru_cache
@@ -45,6 +47,8 @@ MAX_LISTED_BYTES = 4 << 20
 MAX_OBJECTS = 100_000
 """Objects and lists of a message in JSON: each takes 400 bytes in memory."""
 _LINE = "=" * 80 + "\n"
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)+")
+"""Of a type: its package, perhaps `msg`, and its own."""
 
 
 def decoder(topic: Topic) -> Decode:
@@ -150,16 +154,20 @@ def _types(kind: str, language: str, definition: bytes) -> tuple[Any, bool]:
 
 
 def _checked(found: Any) -> Any:
-    """Types by name; ValueError for those that take memory or time without a byte of a message.
+    """Types by name; ValueError where code of them cannot be, or takes memory or time without a byte of a message.
 
-    The code that is generated has lines for each entry of an array whose length is given, if they are no numbers; and a
-    message may have any number of entries that take no bytes.
+    The code that is generated has the names, the constants, and lines for each entry of an array whose length is given,
+    if they are no numbers; and a message may have any number of entries that take no bytes.
     """
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
     entries = 0
-    for name, (_, fields) in found.items():
+    for name, (constants, fields) in found.items():
+        if not _NAME.fullmatch(name):
+            raise ValueError(f"{name} is no name of a type")
         if not fields:
             raise ValueError(f"{name} has no fields")
+        if any(isinstance(value, float) and not math.isfinite(value) for _, _, value in constants):
+            raise ValueError(f"{name} has a constant that is no number")
         for field, (node, told) in fields:
             if node == nodes.ARRAY:
                 (kind, of), length = told

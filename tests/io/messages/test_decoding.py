@@ -51,6 +51,36 @@ def test_types_that_take_memory_or_time_without_bytes_are_refused(definition: by
         decoder(topic(definition))
 
 
+OTHER = b"uint8 x\n" + b"=" * 80 + b"\nMSG: %s\nuint8 y\n"
+
+
+@pytest.mark.parametrize(
+    ("definition", "words"),
+    [
+        (OTHER % b"999/Header", "999/msg/Header is no name of a type"),
+        (OTHER % b"made_msgs/9", "made_msgs/msg/9 is no name"),
+        (OTHER % b"/a", "/msg/a is no name"),
+        (OTHER % b"_/_", "_/msg/_ is no name"),
+        (b"uint8 x\nfloat32 MOST=1e999\n", "made_msgs/msg/Point has a constant that is no number"),
+    ],
+)
+def test_names_and_constants_that_no_code_can_have_are_refused(definition: bytes, words: str) -> None:
+    """Code is generated of definitions."""
+    with pytest.raises(InputError, match=rf"/a: .*its definition cannot be read \({words}"):
+        decoder(topic(definition))
+
+
+def test_names_that_mean_something_in_code_are_names() -> None:
+    names = ("class", "self", "pos", "rawdata", "typestore", "numpy", "cls", "message", "values")
+    fields = b"".join(b"uint8 %s\n" % name.encode() for name in names)
+    found = decoder(topic(fields))(b"\x00\x01\x00\x00" + bytes(range(len(names))))
+    assert [getattr(found, name, None) or getattr(found, f"{name}_", 0) for name in names] == list(range(len(names)))
+    for other in (b"T/T", b"builtins/exec"):
+        assert decoder(topic(OTHER % other)) is not None
+    text = b"""string TEXT=' \"\"\" {x} %s \\x00"""
+    assert decoder(topic(b"uint8 x\nbool TRUE=1\nint64 LEAST=-9223372036854775808\n" + text + b"\n")) is not None
+
+
 def test_arrays_may_have_as_many_entries_as_the_limit() -> None:
     assert decoder(topic(b"float64[1] x\nfloat64[100000] y\nstring[10000] z\n")) is not None
 
