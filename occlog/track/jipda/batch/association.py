@@ -19,6 +19,9 @@ from .places import factors, misses, visibilities
 
 OWN = 0.5
 """A box is given to a person if it is theirs with a greater probability."""
+LEAST_FIT = -30.0
+"""Boxes whose log likelihood ratio to boxes of nobody is lower, wherever the person is, are not one person's: who was
+expected far off, as after a pause, was linearised there."""
 RARE = 0.05
 """Somebody new at a moment, against how crowded a place is where nobody has looked yet."""
 
@@ -54,6 +57,13 @@ class Seen(NamedTuple):
     share: Floats  # (N, M) probability that they are there and the box is theirs alone
     joint: Floats  # (N, M) the same, with a neighbour
     visible: Floats  # (L, N)
+
+    def without(self, far: Ints) -> Seen:
+        """The others."""
+        stay = np.setdiff1d(np.arange(len(self.share)), far)
+        p = self.people
+        people = Expected(p.track[stay], p.mean[stay], p.covariance[stay], p.existence[stay])
+        return Seen(people, self.share[stay], self.joint[stay], self.visible[:, stay])
 
 
 def associate(state: State, boxes: Boxes, rates: Rates, people: Expected, bonus: Floats) -> Seen:
@@ -110,6 +120,9 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, appearance: Float
         state.views, boxes, rates, mean, given,
         np.ascontiguousarray(detection[:, rows]), np.ascontiguousarray(feet[:, rows]),
     )  # fmt: skip
+    far = rows[(rows < len(people.track)) & (best_fit(J, h, constant) < LEAST_FIT)]
+    if len(far):
+        return find(state, boxes, rates, hint, appearance, seen.without(far))
     # Who hides a person hides them for a while: beside this moment they are missed as probably as at it, at least
     miss = misses(state.views, rates, mean)
     for look, camera in enumerate(boxes.camera.tolist()):
@@ -125,6 +138,11 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, appearance: Float
     look, looks = (vectors * shows[..., None]).sum(axis=0), shows.sum(axis=0, dtype=np.float64)
     names = named.reshape(len(rows), 2 * len(state.views.size))
     return Found(track[rows], mean, given, J, h, constant, miss, names, look, looks)
+
+
+def best_fit(J: Floats, h: Floats, c: Floats) -> Floats:
+    """(N,) greatest value of each exponent c + h' s - s' J s / 2."""
+    return np.asarray(c + 0.5 * np.einsum("ni,nij,nj->n", h, np.linalg.pinv(J, hermitian=True), h))
 
 
 def name_shared(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: Boxes) -> None:

@@ -63,7 +63,7 @@ def widening(
 def _most_looks(span: Span) -> int:
     """How many looks of a camera there are in `LASTS_S`."""
     looks = float(span.looked[-1].max())
-    return round(LASTS_S * max(looks - 1.0, 0.0) / max(float(span.time[-1] - span.time[0]), LASTS_S))
+    return round(LASTS_S * max(looks - 1.0, 0.0) / max(float(span.gaps.sum()), LASTS_S))
 
 
 def long_run_variance(key: Ints, look: Ints, error: Floats, most: int) -> float:

@@ -34,5 +34,5 @@ def _still(tracks: Tracks, span: Span, place: int, step: int) -> Floats:
     away = np.abs(span.time[at] - span.time[here])
     missed = np.exp(looked @ tracks.places.miss[place] - away / span.stay)
     # Leaving between a moment and the next; after the last one nobody leaves
-    weight = missed * np.append(np.diff(away) / span.stay, 1.0)
+    weight = missed * np.append(-np.expm1(-np.diff(away) / span.stay), 1.0)
     return np.asarray(np.cumsum(weight[::-1])[::-1] / weight.sum())

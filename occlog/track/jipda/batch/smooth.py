@@ -108,7 +108,7 @@ def smooth(
     for _ in range(REFINEMENTS):
         own, square = _scattered(tracks, span, square, state.metre)
         tracks = tracks_from(found, span, state.config, state.places, own, free=False, law=law)
-    walk = _states(tracks, span, _extent(span))
+    walk = _states(tracks, span, extent(span))
     wide = widening(state.views, rates, packed, found, walk, span)
     return _moments(tracks, span, packed, looks, moments, seen, own, square, walk, wide)
 
@@ -154,7 +154,7 @@ def _rates(state: State, span: Span, between: float = 1.0) -> Rates:
     """Rates of the detectors, for looks of which so many of a camera are from one to the next that counts."""
     # Mean time between looks of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
-        interval = (span.time[-1] - span.time[0]) / (span.looked[-1] - 1.0)
+        interval = span.gaps.sum() / (span.looked[-1] - 1.0)
     return rates_of(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf), between)
 
 
@@ -242,7 +242,7 @@ def _supporting(group: Sequence[Look], moment: Moment) -> Ints:
 
 def _scattered(tracks: Tracks, span: Span, square: float, metre: float) -> tuple[Floats, float]:
     """Variance of each place (n,) about its track's walk, and the scale of those; of nobody's places the scale."""
-    walk = _states(tracks, span, 0)
+    walk = _states(tracks, span, 0.0)
     rows = np.flatnonzero(walk.place != NONE)
     k = walk.place[rows]
     own, square = scatter(tracks.J[k], tracks.h[k], walk.mean[rows], walk.covariance[rows], square, metre)
@@ -251,15 +251,15 @@ def _scattered(tracks: Tracks, span: Span, square: float, metre: float) -> tuple
     return out, square
 
 
-def _extent(span: Span) -> int:
-    """How many moments before its first and after its last place a track is looked for."""
-    return max(round(EXTEND_S / span.step), LEAST_EXTEND)
+def extent(span: Span) -> float:
+    """How long before its first and after its last place a track is looked for [s]; not beyond a pause."""
+    return max(EXTEND_S, LEAST_EXTEND * span.step) + 0.5 * span.step
 
 
-def _states(tracks: Tracks, span: Span, extend: int) -> States:
-    """States without the place of the moment, in the order of moments, so many moments beyond each track."""
-    at, last = np.arange(len(span.time)), len(span.time) - 1
-    early, late = np.maximum(at - extend, 0), np.minimum(at + extend, last)
+def _states(tracks: Tracks, span: Span, extend: float) -> States:
+    """States without the place of the moment, in the order of moments, so long beyond each track [s]."""
+    early = np.searchsorted(span.time, span.time - extend)
+    late = np.searchsorted(span.time, span.time + extend, side="right") - 1
     return states(tracks.places, tracks.walk, tracks.chain, span.time, early, late)
 
 
@@ -276,7 +276,7 @@ def _again(
     moments: Ints,
 ) -> dict[int, Seen]:
     """Associate the boxes of some moments anew."""
-    walk = _states(tracks, span, _extent(span))
+    walk = _states(tracks, span, extent(span))
     # The place is about the walk, as far as it was found to be
     spread = np.where(walk.place != NONE, own[walk.place] if len(own) else 0.0, square)
     walk.covariance[:, [0, 1], [0, 1]] += spread[:, None]

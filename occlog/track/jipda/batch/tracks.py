@@ -30,6 +30,7 @@ from .chains import (
     sweep,
 )
 from .places import about
+from .waiting import waiting
 
 SPEEDS = 3.0
 """Nobody walks faster than so many standard deviations of a new person's velocity."""
@@ -43,6 +44,10 @@ MOST_REACH = 64
 """... and within so many moments."""
 BRIDGE_S = 8.0
 """Gaps between tracks are bridged up to this long."""
+USUAL = 0.9
+PAUSE_S, PAUSE = 8.0, 10.0
+"""The recording pauses from a moment to the next if that takes longer than this, and so many times as long as the share
+`USUAL` of the others."""
 TEMPERATURES = 12
 COLDEST = 0.2
 PROPOSALS = 60
@@ -64,9 +69,19 @@ class Span(NamedTuple):
     metre: float  # in the scene's unit
 
     @property
+    def gaps(self) -> Floats:
+        """Times from one moment to the next [s] that are no pauses of the recording."""
+        every = np.diff(self.time)
+        if not len(every):
+            return every
+        usual = float(np.quantile(every, USUAL, method="lower"))
+        return np.asarray(every[every <= max(PAUSE_S, PAUSE * usual)])
+
+    @property
     def step(self) -> float:
-        """Mean time between moments [s]."""
-        return float(self.time[-1] - self.time[0]) / max(len(self.time) - 1, 1) or 1.0
+        """Mean time between moments, but for pauses [s]."""
+        gaps = self.gaps
+        return float(gaps.mean()) if len(gaps) and gaps.any() else 1.0
 
 
 class Tracks(NamedTuple):
@@ -137,13 +152,12 @@ def tracks_from(
     c = np.concatenate([f.c for f in found])
     J, h, constant = np.empty_like(raw_J), np.empty_like(raw_h), np.empty_like(c)
     about(raw_J, raw_h, c, np.broadcast_to(scatter, c.shape).astype(np.float64), J, h, constant)
-    # Mean time from an arrival to the first place, and from the last place to leaving
+    # Those who came before the first place, or were there when the recording began; who left, or is there at its end
     T = len(span.time)
     unseen = np.exp(miss @ (span.looked[-1] / T))
-    wait = np.minimum(span.step / np.maximum(1.0 - unseen, 1e-3), span.stay)
     leaving = _leaving(known, mean[:, :2], span)
-    early = np.exp((miss * span.looked[moment]).sum(axis=1))
-    late = np.exp((miss * (span.looked[-1] - span.looked[moment + 1])).sum(axis=1))
+    coming, early = waiting(span.time, span.looked, moment, miss, np.full(len(moment), 1.0 / span.stay), -1)
+    going, late = waiting(span.time, span.looked, moment, miss, leaving, 1)
     hint, life = _lives(np.concatenate([f.hint for f in found]), span.time[moment])
     arrivals = span.people / span.area / span.stay
     places = Places(
@@ -154,8 +168,8 @@ def tracks_from(
         h=h,
         c=constant,
         miss=miss,
-        birth=np.log(arrivals * (wait + span.stay * early)),
-        death=np.log(np.minimum(wait * leaving + late, 1.0)),
+        birth=np.log(arrivals * (coming + span.stay * early)),
+        death=np.log(np.minimum(going * leaving + late, 1.0)),
         hint=hint,
         life=life,
         alike=Alike(np.concatenate([f.look for f in found]), np.concatenate([f.looks for f in found]), law),

@@ -9,7 +9,7 @@ from crowds import crowd
 from scipy.optimize import linear_sum_assignment
 
 from occlog.settings import configure
-from occlog.track.jipda.batch.smooth import at_moments, looks_between, moments_apart, smooth
+from occlog.track.jipda.batch.smooth import at_moments, extent, looks_between, moments_apart, smooth
 from occlog.track.jipda.batch.tracks import Span
 from occlog.track.jipda.batch.window import Window, add, finish
 from occlog.track.jipda.config import JipdaConfig
@@ -210,3 +210,48 @@ def test_nothing_at_all_is_smoothed_to_nothing():
         out.append(moment)
     for moment in smooth(state, empty, out, np.random.default_rng(0)):
         assert len(moment.ids) == 0
+
+
+@cache
+def paused(pause, seed, apart):
+    """The filter's people of a recording that pauses for so long [s] amid it; people walk on for some of that time."""
+    scene = crowd(5, cameras=3, frames=86 + apart, hz=10.0, seed=seed)
+    kept = [*range(43), *range(43 + apart, 86 + apart)]
+    state = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
+    steps = []
+    for k, t in enumerate(kept):
+        t_ns = round((0.1 * k + (pause if k >= 43 else 0.0)) * 1e9)
+        looks = [look._replace(t_ns=t_ns) for look in scene.moments[t]]
+        state, moment = step(state, looks)
+        steps.append((state, looks, moment))
+    return steps, scene.truth[kept]
+
+
+@pytest.mark.parametrize("lag_ns", [None, 2_000_000_000], ids=["smooth", "lag"])
+@pytest.mark.parametrize(
+    ("pause", "seed", "apart"), [(8, 3, 79), (15, 4, 30), (60, 0, 30), (60, 4, 30), (600, 4, 30), (10800, 4, 30)]
+)
+def test_everybody_is_followed_up_to_a_pause_and_from_its_end_on(pause, seed, apart, lag_ns):
+    steps, truth = paused(pause, seed, apart)
+    window, out = Window(lag_ns, np.random.default_rng(0)), []
+    for state, looks, moment in steps:
+        window, part = add(window, state, looks, moment)
+        out += part
+    out += finish(window, state)
+    for side in (slice(0, 43), slice(43, 86)):
+        off, switches = errors(out[side], truth[side])
+        assert (len(off), switches) == (5 * 43, 0)
+        assert [len(m.ids) for m in out[side]] == 43 * [5]
+    if pause >= 600:
+        assert set(out[42].ids.tolist()).isdisjoint(out[43].ids.tolist())
+
+
+def test_pauses_do_not_count_for_the_time_between_moments():
+    time = np.concatenate([np.arange(50) / 10.0, 10800.0 + np.arange(50) / 10.0, 10900.0 + np.arange(50) / 10.0])
+    with_pauses = span_of_looks(time, np.ones((150, 1)))
+    assert with_pauses.step == pytest.approx(0.1)
+    assert with_pauses.gaps.sum() == pytest.approx(14.7)
+    assert extent(with_pauses) == pytest.approx(1.05)
+    # Frames that are all so far apart are no pauses
+    assert span_of_looks(np.arange(20) * 30.0, np.ones((20, 1))).step == 30.0
+    assert span_of_looks(np.zeros(1), np.ones((1, 1))).step == 1.0
