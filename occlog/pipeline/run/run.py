@@ -21,7 +21,7 @@ from occlog import __version__
 from occlog.cli import options
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
-from occlog.io.files.atomic import PARTIAL
+from occlog.io.files.atomic import PARTIAL, no_links_out_of
 from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.texts.json_file import read_json, write_json
@@ -142,7 +142,7 @@ def _stages(
                 step = Step(stage.name, "would run", ExitCode.DONE, ())
             else:
                 begin(stage.name)
-                with refused_in(wanted, stage):
+                with refused_in(wanted, stage), no_links_out_of(folder):
                     code = _do(stage)
                 step = Step(stage.name, "done", code, ())
                 if code in GOING_ON:
@@ -327,4 +327,5 @@ def drop_empty(folder: Path) -> None:
 def _write_state(folder: Path, state: dict[str, Outcome]) -> None:
     stages = {name: outcome.__dict__ for name, outcome in state.items()}
     made = {"program": "occlog", "version": __version__, "versions": installed_versions()}
-    write_json(folder / STATE, {**made, "stages": stages}, overwrite=True)
+    with no_links_out_of(folder):
+        write_json(folder / STATE, {**made, "stages": stages}, overwrite=True)

@@ -425,6 +425,27 @@ def test_a_command_waits_for_the_one_before_it(tmp_path: Path) -> None:
     other.join()
 
 
+@pytest.mark.parametrize("name", ["run.json", "views.parquet", "tracks.parquet"])
+def test_links_out_of_the_run_folder_are_not_followed(
+    config: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """Whoever packed or sent the folder may have put them there."""
+    folder, mine = config.parent / "out", config.parent / "mine"
+    folder.mkdir()
+    write_json(folder / "run.json", {"stages": {}})
+    (folder / name).unlink(missing_ok=True)
+    if name == "run.json":
+        write_json(mine, {"stages": {}})
+    else:
+        mine.write_text("mine")
+    before = mine.read_bytes()
+    (folder / name).symlink_to(mine)
+    assert run(["run", str(config), "-o", str(folder), "-q"]) == ExitCode.BAD_INPUT
+    error = capsys.readouterr().err
+    assert f"{name}: is a link to {mine}, outside of {folder}" in error
+    assert mine.read_bytes() == before
+
+
 def test_a_state_that_names_files_elsewhere_is_refused_and_removes_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
