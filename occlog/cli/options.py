@@ -191,12 +191,17 @@ def strict_code(code: int, plausible: bool, strict: bool) -> int:
     return ExitCode.THRESHOLD if strict and not plausible else code
 
 
+def note_losses(losses: Iterable[Loss]) -> None:
+    """What was lost, in a line each on standard error."""
+    for loss in losses:
+        click.echo(told(named(" ".join(f"occlog: lost: {loss}".split()))), err=True)
+
+
 def finish(summary: Mapping[str, object], losses: Iterable[Loss], as_json: bool) -> int:
     """Print the summary and list what was lost; exit code 0, or 3 if anything was."""
     lost = list(losses)
     echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)
-    for loss in lost:
-        click.echo(told(named(" ".join(f"occlog: lost: {loss}".split()))), err=True)
+    note_losses(lost)
     return ExitCode.LOSSY if lost else ExitCode.DONE
 
 

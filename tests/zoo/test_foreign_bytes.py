@@ -335,7 +335,7 @@ LIBRARIES = {
     "import zipfile": {"io/calibration/rigs/arrays.py", "pipeline/pack/archive.py"},
     "import tarfile": set(),
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage/records")}
-    | {"io/messages/bag.py", "io/messages/mcap_file.py"},
+    | {"io/messages/bag.py", "io/messages/mcap_file.py", "io/messages/zstd_frames.py"},
     "from xml": {"io/calibration/qualisys.py", "io/files/texts/xml_file.py", "io/truth/xml_boxes.py"},
     "from scipy.io": set(),
     "from google.protobuf": {"io/messages/decoding.py", "io/recording/reader.py", "examine/viewers/series.py"},

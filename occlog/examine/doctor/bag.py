@@ -10,7 +10,9 @@ import numpy as np
 from occlog.errors import InputError, UsageError
 from occlog.io.messages.bag import Bag, open_bag
 from occlog.io.messages.kinds import Kind, kind_of
+from occlog.io.messages.mcap_file import McapFile
 from occlog.io.messages.survey import CLOCKS_APART_S, Messages
+from occlog.io.recording.mcap_errors import check_index
 
 from .clock import Clock, judge_clocks
 from .findings import Findings
@@ -27,6 +29,7 @@ def look_at_bag(path: Path, findings: Findings) -> None:
             stamps = {name: _Stamps(name) for name, topic in topics.items() if kind_of(topic.kind) in TIMED}
             for topic, t_ns, apart_s in _times(bag, set(stamps), findings):
                 stamps[topic].add(t_ns, apart_s)
+            _check_indexes(bag, findings)
             for loss in bag.losses:
                 findings.add("damaged-bag", f"{loss.source}, {loss.place}", loss.what, count=max(loss.count, 1))
         for each in stamps.values():
@@ -34,6 +37,17 @@ def look_at_bag(path: Path, findings: Findings) -> None:
         judge_clocks([each.clock for each in stamps.values()], findings)
     except (InputError, UsageError) as error:
         findings.refused("unreadable", error)
+
+
+def _check_indexes(bag: Bag, findings: Findings) -> None:
+    """Note topics that an index leaves out, so that nobody reads them."""
+    for file in bag.files:
+        if isinstance(file, McapFile) and not file.losses:
+            try:
+                check_index(file.path)
+            except InputError as error:
+                what = str(error).removeprefix(f"{file.path}: ").split(";")[0]
+                findings.add("damaged-bag", file.name, what)
 
 
 def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str, int, float | None]]:

@@ -17,7 +17,7 @@ from occlog.errors import InputError
 from occlog.io.frames.apart import decode_apart
 from occlog.io.models.fundamental_matrices import attached_epipolar
 from occlog.io.recording.layout import MESSAGE_HEAD
-from occlog.io.recording.mcap_errors import open_mcap
+from occlog.io.recording.mcap_errors import check_index, open_mcap
 from occlog.io.recording.reader import IMAGE_SCHEMA, ROWS_PER_CHUNK, Recording, open_linked, parse_image, sensor_of
 from occlog.io.recording.rows import RECORDED, RowCollector, schema_of
 from occlog.io.recording.salvage.records import FAILURES, repeated_records, whole_records
@@ -65,6 +65,7 @@ def look_at_recording(path: Path, recording: Recording | None, findings: Finding
         for camera in sorted(recording.videos):
             _look_at_link(recording, camera, findings, seen)
         try:
+            check_index(path)
             for message in _in_order(path):
                 look.take(message)
         except InputError as error:

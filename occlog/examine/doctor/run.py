@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from occlog.errors import InputError, OcclogError, UsageError
-from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, Content, content_of
+from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
 from occlog.io.files.tables.parquet import is_ours
 from occlog.io.foreign.arrow_messages import FILE_MAGIC, STREAM_MAGIC
 from occlog.io.foreign.source import find_source
@@ -120,7 +120,7 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
         head = file.read(16)
     if content is Content.RECORDING:
         _mcap(path, findings, seen)
-    elif head.startswith((SQLITE_MAGIC, ZSTD_MAGIC)):
+    elif head.startswith(SQLITE_MAGIC) or is_zstd(head):
         look_at_bag(path, findings)
     elif content is Content.TABLE or head.startswith((FILE_MAGIC, STREAM_MAGIC)):
         if content is Content.TABLE and is_ours(path):

@@ -23,6 +23,7 @@ from occlog.errors import OcclogError, OutputError, OutputExistsError, UsageErro
 
 PARTIAL = ".partial"
 _ONLY: ContextVar[Path | None] = ContextVar("_ONLY", default=None)
+_NO_LINKS: ContextVar[Path | None] = ContextVar("_NO_LINKS", default=None)
 
 
 @contextmanager
@@ -35,6 +36,16 @@ def outputs_below(folder: Path) -> Iterator[None]:
         _ONLY.reset(token)
 
 
+@contextmanager
+def no_links_out_of(folder: Path) -> Iterator[None]:
+    """Refuse outputs in a folder that links lead out of it meanwhile: another one may have made folder and links."""
+    token = _NO_LINKS.set(folder.resolve())
+    try:
+        yield
+    finally:
+        _NO_LINKS.reset(token)
+
+
 def check_writable(path: Path, overwrite: bool) -> None:
     """Raise unless `path` may become an output: before any work is done for it."""
     if str(path) == "-":
@@ -42,6 +53,11 @@ def check_writable(path: Path, overwrite: bool) -> None:
     only = _ONLY.get()
     if only is not None and only not in Path(os.path.realpath(path)).parents:
         raise OutputError(f"{path}: lies outside of {only}, where all outputs have to be here")
+    own = _NO_LINKS.get()
+    if own is not None and own in (Path.cwd() / path).parents:
+        real = Path(os.path.realpath(path))
+        if own not in real.parents:
+            raise OutputError(f"{path}: is a link to {real}, outside of {own}, where it would be replaced; remove it")
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
     if path.exists() and not path.is_file():

@@ -13,6 +13,8 @@ from occlog.errors import InputError
 from occlog.records.frames import Image
 
 from .limits import MAX_PIXELS
+from .several import SEVERAL, holds_several
+from .stated_range import FULL_16, is_scaled, scaled, stated_most
 
 MAX_SCANS = 200
 """Scans of a JPEG image at most: progressive ones have some ten, and each goes through all pixels again."""
@@ -23,9 +25,6 @@ SIDEWAYS = (5, 6, 7, 8)
 """Values of it by which width and height are exchanged."""
 EXIF_BYTES = 1 << 16
 """Bytes of a JPEG image among which its Exif data begin."""
-SEVERAL = "an animation, of which decoders give one picture; write each as an image, or give it as a video"
-ANIMATED_WEBP = 0x02
-"""Bit of the first part of a WebP image that says that it has several pictures."""
 DEEP_MARKS = (b"II*\0", b"MM\0*", b"P2", b"P3", b"P5", b"P6")
 """What TIFF, PGM and PPM begin with, whose values may have 16 bits; of PNG a byte says so."""
 DARK_16 = 4095
@@ -94,8 +93,7 @@ def image_damage(data: bytes) -> str | None:
         return "cut short: the end mark of a JPEG image is missing"
     if kind == "jpeg" and (scans := _scans(data)) > MAX_SCANS:
         return f"{scans} scans; a JPEG image of at most {MAX_SCANS} was expected"
-    animated = data[:4] == b"RIFF" and data[8:16] == b"WEBPVP8X" and data[20:21] and data[20] & ANIMATED_WEBP
-    return SEVERAL if animated else None
+    return SEVERAL if holds_several(data) else None
 
 
 def _scans(data: bytes) -> int:
@@ -137,14 +135,19 @@ def decode_image(data: bytes, where: str) -> Image:
     For the decoding process, which meets foreign bytes in place of the command (see `apart`).
     """
     check_image(data, where)
+    most = stated_most(data)
+    unscaled = most is not None and 0 < most < FULL_16 and not is_scaled(data, most)
+    how = cv2.IMREAD_ANYCOLOR | (cv2.IMREAD_ANYDEPTH if unscaled else 0)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR) if data else None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
     except cv2.error as error:
         if error.func == "validateInputImageSize":
             raise InputError(f"{where}: has more pixels than the limit, {MAX_PIXELS}") from None
         raise InputError(f"{where}: cannot be decoded ({' '.join(str(error.err).split())})") from None
     if image is None:
         raise InputError(f"{where}: not an image that can be decoded ({len(data)} bytes)")
+    if unscaled and most is not None:
+        return scaled(image, most)
     _check_depth(data, where)
     return image  # type: ignore[no-any-return]
 

@@ -17,7 +17,7 @@ from typing import Self
 import zstandard
 
 from occlog.errors import InputError
-from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, mistaken_for
+from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, is_zstd, mistaken_for
 from occlog.io.files.guard import read_configuration
 from occlog.io.files.inputs import check_input
 from occlog.io.files.promises import most_unpacked
@@ -28,6 +28,7 @@ from occlog.records.losses import Loss
 
 from .mcap_file import McapFile, Message, Topic
 from .sqlite_file import SqliteFile
+from .zstd_frames import unpack_frames
 
 METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
@@ -45,6 +46,7 @@ class Bag:
     paths: tuple[Path, ...]
     files: list[McapFile | SqliteFile] = field(default_factory=list)
     promised: dict[str, int] = field(default_factory=dict)
+    described: bool = True  # metadata tell of all files, so that they hold no more than is promised
     _losses: list[Loss] = field(default_factory=list)
     _folder: tempfile.TemporaryDirectory[str] | None = None
     _packed: dict[Path, Path] = field(default_factory=dict)  # of each file that was unpacked, what it was made of
@@ -86,7 +88,7 @@ class Bag:
             most, unpacked = most_unpacked(size), 0
             for message in file.messages(topics):
                 counts[message.topic] = counts.get(message.topic, 0) + 1
-                if not message.data.startswith(ZSTD_MAGIC):
+                if not is_zstd(message.data):
                     yield message
                 elif (data := self._unpacked(message)) is not None:
                     unpacked += len(data)
@@ -98,9 +100,15 @@ class Bag:
                     yield message._replace(data=data)
         # Topics that are no longer wanted were not read to the end.
         for topic in sorted(topics):
-            missing = self.promised.get(topic, 0) - counts.get(topic, 0)
-            if missing > 0:
-                self._losses.append(Loss(METADATA, topic, "messages that it counts are not in the files", missing))
+            told, found = self.promised.get(topic), counts.get(topic, 0)
+            if told is None or told == found:
+                continue
+            if told > found:
+                what = f"messages that it counts are not in the files (it counts {told}, and there are {found})"
+                self._losses.append(Loss(METADATA, topic, what, told - found))
+            elif self.described:
+                what = f"it counts {told} messages, and there are {found}, which were read; write it again"
+                self._losses.append(Loss(METADATA, topic, f"{what}: ros2 bag reindex"))
 
     def __enter__(self) -> Self:
         """Nothing is left to do."""
@@ -116,12 +124,7 @@ class Bag:
     def _unpacked(self, message: Message) -> bytes | None:
         """The bytes of a message that is compressed on its own; None, and a loss, where it is damaged or too large."""
         try:
-            told = zstandard.frame_content_size(message.data)  # -1: whoever packed it did not know
-            if told <= MAX_CHUNK_BYTES:
-                return zstandard.ZstdDecompressor().decompress(
-                    message.data, max_output_size=MAX_CHUNK_BYTES, allow_extra_data=False
-                )
-            reason = f"it would unpack to {told} bytes (limit {MAX_CHUNK_BYTES})"
+            return unpack_frames(message.data, MAX_CHUNK_BYTES)
         except zstandard.ZstdError as error:
             reason = str(error)
         self._losses.append(Loss(message.topic, f"{message.log_ns} ns", f"damaged compressed message: {reason}", 1))
@@ -227,7 +230,7 @@ def _kind(path: Path) -> str | None:
         return "mcap"
     if head.startswith(SQLITE_MAGIC):
         return "sqlite"
-    return "zstd" if head.startswith(ZSTD_MAGIC) else None
+    return "zstd" if is_zstd(head) else None
 
 
 def _members(folder: Path) -> list[Path]:
@@ -243,9 +246,10 @@ def _bare(path: Path) -> Path:
 
 def _listed(path: Path, bag: Bag) -> list[Path]:
     """The files of a folder as its metadata list them, or all of them."""
+    described = path / METADATA
+    bag.described &= path.is_dir() and described.is_file()
     if not path.is_dir():
         return [path]
-    described = path / METADATA
     if not described.is_file():
         return _members(path)
     information = _information(described)
@@ -260,7 +264,13 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
             continue
         bag.promised[name] = bag.promised.get(name, 0) + count
     # A name may be an old absolute path, or lead out of the folder: only the file beside the metadata counts.
-    return [path / Path(name.replace("\\", "/")).name for name in names]
+    return [_packed_or_not(path / Path(name.replace("\\", "/")).name) for name in names]
+
+
+def _packed_or_not(path: Path) -> Path:
+    """The file of a name, or what it was packed to, or unpacked to: versions of rosbag2 name the one or the other."""
+    others = (_bare(path), *(path.with_name(path.name + ending) for ending in PACKED))
+    return path if path.exists() else next((other for other in others if other.is_file()), path)
 
 
 def _left_out(path: Path, listed: list[Path]) -> list[Loss]:

@@ -12,6 +12,8 @@ HEAD = struct.Struct("<BQ")
 """Code and length of a record, before its data."""
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Channel, number, and times of recording and of publishing [ns] of a message, before its data."""
+INDEX_HEAD, INDEX_ENTRY = struct.Struct("<HI"), 16
+"""Of an index of messages: channel and length of its entries, and the length of each."""
 SALVAGE = "`occlog recover {path} -o OUT.mcap`"
 """What to do with a damaged recording that cannot be copied again."""
 

@@ -26,7 +26,7 @@ from occlog.io.recording.salvage.ends import PRIVATE, behind_end, is_end_mark
 
 from .chunks import CHUNK_HEAD, MAX_CHUNK_BYTES, check_chunk, chunk_head, unpacked
 from .growth import Growth
-from .layout import HEAD, MESSAGE_HEAD, damaged_mcap
+from .layout import HEAD, INDEX_ENTRY, INDEX_HEAD, MESSAGE_HEAD, damaged_mcap
 
 _BLOCK = 1 << 20
 DATA = frozenset(
@@ -65,9 +65,13 @@ class MadeIndex(NamedTuple):
     loose: Loose
 
 
-def is_complete(summary: Summary | None) -> bool:
-    """Whether an index tells of everything in the file, by its own statistics."""
-    if summary is None or summary.statistics is None:
+def is_complete(file: IO[bytes], summary: Summary) -> bool:
+    """Whether an index tells of everything in the file, by its own statistics and by the indexes behind the chunks."""
+    return _agrees_with_itself(summary) and _agrees_with_chunks(file, summary)
+
+
+def _agrees_with_itself(summary: Summary) -> bool:
+    if summary.statistics is None:
         return False
     told, channels = summary.statistics, summary.channels
     counted = {channel for channel, messages in told.channel_message_counts.items() if messages}
@@ -91,6 +95,30 @@ def is_complete(summary: Summary | None) -> bool:
             )
         )
     )
+
+
+def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
+    """Whether the indexes of messages behind the chunks have the channels and the counts that the file's index states.
+
+    Chunks without the wanted topics are passed over, and topics without messages are not asked for.
+    """
+    counts, size = Counter[int](), file.seek(0, io.SEEK_END)
+    left = size // (HEAD.size + INDEX_HEAD.size)  # chunks that share what follows them would be gone through as often
+    for chunk in summary.chunk_indexes:
+        at = chunk.chunk_start_offset + chunk.chunk_length
+        while at < size:
+            file.seek(at)
+            head = file.read(HEAD.size + INDEX_HEAD.size)
+            if len(head) < HEAD.size + INDEX_HEAD.size or head[0] != Opcode.MESSAGE_INDEX:
+                break
+            channel, length = INDEX_HEAD.unpack_from(head, HEAD.size)
+            left -= 1
+            if left < 0 or (length and channel not in chunk.message_index_offsets):
+                return False
+            counts[channel] += length // INDEX_ENTRY
+            at += HEAD.size + HEAD.unpack_from(head)[1]
+    told = summary.statistics.channel_message_counts if summary.statistics else {}
+    return +counts == +Counter(told)
 
 
 def make_index(path: Path, file: IO[bytes]) -> MadeIndex:

@@ -77,9 +77,8 @@ def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
         file.seek(0)
         seeking = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)
         summary = seeking.get_summary()
-        stat = os.fstat(file.fileno())
-        state = stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
-        if summary is None or not is_complete(summary):
+        state = _state(os.fstat(file.fileno()))
+        if summary is None or not _has_whole_index(path, state):
             made = _made_index(path, state)
             check_told(path, summary, made.summary)
             yield MadeIndexReader(file, made), made.summary
@@ -89,11 +88,48 @@ def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
         yield seeking, summary
 
 
+def _state(stat: os.stat_result) -> tuple[int, ...]:
+    """What is another one when a file has changed."""
+    return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+
+@lru_cache(maxsize=4)
+def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG001
+    """Whether a file has an index of all that it holds; looked at once as long as the file does not change."""
+    with path.open("rb") as file, translate_mcap(path, file):
+        summary = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES).get_summary()
+        return summary is not None and is_complete(file, summary)
+
+
 @lru_cache(maxsize=4)
 def _made_index(path: Path, state: tuple[int, ...]) -> MadeIndex:  # noqa: ARG001
     """The index of a file, kept as long as it does not change: a recording is opened for each thing read of it."""
     with path.open("rb") as file, translate_mcap(path, file):
         return make_index(path, file)
+
+
+def check_index(path: Path) -> None:
+    """Go through a file; InputError where its index leads to fewer messages than there are, or counts others.
+
+    Readers see that at the indexes behind the chunks, unless these leave the same out.
+    """
+    with open_mcap(path) as (reader, summary):
+        if isinstance(reader, MadeIndexReader):
+            return
+        made = _made_index(path, _state(path.stat())).summary
+    assert summary.statistics is not None
+    assert made.statistics is not None
+    led = {chunk.chunk_start_offset: chunk.message_index_offsets.keys() for chunk in summary.chunk_indexes}
+    for number, has in made.statistics.channel_message_counts.items():
+        topic, says = made.channels[number].topic, summary.statistics.channel_message_counts.get(number, 0)
+        if says != has:
+            raise damaged_mcap(path, f"its index counts {says} messages of {topic}, and there are {has}")
+        for chunk in made.chunk_indexes:
+            at = chunk.chunk_start_offset
+            if number in chunk.message_index_offsets and number not in led.get(at, ()):
+                raise damaged_mcap(
+                    path, f"its index does not lead to the messages of {topic} in the chunk at byte {at}"
+                )
 
 
 @lru_cache(maxsize=4)
@@ -156,4 +192,4 @@ def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> by
     return bytes(stream.read(stream.read8()))
 
 
-__all__ = ["check_summary", "open_mcap", "read_attachment", "translate_mcap"]
+__all__ = ["check_index", "check_summary", "open_mcap", "read_attachment", "translate_mcap"]

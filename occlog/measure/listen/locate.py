@@ -105,7 +105,8 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: ListenConfig) 
     UsageError where pyroomacoustics is missing, the band or the grid does not suit the array, or
     the algorithm finds fewer sources than `config.sources`.
     """
-    doa, band = library(), make_band(rate, config)
+    doa, band, speed = library(), make_band(rate, config), _speed(config, unit)
+    _check_extent(array, band, speed, unit)
     rank, _ = extents(array.microphones) if len(array.microphones) else (0, np.zeros(3))
     if rank < 2:
         raise InputError(
@@ -118,7 +119,6 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: ListenConfig) 
             f"listen: sources is {config.sources}, but {config.algorithm} finds fewer than there are microphones "
             f"({len(array.microphones)} in {array.name})"
         )
-    speed = _speed(config, unit)
     grid = make_grid(array, band, speed, config)
     ways = (
         {"dim": 2, "azimuth": grid.azimuth}
@@ -144,6 +144,21 @@ def _speed(config: ListenConfig, unit: str) -> float:
             f"listen: the scene's lengths are in {unit}; give the speed of sound in lengths of the scene a second"
         )
     return 343.0 / METRES[unit]
+
+
+def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -> None:
+    """InputError where sound takes longer across an array than a window lasts, so that no two spectra are of one wave.
+
+    The grid becomes finer with the extent, up to a degree: a frame takes seconds then.
+    """
+    window = band.length / band.rate
+    extent = float(np.hypot.reduce(np.ptp(array.microphones, axis=0))) if len(array.microphones) else 0.0
+    if not extent <= speed * window:
+        raise InputError(
+            f"scene: array {array.name}: its microphones spread over {extent:g} {unit}, which sound crosses in "
+            f"{extent / speed:.3g} s; a window of {window:g} s takes at most {speed * window:.3g} {unit}: correct "
+            "`microphones`, or take a longer --window"
+        )
 
 
 def make_grid(array: MicrophoneArray, band: Band, speed: float, config: ListenConfig) -> Grid:

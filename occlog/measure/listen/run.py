@@ -29,7 +29,7 @@ from occlog.settings import configure
 
 from .config import ListenConfig
 from .locate import library
-from .stage import ListenTally, frames_of, listen
+from .stage import ListenTally, frame_size, frames_of, listen
 
 T = TypeVar("T")
 Pairs = tuple[tuple[str | None, T], ...]
@@ -156,6 +156,13 @@ def _directions(
     start = 0 if text is None else parse_time(text)
     clock = next((c for c in scene.clocks if c.name == array.clock), None)
     total = frames_of(sound.frames, sound.rate, request.config)
+    if total == 0:
+        least = frame_size(sound.rate, request.config)
+        raise InputError(
+            f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are shorter than a frame of "
+            f"{least} ({least / sound.rate:.3g} s), so that no direction can be found; take a shorter --frame and "
+            "--window, or leave the file out"
+        )
     blocks = _blocks(sound, request.channels)
     found = listen(blocks, sound.rate, array, scene.length_unit, request.config, start, tally)
     for table in options.progress(found, f"listen {name}", total, quiet=quiet):

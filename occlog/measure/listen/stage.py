@@ -14,7 +14,7 @@ from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
 
 from .config import ListenConfig
-from .locate import ArrayDirection, Locator, locate, locator
+from .locate import ArrayDirection, Locator, locate, locator, make_band
 from .spectra import direction, levels, spectra
 
 NOISE_S = 30.0
@@ -55,7 +55,7 @@ def listen(
         tally: counts of frames; added to.
     """
     at = locator(array, rate, unit, config)
-    frame = max(round(config.frame_s * rate), at.band.length)
+    frame = frame_size(rate, config)
     hop = frame if config.hop_s is None else max(round(config.hop_s * rate), 1)
     quiet: deque[float] = deque(maxlen=max(round(NOISE_S * rate / hop), 1))
     for first, samples in frames(blocks, frame, hop):
@@ -85,10 +85,16 @@ def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int,
             first += hop
 
 
+def frame_size(rate: int, config: ListenConfig) -> int:
+    """Samples of a frame: one window at least."""
+    return max(round(config.frame_s * rate), make_band(rate, config).length)
+
+
 def frames_of(samples: int, rate: int, config: ListenConfig) -> int:
-    """Number of whole frames in a recording, about: a window may make them longer."""
-    size, hop = round(config.frame_s * rate), round((config.hop_s or config.frame_s) * rate)
-    return max((samples - size) // max(hop, 1) + 1, 0)
+    """Number of whole frames in a recording."""
+    size = frame_size(rate, config)
+    hop = size if config.hop_s is None else max(round(config.hop_s * rate), 1)
+    return max((samples - size) // hop + 1, 0)
 
 
 def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: ListenTally) -> list[ArrayDirection]:

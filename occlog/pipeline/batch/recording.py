@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import time
-from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext, redirect_stderr
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,11 +14,10 @@ from pathlib import Path
 from occlog.cli.main import explain
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import hash_file
-from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.texts.json_file import read_json
 from occlog.io.remote.cache import Cache
 from occlog.io.remote.urls import is_url
-from occlog.pipeline.run.run import GOING_ON, Step, do_stages, drop_empty, sentences, worst
+from occlog.pipeline.run.run import GOING_ON, Step, do_stages, drop_empty, losses_of, sentences, worst
 from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
 
@@ -138,15 +136,9 @@ class _Run:
         """The outcome with what its files say."""
         made = tuple(name for step in self._steps for name in step.outputs)
         redone = told.redone or any(step.what == "done" for step in self._steps)
-        told = replace(told, outputs=made, redone=redone, losses=_losses(folder / name for name in made))
+        told = replace(told, outputs=made, redone=redone, losses=losses_of(folder / name for name in made))
         if METRICS not in made:
             return told
         values = read_json(folder / METRICS)
         plausible = None if values.get("plausible") is None else bool(values["plausible"])
         return replace(told, plausible=plausible, warnings=tuple(sentences(values)))
-
-
-def _losses(files: Iterable[Path]) -> tuple[Loss, ...]:
-    """What was lost on the way to some tables, each once."""
-    tables = (file for file in files if file.suffix == ".parquet")
-    return tuple(dict.fromkeys(loss for file in tables for loss in read_provenance(file).losses))

@@ -21,11 +21,13 @@ from occlog import __version__
 from occlog.cli import options
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
-from occlog.io.files.atomic import PARTIAL
+from occlog.io.files.atomic import PARTIAL, no_links_out_of
 from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_file
+from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions
+from occlog.records.losses import Loss
 
 from .inputs import files_of, name_of, places_of
 from .stages import Config, Stage, check_settings, plan, read_config, refused_in
@@ -33,6 +35,7 @@ from .stages import Config, Stage, check_settings, plan, read_config, refused_in
 STATE = "run.json"
 GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
 """Exit codes of a stage after which the next stage runs."""
+UP_TO_DATE = "up to date"
 PATIENCE = 5.0
 """Time to wait for another command in a run folder [s]: workers of one that was killed need a moment to end."""
 WAITING = "would run"
@@ -98,7 +101,13 @@ def run_stages(
         return steps[-1].code
     if dry_run and (others := other_versions(folder)):
         options.note(f"{folder} was made with other packages: {others}", quiet)
+    # What is lost in a stage that is done stands there when it is
+    kept = [step for step in steps if step.what == UP_TO_DATE and step.code == ExitCode.LOSSY]
+    options.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
     summary = _summary(folder, {step.stage: step.what for step in steps}, as_json)
+    if as_json:
+        lost = losses_of(folder / name for step in steps for name in step.outputs)
+        summary["losses"] = [loss.as_dict() for loss in lost]
     options.note_findings((("", "warning", text) for text in sentences(summary)), quiet)
     options.echo_summary(summary, as_json)
     return options.strict_code(worst(step.code for step in steps), bool(summary.get("plausible", True)), strict)
@@ -139,12 +148,12 @@ def _stages(
             key = key_of(stage, folder, digests)
             kept = state.get(stage.name)
             if not force and kept is not None and _is_current(kept, key, folder):
-                step = Step(stage.name, "up to date", kept.code, tuple(kept.outputs))
+                step = Step(stage.name, UP_TO_DATE, kept.code, tuple(kept.outputs))
             elif dry_run:
                 step = Step(stage.name, WAITING, ExitCode.DONE, ())
             else:
                 begin(stage.name)
-                with refused_in(wanted, stage):
+                with refused_in(wanted, stage), no_links_out_of(folder):
                     code = _do(stage)
                 step = Step(stage.name, "done", code, ())
                 if code in GOING_ON:
@@ -181,6 +190,12 @@ def sentences(summary: Mapping[str, object]) -> list[str]:
     """The warnings of a summary."""
     warnings = summary.get("warnings")
     return [str(w["sentence"]) for w in warnings] if isinstance(warnings, list) else []
+
+
+def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
+    """What was lost on the way to some tables, each once."""
+    tables = (file for file in files if file.suffix == ".parquet")
+    return tuple(dict.fromkeys(loss for file in tables for loss in read_provenance(file).losses))
 
 
 def worst(codes: Iterable[int]) -> int:
@@ -331,4 +346,5 @@ def drop_empty(folder: Path) -> None:
 def _write_state(folder: Path, state: dict[str, Outcome]) -> None:
     stages = {name: outcome.__dict__ for name, outcome in state.items()}
     made = {"program": "occlog", "version": __version__, "versions": installed_versions()}
-    write_json(folder / STATE, {**made, "stages": stages}, overwrite=True)
+    with no_links_out_of(folder):
+        write_json(folder / STATE, {**made, "stages": stages}, overwrite=True)

@@ -14,7 +14,6 @@ from occlog.io.frames.codec import (
     BLACK,
     DARK_16,
     PNG_MARK,
-    SEVERAL,
     dark_bars,
     decode_image,
     image_damage,
@@ -22,6 +21,7 @@ from occlog.io.frames.codec import (
     shown_size,
 )
 from occlog.io.frames.limits import MAX_PIXELS
+from occlog.io.frames.several import SEVERAL, holds_several
 
 
 def png_head(width: int, height: int) -> bytes:
@@ -127,3 +127,80 @@ def test_animations_are_refused_whose_other_pictures_would_be_lost() -> None:
     head = b"RIFF" + struct.pack("<I", 100) + b"WEBPVP8X" + struct.pack("<I", 10)
     assert image_damage(webp) is None
     assert (image_damage(head + b"\0" * 10), image_damage(head + b"\x02" + bytes(9))) == (None, SEVERAL)
+
+
+@pytest.mark.parametrize(("pages", "damage"), [(1, None), (2, SEVERAL)])
+def test_pages_of_tiff_are_refused_as_animations_are(pages: int, damage: str | None) -> None:
+    assert image_damage(cv2.imencodemulti(".tiff", [np.zeros((8, 8), np.uint8)] * pages)[1].tobytes()) == damage
+
+
+def tiff(order: str, *kinds: int, large: bool = False) -> bytes:
+    """Heads of pages, of which each says what it is."""
+    mark, first = {"<": b"II", ">": b"MM"}[order], 16 if large else 8
+    count, entry = ("Q", "HHQII") if large else ("H", "HHIHH")
+    size = struct.calcsize(order + count + entry + ("Q" if large else "I"))
+    head = struct.pack(order + "HHHQ", 43, 8, 0, first) if large else struct.pack(order + "HI", 42, first)
+    pages = b""
+    for n, kind in enumerate(kinds):
+        low, high = (kind, 0) if order == "<" or large else (0, kind)
+        values = (254, 4, 1, low, high)
+        then = first + (n + 1) * size if n + 1 < len(kinds) else 0
+        pages += struct.pack(order + count, 1) + struct.pack(order + entry, *values)
+        pages += struct.pack(order + ("Q" if large else "I"), then)
+    return mark + head + pages
+
+
+@pytest.mark.parametrize("large", [False, True])
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("kinds", "several"), [((0,), False), ((0, 2), True), ((0, 1), False), ((0, 4, 1), False)])
+def test_smaller_copies_in_tiff_are_no_pages(order: str, kinds: tuple[int, ...], several: bool, large: bool) -> None:
+    assert holds_several(tiff(order, *kinds, large=large)) == several
+
+
+def test_pages_that_lead_to_each_other_end() -> None:
+    data = tiff("<", 1, 1)
+    assert not holds_several(data[:-4] + struct.pack("<I", 8))
+    assert not holds_several(data[:20])
+
+
+def mpo(order: str, *kinds: int, words: bytes = b"") -> bytes:
+    """A JPEG image with a list of views of these kinds."""
+    head = {"<": b"II*\0", ">": b"MM\0*"}[order] + struct.pack(order + "I", 8)
+    views = b"".join(struct.pack(order + "IIIHH", kind, 100, 0, 0, 0) for kind in kinds)
+    entry = struct.pack(order + "HHHII", 1, 0xB002, 7, len(views), 8 + 2 + 12 + 4)
+    body = b"MPF\0" + head + entry + struct.pack(order + "I", 0) + views + words
+    image = cv2.imencode(".jpg", np.zeros((8, 8), np.uint8))[1].tobytes()
+    return image[:2] + b"\xff\xe2" + struct.pack(">H", 2 + len(body)) + body + image[2:]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(
+    ("kinds", "words", "damage"),
+    [
+        ((0x030000,), b"", None),
+        ((0x020002, 0x020002), b"", SEVERAL),
+        ((0x030000, 0), b"", SEVERAL),
+        ((0x030000, 0x010001), b"", None),
+        ((0x030000, 0), b"hdrgm:Version", None),
+    ],
+    ids=["one", "two eyes", "of no kind", "a preview", "a map of brightness"],
+)
+def test_views_of_mpo_are_refused_but_previews_are_not(
+    order: str, kinds: tuple[int, ...], words: bytes, damage: str | None
+) -> None:
+    data = mpo(order, *kinds, words=words)
+    assert image_damage(data) == damage
+    assert damage or decode_image(data, "x").shape == (8, 8)
+
+
+@pytest.mark.parametrize("most", [1, 100, 254, 255, 256, 1023, 4095, 10000, 65534, 65535])
+@pytest.mark.parametrize("kind", [2, 3, 5, 6])
+def test_images_that_state_their_range_are_scaled_by_it(kind: int, most: int) -> None:
+    """White is 255, whatever values it has, as OpenCV makes it of text up to 255, and of 65535."""
+    values = [most, most // 2, 0] * 3
+    text = " ".join(map(str, values)).encode() + b"\n"
+    packed = np.array(values, ">u2" if most > 255 else np.uint8).tobytes()
+    head = f"P{kind} # made by hand\n{1 if kind in (3, 6) else 3} #\n3\n{most}\n".encode()
+    image = decode_image(head + (text if kind in (2, 3) else packed), "x")
+    assert image.dtype == np.uint8
+    assert sorted(set(image.ravel().tolist())) == sorted({0, (most // 2) * 255 // most, 255})

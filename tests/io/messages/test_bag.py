@@ -14,6 +14,7 @@ import zstandard
 from occlog.errors import InputError
 from occlog.io.files.promises import FREE_BYTES
 from occlog.io.messages.bag import open_bag
+from occlog.io.messages.zstd_frames import unpack_frames
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 
 TABLES = """CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
@@ -153,3 +154,57 @@ def test_packed_messages_unpack_to_a_thousand_times_their_file_at_most(tmp_path:
         InputError, match=f"b.db3: the compressed messages of a file of .* more than {FREE_BYTES} bytes"
     ):
         read(base)
+
+
+SKIPPED = b"\x53\x2a\x4d\x18\x05\0\0\0notes"
+
+
+def test_data_packed_in_several_frames_or_behind_notes_are_read(tmp_path: Path) -> None:
+    whole = packed(b"a" * 300, told=False) + SKIPPED + packed(os.urandom(300)) + packed(b"") + packed(b"c" * 9)
+    base = written(tmp_path / "b.db3", whole, SKIPPED + whole, whole[:-1])
+    found, lost = read(base)
+    assert [(len(data), data[:1], data[-1:]) for data in found] == [(609, b"a", b"c")] * 2
+    assert len(lost) == 1
+    assert "damaged compressed message: the frame at byte" in lost[0]
+    path = tmp_path / "c.db3.zstd"
+    path.write_bytes(SKIPPED + packed(base.read_bytes()))
+    assert len(read(path)[0]) == 2
+
+
+def test_frames_of_a_message_unpack_to_the_limit_together(tmp_path: Path) -> None:
+    half = packed(bytes(MAX_CHUNK_BYTES // 2 + 1))
+    assert unpack_frames(half, MAX_CHUNK_BYTES)
+    with pytest.raises(zstandard.ZstdError, match=f"would unpack to {MAX_CHUNK_BYTES + 2} bytes"):
+        unpack_frames(half * 2, MAX_CHUNK_BYTES)
+
+
+@pytest.mark.parametrize(("named", "there"), [("b_0.db3", "b_0.db3.zstd"), ("b_0.db3.zstd", "b_0.db3")])
+def test_metadata_may_name_a_file_without_its_packing(tmp_path: Path, named: str, there: str) -> None:
+    data = written(tmp_path / "b.sqlite", b"one").read_bytes()
+    (tmp_path / "b.sqlite").unlink()
+    (tmp_path / there).write_bytes(packed(data) if there.endswith(".zstd") else data)
+    (tmp_path / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {{relative_file_paths: [{named}]}}\n")
+    assert read(tmp_path) == ([b"one"], [])
+
+
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [
+        (1, ["metadata.yaml: /a: it counts 1 messages, and there are 2, which were read; write it again: ros2 bag"]),
+        (2, []),
+        (5, ["metadata.yaml: /a: messages that it counts are not in the files (it counts 5, and there are 2)"]),
+    ],
+)
+def test_metadata_that_count_other_messages_than_there_are(tmp_path: Path, count: int, said: list[str]) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    written(folder / "b.db3", b"one", b"two")
+    (folder / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  relative_file_paths: [b.db3]\n  topics_with_message_count:\n"
+        f"  - {{topic_metadata: {{name: /a}}, message_count: {count}}}\n"
+    )
+    found, lost = read(folder)
+    assert found == [b"one", b"two"]
+    assert [line[: len(words)] for line, words in zip(lost, said, strict=True)] == said
+    if count == 2:  # another file without metadata beside it
+        assert read(folder, written(tmp_path / "c.db3", b"three", first=9))[1] == []

@@ -9,7 +9,6 @@ import lz4.frame
 import pytest
 import zstandard
 from mcap.reader import make_reader
-from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
 from occlog.io.messages.bag import is_bag, open_bag
@@ -111,25 +110,3 @@ def test_a_folder_is_a_bag_if_it_holds_one(tmp_path: Path) -> None:
     assert is_bag(tmp_path / "b.mcap")
     (tmp_path / "b.txt").write_text("no")
     assert not is_bag(tmp_path / "b.txt")
-
-
-def test_messages_that_the_index_counts_and_does_not_lead_to_are_told(tmp_path: Path) -> None:
-    path = tmp_path / "b.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=200)
-        writer.start()
-        schema = writer.register_schema("s", "jsonschema", b"{}")
-        channels = [writer.register_channel(topic, "json", schema) for topic in ("/a", "/b")]
-        for k in range(40):
-            writer.add_message(channels[k % 2], k, b"{}" * 20, k)
-        told: list[ChunkIndex] = vars(writer)["_Writer__chunk_indices"]
-        for index in told[2:]:
-            index.message_index_offsets.pop(channels[0])
-        writer.finish()
-    file = McapFile(path, "b")
-    found = len(list(file.messages({"/a"})))
-    (loss,) = file.losses
-    assert (loss.place, loss.count) == ("/a", 20 - found)
-    assert 0 < found < 20
-    assert len(list(file.messages({"/b"}))) == 20
-    assert len(file.losses) == 1

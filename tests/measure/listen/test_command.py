@@ -121,6 +121,7 @@ def test_damaged_files_are_used_as_far_as_they_go(folder: Path, capsys: pytest.C
         (["mic1=mic1.wav", "--sources", "auto", "--algorithm", "music"], 2, "only srp finds how many"),
         (["mic1=mic1.wav", "--band", "4000", "300"], 2, "above the lower end"),
         (["mic1=mic1.wav", "--start-time", "noon"], 4, "'noon'"),
+        (["mic1=mic1.wav", "--frame", "3"], 4, "mic1.wav: 32000 samples (2 s) are shorter than a frame of 48000 (3 s)"),
     ],
 )
 def test_faults_are_one_line(
@@ -131,6 +132,17 @@ def test_faults_are_one_line(
     assert message in error
     assert error.count("\n") == 1
     assert not (folder / "doa.parquet").exists()
+
+
+def test_microphones_that_are_farther_apart_than_a_window_lasts_are_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = (folder / "scene.yaml").read_text()
+    (folder / "far.yaml").write_text(scene.replace("[0.060, 0.000, 0.000]", "[1e9, 0, 0]"))
+    assert run(["listen", "--scene", "far.yaml", "mic1=mic1.wav", "-o", "doa.parquet", *FAST]) == ExitCode.BAD_INPUT
+    error = capsys.readouterr().err
+    assert "its microphones spread over 1e+09 m" in error
+    assert "a window of 0.016 s takes at most 5.49 m" in error
 
 
 def test_without_the_library_one_line_says_what_to_install(

@@ -17,6 +17,7 @@ from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.models.onnx_file import OnnxFile
+from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.run import inputs as run_inputs
@@ -24,6 +25,7 @@ from occlog.pipeline.run import run as stages_in_order
 from occlog.pipeline.run.inputs import files_of, name_of
 from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
 from occlog.pipeline.run.stages import Stage, plan, read_config
+from occlog.records.losses import Loss
 from occlog.records.tables import Particles, PeopleTracks, Tracks
 
 SCENE = """
@@ -428,6 +430,49 @@ def test_a_command_waits_for_the_one_before_it(tmp_path: Path) -> None:
     with alone_with(tmp_path, "run", patience=10.0):
         assert free.is_set()
     other.join()
+
+
+def test_what_was_lost_is_said_of_stages_that_are_up_to_date_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 3 without a word would not say why."""
+    (tmp_path / "room.yaml").write_text(SCENE)
+    made = ["simulate", str(tmp_path / "room.yaml"), "-o", str(tmp_path / "w.mcap"), "--steps", "20", "-q"]
+    assert run(made) == ExitCode.DONE
+    whole = open_recording(tmp_path / "w.mcap")
+    lost = Provenance("test", losses=(Loss("cam.avi", "frame 3", "gone", 1),))
+    copy_recording(whole, tmp_path / "r.mcap", {}, lost)
+    (tmp_path / "run.yaml").write_text("occlog_run: 1\nrecording: r.mcap\ntrack: {particles: 50}\n")
+    for what in ("done", "up to date"):
+        capsys.readouterr()
+        words = ["run", str(tmp_path / "run.yaml"), "-o", str(tmp_path / "out"), "-q", "--json"]
+        assert run(words) == ExitCode.LOSSY
+        out = capsys.readouterr()
+        assert "occlog: lost: cam.avi: frame 3: gone" in out.err
+        told = json.loads(out.out)
+        assert set(told["stages"].values()) == {what}
+        assert [loss["place"] for loss in told["losses"]] == ["frame 3"]
+
+
+@pytest.mark.parametrize("name", ["run.json", "views.parquet", "tracks.parquet"])
+def test_links_out_of_the_run_folder_are_not_followed(
+    config: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """Whoever packed or sent the folder may have put them there."""
+    folder, mine = config.parent / "out", config.parent / "mine"
+    folder.mkdir()
+    write_json(folder / "run.json", {"stages": {}})
+    (folder / name).unlink(missing_ok=True)
+    if name == "run.json":
+        write_json(mine, {"stages": {}})
+    else:
+        mine.write_text("mine")
+    before = mine.read_bytes()
+    (folder / name).symlink_to(mine)
+    assert run(["run", str(config), "-o", str(folder), "-q"]) == ExitCode.BAD_INPUT
+    error = capsys.readouterr().err
+    assert f"{name}: is a link to {mine}, outside of {folder}" in error
+    assert mine.read_bytes() == before
 
 
 def test_a_state_that_names_files_elsewhere_is_refused_and_removes_none(

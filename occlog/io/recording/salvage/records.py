@@ -27,7 +27,7 @@ from occlog.io.files.content import PARQUET_MAGIC, RECORDING_MAGIC
 from occlog.io.files.inputs import check_input
 from occlog.io.recording.chunks import CHUNK_HEAD, KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
 from occlog.io.recording.growth import Growth
-from occlog.io.recording.layout import HEAD
+from occlog.io.recording.layout import HEAD, INDEX_ENTRY, INDEX_HEAD
 from occlog.io.recording.salvage.ends import BEGIN, END_BYTES, behind_end, index_of, is_end_mark
 from occlog.io.recording.salvage.lz4_blocks import rest_of_block
 
@@ -36,8 +36,6 @@ LAST_CODE = Opcode.DATA_END
 _LENGTH = struct.Struct("<I")
 _MARKS = tuple(_LENGTH.pack(len(name)) + name.encode() for name in KNOWN_COMPRESSION if name)
 """The name of the compression as it stands in the head of a chunk."""
-_INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<HI"), 16
-"""Of an index of messages: channel and length of its entries, and the length of each."""
 _SIZES = {1: "<I", 2: "<Q"}
 _PARTS: dict[int, tuple[int, ...]] = {
     Opcode.HEADER: (-1, -1),
@@ -188,10 +186,10 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
         length: of the record, which is all in the file.
         before: code of the record before it.
     """
-    data = file.read(min(_INDEX_HEAD.size, length)) if length <= MAX_CHUNK_BYTES else b""
-    if before in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and len(data) >= _INDEX_HEAD.size:
-        _, told = _INDEX_HEAD.unpack_from(data)
-        if told == length - _INDEX_HEAD.size and told % _INDEX_ENTRY == 0:
+    data = file.read(min(INDEX_HEAD.size, length)) if length <= MAX_CHUNK_BYTES else b""
+    if before in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and len(data) >= INDEX_HEAD.size:
+        _, told = INDEX_HEAD.unpack_from(data)
+        if told == length - INDEX_HEAD.size and told % INDEX_ENTRY == 0:
             return int(Opcode.MESSAGE_INDEX)
     if code not in (Opcode.CHUNK, Opcode.HEADER) and data and _is_chunk(data + file.read(length - len(data))):
         return int(Opcode.CHUNK)
