@@ -7,6 +7,7 @@ a temporary folder, messages compressed one by one as they come.
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -270,7 +271,8 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
 def _packed_or_not(path: Path) -> Path:
     """The file of a name, or what it was packed to, or unpacked to: versions of rosbag2 name the one or the other."""
     others = (_bare(path), *(path.with_name(path.name + ending) for ending in PACKED))
-    return path if path.exists() else next((other for other in others if other.is_file()), path)
+    # Unlike methods of Path these take names of any length
+    return path if os.path.exists(path) else next((other for other in others if os.path.isfile(other)), path)  # noqa: PTH110, PTH113
 
 
 def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
