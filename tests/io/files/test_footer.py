@@ -17,7 +17,7 @@ from pyarrow.parquet import encryption
 from random_tables import random_table
 
 from occlog.cli.main import run
-from occlog.errors import ExitCode
+from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import footer
 from occlog.io.files.tables.check_sums import Checked
@@ -134,6 +134,8 @@ def chunks_of(path: Path, data: bytes) -> object:
             return chunks_in(source)
         except MalformedError:
             return "malformed"
+        except InputError as error:  # of a field that says that the file is encrypted
+            return str(error)
 
 
 def changed(data: bytes, number: int, field: Field, *, column: int = 2) -> bytes:
