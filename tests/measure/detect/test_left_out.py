@@ -7,7 +7,7 @@ import pytest
 from occlog.measure.detect import left_out
 from occlog.measure.detect.left_out import LeftOut
 from occlog.records.frames import Frame
-from occlog.records.left_out_frames import LEFT_OUT, holes, inside
+from occlog.records.left_out_frames import holes, inside
 from occlog.records.losses import Loss
 
 
@@ -49,4 +49,3 @@ def test_long_logs_in_steps_have_short_lists(monkeypatch: pytest.MonkeyPatch) ->
     assert told([*range(0, 400, 4), *range(800, 1200, 4)]) == {"a": [(397, 799)]}
     scattered = [n for n in range(200) if n % 3]
     assert told(scattered) == {}  # too many to be gaps of a recording
-    assert LEFT_OUT == "frames_left_out"
