@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError
 
+from .times import bounded_ns
+
 ROUNDING, TINY = 5e-10, 1e-150
 """By how much, in parts and absolutely, the covariance of x and y may exceed the product of their deviations."""
 ANY = -1
@@ -179,7 +181,7 @@ def semidefinite(xx: Floats, xy: Floats, yy: Floats) -> Bools:
 
 
 def check_columns(record: Table) -> None:
-    """Raise InputError unless columns have their dtype and shape, equal lengths, and no undeclared NaN."""
+    """Raise InputError unless columns have their dtype, shape and length, times in range, no undeclared NaN."""
     name = type(record).__name__
     length = None
     for c in record.columns():
@@ -193,6 +195,8 @@ def check_columns(record: Table) -> None:
             raise InputError(f"{name}.{c.name}: {len(values)} rows, want {length}")
         if values.dtype.kind == "f":
             _check_finite(name, c, values)
+        elif c.unit == "ns" and values.size:
+            _check_times(name, c, values)
 
 
 def _check_finite(name: str, c: Column, values: NDArray[np.generic]) -> None:
@@ -201,6 +205,15 @@ def _check_finite(name: str, c: Column, values: NDArray[np.generic]) -> None:
         row = int(np.argwhere(bad)[0, 0])
         hint = "must be a finite number" if c.nan is None else "must not be infinite"
         raise InputError(f"{name}.{c.name}: row {row}: {values[row]} {hint}")
+
+
+def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
+    for extreme in (values.min(), values.max()):
+        try:
+            bounded_ns(int(extreme))
+        except ValueError as error:
+            row = int(np.argwhere(values == extreme)[0, 0])
+            raise InputError(f"{name}.{c.name}: row {row}: {error}; want ns since 1970") from None
 
 
 def check_order(table: Table) -> None:

@@ -37,7 +37,7 @@ def test_no_time_is_split(rows: int) -> None:
 
 @pytest.mark.parametrize("rows", [1, 3, 1000])
 @pytest.mark.parametrize("margin", [0, 4, 50])
-@pytest.mark.parametrize("shift", [0, 300, -(2**62)])
+@pytest.mark.parametrize("shift", [0, 300, 1 - 2**62])
 def test_windows_hold_every_row_once_with_its_neighbours(rows: int, margin: int, shift: int) -> None:
     random = np.random.default_rng(rows * 100 + margin)
     a, b = (at(np.sort(random.integers(0, 200, n)) + more) for n, more in ((60, 0), (35, shift)))

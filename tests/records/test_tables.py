@@ -7,6 +7,7 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.records.tables import TABLES, Bearings, Boxes, Cooperation, Tracks, Truth
+from occlog.records.times import MAX_NS
 
 
 def bearings(**changes: object) -> Bearings:
@@ -46,6 +47,8 @@ def test_every_column_has_a_unit_and_a_meaning(table: type) -> None:
         ({"target_id": [0.5, 0]}, "target_id"),
         ({"target_id": [0, 2**31]}, "target_id: row 1: 2147483648 must be -2147483648 to 2147483647"),
         ({"target_id": [-(2**31) - 1, 0]}, "target_id: row 0: -2147483649 must be"),
+        ({"t_ns": [0, MAX_NS + 1]}, f"t_ns: row 1: its time of {MAX_NS + 1} ns is out of range"),
+        ({"t_ns": [-MAX_NS - 1, 0]}, "t_ns: row 0: its time of"),
         ({"t_ns": np.array([2**63, 1], np.uint64)}, f"t_ns: row 0: {2**63} must be"),
     ],
 )
@@ -59,8 +62,9 @@ def test_whole_numbers_up_to_the_limits_of_their_type_stay_what_they_are() -> No
     assert bearings(target_id=np.array(ids)).target_id.tolist() == ids
     with pytest.raises(InputError, match=f"target_id {-(2**31)} must be at least -1"):
         bearings(target_id=np.array([-(2**31), 0]))
-    times = np.array([2**63 - 2, 2**63 - 1], np.uint64)
+    times = np.array([MAX_NS - 1, MAX_NS], np.uint64)
     assert bearings(t_ns=times).t_ns.tolist() == times.tolist()
+    assert bearings(t_ns=[-MAX_NS, MAX_NS]).t_ns.tolist() == [-MAX_NS, MAX_NS]
 
 
 def test_nan_only_where_it_is_declared() -> None:

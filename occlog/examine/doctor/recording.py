@@ -18,7 +18,15 @@ from occlog.io.frames.apart import decode_apart
 from occlog.io.models.fundamental_matrices import attached_epipolar
 from occlog.io.recording.layout import MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import check_index, open_mcap
-from occlog.io.recording.reader import IMAGE_SCHEMA, ROWS_PER_CHUNK, Recording, open_linked, parse_image, sensor_of
+from occlog.io.recording.reader import (
+    IMAGE_SCHEMA,
+    ROWS_PER_CHUNK,
+    Recording,
+    check_recorded,
+    open_linked,
+    parse_image,
+    sensor_of,
+)
 from occlog.io.recording.rows import RECORDED, RowCollector, schema_of
 from occlog.io.recording.salvage.records import FAILURES, repeated_records, whole_records
 from occlog.io.recording.writer import VIDEO_FRAME
@@ -203,6 +211,7 @@ class _Look:
 
     def _frame(self, message: _Message) -> None:
         sensor, t_ns = sensor_of(message.topic), message.log_ns
+        check_recorded(t_ns, self._path, message.topic, message.number)
         if message.schema == IMAGE_SCHEMA:
             where = f"camera {sensor}: frame {message.number}"
             stamp, image = parse_image(message.encoding, message.data, where)

@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.times.timestamps import MAX_NS
 from occlog.io.foreign.names import MAY_BE_EMPTY
 from occlog.records.columns import Table, first_row
+from occlog.records.times import MAX_NS
 
 T = TypeVar("T", bound=Table)
 BREAKS = ("\n", "\r", "\0")

@@ -32,9 +32,10 @@ from occlog.io.files.sensor_names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, first_line, is_header
 from occlog.io.files.times.frame_times import FrameTimes
-from occlog.io.files.times.timestamps import MAX_NS, parse_times, time_column
+from occlog.io.files.times.timestamps import parse_times, time_column
 from occlog.records.declared.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
+from occlog.records.times import MAX_NS
 
 from .classes import check_classes, class_labels, wanted_rows
 from .columns import (

@@ -16,13 +16,13 @@ from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, plain_text
 from occlog.io.files.times.timestamps import (
     COARSEST_NS,
     LATEST_S,
-    MAX_NS,
     UNITS,
     coarse,
     parse_time,
     parse_times,
 )
 from occlog.records.columns import ANY
+from occlog.records.times import MAX_NS
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
 EXACT = 2.0**53

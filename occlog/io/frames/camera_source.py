@@ -12,8 +12,8 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.times.frame_times import FrameTimes, as_rate
-from occlog.io.files.times.timestamps import MAX_NS
 from occlog.records.losses import Loss
+from occlog.records.times import MAX_NS
 
 from .folder import ImageFolder
 from .process import Decoder, DecodingJob, Delivered, start_decoder

@@ -137,7 +137,7 @@ def read_folders(
         starts_ns: time of frame 0 of each camera; 0 where not given.
         first_number: number in the name that is frame 0; None: the smallest one of all folders.
     """
-    from occlog.io.files.times.timestamps import MAX_NS
+    from occlog.records.times import MAX_NS
 
     listed = {name: list_images(folder) for name, folder in folders.items()}
     numbered = [name for name in folders if name not in sidecars and not are_times(listed[name])]

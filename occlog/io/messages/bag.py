@@ -26,6 +26,7 @@ from occlog.io.files.sensor_names import natural_key
 from occlog.io.files.texts.yaml_nodes import yaml_documents
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
+from occlog.records.times import bounded_ns
 
 from .mcap_file import McapFile, Message, Topic
 from .sqlite_file import SqliteFile
@@ -49,13 +50,15 @@ class Bag:
     promised: dict[str, int] = field(default_factory=dict)
     described: bool = True  # metadata tell of all files, so that they hold no more than is promised
     _losses: list[Loss] = field(default_factory=list)
+    _far: dict[str, tuple[str, int]] = field(default_factory=dict)  # of topics with times out of range, the first
     _folder: tempfile.TemporaryDirectory[str] | None = None
     _packed: dict[Path, Path] = field(default_factory=dict)  # of each file that was unpacked, what it was made of
 
     @property
     def losses(self) -> list[Loss]:
         """What was lost so far, each loss once."""
-        return list(dict.fromkeys([*self._losses, *(loss for file in self.files for loss in file.losses)]))
+        far = [Loss(topic, "time of recording", what, count) for topic, (what, count) in self._far.items()]
+        return list(dict.fromkeys([*self._losses, *far, *(loss for file in self.files for loss in file.losses)]))
 
     def topics(self) -> dict[str, Topic]:
         """The topics of all files by name, their messages added up; InputError where files contradict each other."""
@@ -89,6 +92,12 @@ class Bag:
             most, unpacked = most_unpacked(size), 0
             for message in file.messages(topics):
                 counts[message.topic] = counts.get(message.topic, 0) + 1
+                try:
+                    bounded_ns(message.log_ns)
+                except ValueError as error:
+                    first, lost = self._far.get(message.topic, (str(error), 0))
+                    self._far[message.topic] = (first, lost + 1)
+                    continue
                 if not is_zstd(message.data):
                     yield message
                 elif (data := self._unpacked(message)) is not None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.errors import InputError
+from occlog.records.times import bounded_ns
 
 
 class Kind(Enum):
@@ -132,11 +133,14 @@ def read_message(name: str, message: Any) -> Any:
 
 
 def _time_ns(time: Any) -> int:
-    """A time of ROS (sec, nanosec), protobuf (seconds, nanos) or Foxglove's JSON (sec, nsec) [ns]."""
+    """A time [ns] of ROS (sec, nanosec), protobuf (seconds, nanos) or Foxglove's JSON (sec, nsec).
+
+    ValueError where it is out of range.
+    """
     for whole, rest in (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec")):
         if hasattr(time, whole) and hasattr(time, rest):
-            return int(getattr(time, whole)) * NS + int(getattr(time, rest))
-    return int(time.sec) * NS
+            return bounded_ns(int(getattr(time, whole)) * NS + int(getattr(time, rest)))
+    return bounded_ns(int(time.sec) * NS)
 
 
 def _header(message: Any) -> Header:

@@ -15,6 +15,7 @@ import msgspec
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 
+from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.content import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
@@ -24,6 +25,7 @@ from occlog.records.columns import Table
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
+from occlog.records.times import bounded_ns
 
 from .layout import damaged_mcap
 from .links import leaves, linked_path
@@ -184,6 +186,7 @@ class Recording:
         with open_mcap(self.path) as (reader, _):
             for _schema, channel, message in reader.iter_messages(topics=topics):
                 found += 1
+                check_recorded(message.log_time, self.path, channel.topic, message.sequence)
                 yield channel.topic, message.log_time, message.data, message.sequence
         # Of a chunk whose index does not name their topics the library says nothing
         if found != told:
@@ -226,15 +229,25 @@ def _is_image(topic: Topic) -> bool:
     return topic.schema in (IMAGE_SCHEMA, VIDEO_FRAME)
 
 
+def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
+    """Raise InputError where the time of recording [ns] of a message is out of range."""
+    try:
+        bounded_ns(t_ns)
+    except ValueError as error:
+        raise InputError(f"{path}: {topic}: message {number}: {error}; times are ns since 1970") from None
+
+
 def parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
     """Sensor time [ns] (0 if not given) and compressed bytes of a foxglove.CompressedImage."""
     try:
         if encoding == "json":
             message = msgspec.json.decode(data, type=_JsonImage)
-            return message.timestamp.sec * 1_000_000_000 + message.timestamp.nsec, message.data
+            stamp = message.timestamp.sec * NS + message.timestamp.nsec
+            return bounded_ns(stamp), message.data
         image = CompressedImage.FromString(data)
-        return image.timestamp.ToNanoseconds(), image.data
-    except (DecodeError, msgspec.DecodeError) as error:
+        stamp = image.timestamp.seconds * NS + image.timestamp.nanos
+        return bounded_ns(stamp), image.data
+    except (DecodeError, msgspec.DecodeError, ValueError) as error:
         raise InputError(f"{where}: not a {IMAGE_SCHEMA} message ({' '.join(str(error).split())[:80]})") from error
 
 

@@ -60,6 +60,8 @@ SHOWN = 0.5
 """Confirmed people are reported while they exist with this probability."""
 SETTLED_S = 1.5
 """After so long the velocity of a person who is new is known [s]."""
+LONGEST_S = 86_400.0
+"""Nobody is predicted further [s]: after a day one can be anywhere, and in years covariances lose all digits."""
 LEAST_BOXES = 1.5
 """Nobody is confirmed by fewer boxes."""
 LEAST_SUPPORT = 0.05
@@ -132,7 +134,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     """
     config = state.config
     t_ns = max(look.t_ns for look in looks)
-    dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
+    dt = 0.0 if state.t_ns is None else min((t_ns - state.t_ns) / NS, LONGEST_S)
     # Predict
     people = predict(
         state.people,
@@ -151,7 +153,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     looked, interval = state.looked.copy(), np.full(len(state.looked), np.inf)
     for look in looks:
         if look.t_ns > looked[look.camera] >= 0:
-            interval[look.camera] = (look.t_ns - looked[look.camera]) / NS
+            interval[look.camera] = min((look.t_ns - looked[look.camera]) / NS, LONGEST_S)
         looked[look.camera] = look.t_ns
     rates = rates_of(state.counts, state.edges, config, interval)
     sway = sway_of(state.edges)

@@ -147,7 +147,9 @@ def test_times_of_every_kind(tmp_path: Path) -> None:
         assert open_input(path, Truth).read(Truth).t_ns.tolist() == [expected], name
 
 
-@pytest.mark.parametrize(("name", "limit"), [("t_ns", 2.0**62), ("t_us", 2**62 // 1000), ("t_ms", 2**62 // 10**6)])
+@pytest.mark.parametrize(
+    ("name", "limit"), [("t_ns", np.nextafter(2.0**62, 0.0)), ("t_us", 2**62 // 1000), ("t_ms", 2**62 // 10**6)]
+)
 def test_a_time_that_no_number_of_nanoseconds_holds_is_refused(tmp_path: Path, name: str, limit: float) -> None:
     for value in (float(limit), 2.0 * limit, 1e300, -1e300):
         path = write(tmp_path / "t.parquet", pd.DataFrame({name: [value], "x": 1.0, "y": 2.0}), "parquet")

@@ -7,6 +7,7 @@ import pytest
 from crowds import Crowd, crowd
 from scipy.optimize import linear_sum_assignment
 
+from occlog.array_types import NS
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.filter import APART_NS, begin, step
 from occlog.track.jipda.interface import NOBODY, Look, Moment
@@ -153,6 +154,19 @@ def test_everybody_outlives_moments_at_which_all_cameras_are_blind(people: int, 
     before = set(found[19].ids.tolist())
     assert len(before) == people
     assert all(before <= set(found[t].ids.tolist()) for t in [*blind, blind.stop])
+
+
+@pytest.mark.parametrize("years", [1, 10, 55, 146])
+def test_after_years_everybody_is_found_anew(years: int) -> None:
+    """Clocks that begin in 1970 and are set while they record make such gaps."""
+    made = crowd(people=4, frames=60, hz=10.0, seed=5)
+    gap = years * 365 * 86_400 * NS
+    looks = [[look._replace(t_ns=look.t_ns + gap * (t >= 30)) for look in now] for t, now in enumerate(made.moments)]
+    found = follow(made._replace(moments=looks))
+    assert len(found[29].ids) == len(found[59].ids) == 4
+    assert not set(found[29].ids.tolist()) & set(found[59].ids.tolist())
+    off = np.linalg.norm(found[59].mean[:, None, :2] - made.truth[59], axis=2)
+    assert off.min(axis=1).max() < 0.3
 
 
 def test_one_blind_camera_takes_nobody_away() -> None:

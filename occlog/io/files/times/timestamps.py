@@ -15,10 +15,10 @@ from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.sensor_names import check_meaning, match_sensor
 from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, last_place, read_plain, read_rows
+from occlog.records.times import MAX_NS
 
 WHAT = "a table of time stamps"
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
-MAX_NS = 2**62
 LATEST_S = 10**11
 """A larger number of seconds (year 5138) is taken for another unit."""
 COARSEST_NS = 10**6
