@@ -324,3 +324,18 @@ def test_a_cut_gzip_file_says_so(tmp_path: Path) -> None:
     (tmp_path / "t.csv.gz").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="damaged gzip file"):
         open_input(tmp_path / "t.csv.gz", Truth).read(Truth)
+
+
+@pytest.mark.parametrize("stated", [0x00, 0x7F])
+def test_a_column_that_states_no_values_is_refused(tmp_path: Path, stated: int) -> None:
+    """The library ends at such a column without a word, where it reads batches."""
+    path = tmp_path / "t.parquet"
+    pd.DataFrame({"time": np.arange(8) / 10.0, "x": 1.0, "y": 2.0}).to_parquet(path, index=False)
+    data = bytearray(path.read_bytes())
+    head = b"\x18\x01y\x15\x02\x16"  # of column y: path_in_schema, codec, num_values
+    at = data.rindex(head) + len(head)
+    assert data[at] == 0x10  # 8
+    data[at] = stated
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="8 rows are promised, and 0 can be read"):
+        open_input(path, Truth).read(Truth)

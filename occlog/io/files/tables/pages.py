@@ -98,14 +98,27 @@ class PagedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
     def iter_batches(  # noqa: D102 - as the library's own
         self, batch_size: int, row_groups: Collection[int] | None = None, columns: Collection[str] | None = None
     ) -> Iterator[pa.RecordBatch]:
-        for number in range(self.num_row_groups) if row_groups is None else row_groups:
+        numbers = range(self.num_row_groups) if row_groups is None else row_groups
+        for number in numbers:
             self._check(number, columns)
-        yield from super().iter_batches(batch_size=batch_size, row_groups=row_groups, columns=columns)
+        rows = 0
+        for batch in super().iter_batches(batch_size=batch_size, row_groups=row_groups, columns=columns):
+            rows += batch.num_rows
+            yield batch
+        self._check_rows(rows, numbers)
 
     def read(self, columns: Collection[str] | None = None) -> pa.Table:  # noqa: D102 - as the library's own
         for number in range(self.num_row_groups):
             self._check(number, columns)
-        return super().read(columns=columns)
+        table = super().read(columns=columns)
+        self._check_rows(table.num_rows, range(self.num_row_groups))
+        return table
+
+    def _check_rows(self, rows: int, numbers: Collection[int]) -> None:
+        """Raise ArrowInvalid where groups gave other than their rows: the library ends early on some damage."""
+        promised = sum(self._groups[number].rows for number in numbers)
+        if rows != promised:
+            raise pa.ArrowInvalid(f"{promised} rows are promised, and {rows} can be read")
 
     def _check(self, number: int, columns: Collection[str] | None) -> None:
         """InputError where pages of a group, with those of others before, unpack to more than such a file can hold."""
