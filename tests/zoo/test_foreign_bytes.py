@@ -21,7 +21,7 @@ from places import ROOT
 
 from occlog.cli.main import DEBUG, LazyGroup, run
 from occlog.errors import ExitCode
-from occlog.io.files.guard import MAX_CONFIGURATION_BYTES
+from occlog.io.files.untrusted.guard import MAX_CONFIGURATION_BYTES
 
 SCENE = """occlog_scene: 1
 room: [[0, 0], [8, 0], [8, 6], [0, 6]]

@@ -8,7 +8,7 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.io.files.inputs import check_input
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.frames.apart import decode_apart
 from occlog.io.frames.process import DecodingJob, start_decoder
 from occlog.io.video.container import Container

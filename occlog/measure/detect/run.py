@@ -14,10 +14,10 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.inputs import FOREIGN_BAG, check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import parse_json
+from occlog.io.files.untrusted.inputs import FOREIGN_BAG, check_input
 from occlog.io.open import check_unit, open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections

@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 
 from occlog.errors import InputError
 from occlog.io.files.atomic import open_output
-from occlog.io.files.output_names import RECORDING, check_output_name
+from occlog.io.files.names.outputs import RECORDING, check_output_name
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inputs, provenance_from_json
 from occlog.io.recording.copy import moved_metadata
 from occlog.io.recording.layout import MESSAGE_HEAD
