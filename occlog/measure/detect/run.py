@@ -30,15 +30,15 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Tracks, Views
 from occlog.settings import configure
 
+from .by_background.learning import TargetBox, learn
+from .by_background.one_camera import upright
+from .by_background.stage import Learned, detect
+from .by_background.target import Target
 from .config import DetectConfig, parameters
 from .from_boxes import detect_boxes
 from .labels import survey_labels
-from .learning import TargetBox, learn
 from .left_out import LeftOut
 from .near import Near, limited, near_of
-from .one_camera import upright
-from .stage import Learned, detect
-from .target import Target
 
 T = TypeVar("T", Boxes, Bearings)
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.detect.target import Target, TargetMemory, choose, likenesses
+from occlog.measure.detect.by_background.target import Target, TargetMemory, choose, likenesses
 from occlog.measure.regions.appearance import normalised
 from occlog.measure.regions.regions import Regions
 

@@ -9,8 +9,7 @@ import pytest
 from detect_scenes import background, camera, scene
 
 from occlog.errors import InputError
-from occlog.measure.detect.config import MAX_FOREGROUND, DetectConfig
-from occlog.measure.detect.one_camera import (
+from occlog.measure.detect.by_background.one_camera import (
     BLOCK,
     UNKNOWN_SIDE_PX,
     CameraState,
@@ -23,6 +22,7 @@ from occlog.measure.detect.one_camera import (
     shrink_of,
     stretches,
 )
+from occlog.measure.detect.config import MAX_FOREGROUND, DetectConfig
 from occlog.records.frames import Frame
 from occlog.records.losses import Loss
 

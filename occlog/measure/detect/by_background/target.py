@@ -13,7 +13,7 @@ from occlog.measure.regions.appearance import likeness
 from occlog.measure.regions.regions import Regions
 from occlog.records.tables import APPEARANCE_BINS
 
-from .config import MARGIN, MEMORY_S, MOST
+from ..config import MARGIN, MEMORY_S, MOST
 
 JUMP = 2.0
 """Distance from its last place at which a target's closeness is exp(-1/2), in spreads of a person's width."""

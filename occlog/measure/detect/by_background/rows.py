@@ -11,9 +11,9 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.measure.regions.regions import Regions
 from occlog.records.tables import Bearings, Views
 
-from .bearing import BearingNoise, Sights, shape_covariance, sights
-from .config import LONE_TARGET_ID
-from .near import allowed
+from ..bearing import BearingNoise, Sights, shape_covariance, sights
+from ..config import LONE_TARGET_ID
+from ..near import allowed
 from .one_camera import CameraState, FrameRegions
 from .target import choose, likenesses
 

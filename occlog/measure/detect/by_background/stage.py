@@ -25,8 +25,8 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views
 
-from .config import BATCH, DetectConfig
-from .near import Near
+from ..config import BATCH, DetectConfig
+from ..near import Near
 from .one_camera import CameraState, process
 from .rows import to_tables
 from .target import Target, check_targets

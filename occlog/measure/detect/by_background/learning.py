@@ -24,7 +24,7 @@ from occlog.measure.regions.shrink import shrink
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera, Scene
 
-from .config import DetectConfig
+from ..config import DetectConfig
 from .one_camera import known_sizes, plain_image, shrink_of
 from .stage import Learned
 from .target import Target

@@ -28,8 +28,8 @@ from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 
-from .config import CLEAN_PX, LEAST, MAX_FOREGROUND, PENALTY, STRENGTH, DetectConfig
-from .near import Near
+from ..config import CLEAN_PX, LEAST, MAX_FOREGROUND, PENALTY, STRENGTH, DetectConfig
+from ..near import Near
 from .target import Target, TargetMemory
 
 UNKNOWN_SIDE_PX = 960  # longer side of shrunk images where the size of people is not known
