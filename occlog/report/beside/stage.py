@@ -18,9 +18,9 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import TimeAxis
 
-from .accuracy import OverTime, Paired, over_time
-from .identities import Followed, by_truth
-from .pairs import EACH_FRAME
+from .comparison.accuracy import OverTime, Paired, over_time
+from .comparison.identities import Followed, by_truth
+from .comparison.pairs import EACH_FRAME
 
 MOVED = 1e-6
 """Sensors that are farther than this share of a unit of length from where they were stand elsewhere."""
