@@ -19,7 +19,7 @@ from video_samples import FRAMES, avi, jpeg, number_shown, numbered, write_video
 from occlog.errors import InputError
 from occlog.io.frames.camera_source import video_source
 from occlog.io.frames.decode import decode, examine
-from occlog.io.frames.process import Decoder, start_decoder
+from occlog.io.frames.decoders.process import Decoder, start_decoder
 from occlog.io.frames.video_stream import video_times
 from occlog.io.video.container import MAX_FRAMES
 from occlog.records.losses import Loss
@@ -280,7 +280,7 @@ def test_a_huge_image_is_refused_unread(tmp_path: Path) -> None:
 
 
 def test_the_process_loads_little() -> None:
-    loaded = ("process_main", "decode", "folder")
+    loaded = ("decoders.process_main", "decode", "folder")
     code = f"import sys, {', '.join(f'occlog.io.frames.{name}' for name in loaded)}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"numba", "scipy", "pyarrow", "mcap", "shapely", "occlog.records.scene"} & set(done.stdout.split())

@@ -1,8 +1,8 @@
 """Decoding processes as copies of one that has loaded what they need: a fifth of the time of starting each anew.
 
-The nursery is `python -m occlog.io.frames.nursery`, started once and when it is first wanted.  It loads OpenCV,
-decodes nothing itself, and forks a process for each request.  It ends with the process that started it, and takes
-those that it forked with it.
+The nursery is `python -m occlog.io.frames.decoders.nursery`, started once and when it is first wanted.  It loads
+OpenCV, decodes nothing itself, and forks a process for each request.  It ends with the process that started it, and
+takes those that it forked with it.
 
 A request is one byte with three or four descriptors: what is to be standard input and standard output of the new
 process, its line, over which go, to the parent, its number and, when it has ended, how, and back, that it be killed;

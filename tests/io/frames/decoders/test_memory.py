@@ -12,11 +12,11 @@ import pytest
 from video_samples import numbered
 
 from occlog.errors import InputError
-from occlog.io.frames import memory
-from occlog.io.frames.apart import VideoApart, decode_apart, end_idle
 from occlog.io.frames.codec import decode_image
-from occlog.io.frames.memory import FEWEST, LARGEST, MOST, SMALLEST, SharedImages, Slots, slot_size
-from occlog.io.frames.process import DecodingJob, start_decoder
+from occlog.io.frames.decoders import memory
+from occlog.io.frames.decoders.apart import VideoApart, decode_apart, end_idle
+from occlog.io.frames.decoders.memory import FEWEST, LARGEST, MOST, SMALLEST, SharedImages, Slots, slot_size
+from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 
 pytestmark = pytest.mark.skipif(not memory.SHARED, reason="memory without a name is shared on Linux only")
 SIZE = (640, 480)

@@ -16,11 +16,11 @@ from typing import IO, Any, Literal, Required, Self, TypedDict
 import numpy as np
 
 from occlog.errors import InputError
+from occlog.io.files.children import environment_for_children, how_it_ended, widen
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
-from ..files.children import environment_for_children, how_it_ended, widen
-from .limits import MAX_PIXELS, SECONDS
+from ..limits import MAX_PIXELS, SECONDS
 from .memory import SHARED, SharedImages, slot_size
 from .nursery import FORKS, NURSERY, Forked
 
@@ -221,7 +221,7 @@ def start_decoder(job: DecodingJob) -> Decoder:
     """Start a decoding process; it is ready to be used in a `with` statement, which waits for it.
 
     Args:
-        job: what `occlog.io.frames.process_main` is to do.
+        job: what `occlog.io.frames.decoders.process_main` is to do.
     """
     with suppress(FileNotFoundError):  # the folder was taken away: absolute paths still work
         job = {**job, "cwd": str(Path.cwd())}
@@ -249,7 +249,7 @@ def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | Forked:
     if FORKS:
         return NURSERY.fork(environment, None if shared is None else shared.file)
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "occlog.io.frames.process_main"],
+        [sys.executable, "-P", "-m", "occlog.io.frames.decoders.process_main"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""The decoding process: `python -m occlog.io.frames.process_main`, started by `occlog.io.frames.process`.
+"""The decoding process: `python -m occlog.io.frames.decoders.process_main`, started by `process`.
 
 Decoders are large and old C code that meets damaged files here: a crash must not take the
 whole run with it, and what FFmpeg, libjpeg and libpng write about damage is the only trace
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 from occlog.errors import InputError
 from occlog.records.losses import Loss
 
-from .limits import Clock, allow_pixels, lower_limits
+from ..limits import Clock, allow_pixels, lower_limits
 from .memory import Slots
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def load() -> None:
     """Load what every job needs: what is loaded before the fork, no job has to load."""
     from occlog.io.video import avi, mkv, mp4  # noqa: F401
 
-    from . import decode, folder, sizes  # noqa: F401
+    from .. import decode, folder, sizes  # noqa: F401
 
 
 def main(memory: int | None = None) -> None:
@@ -111,8 +111,8 @@ def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: 
 
 
 def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> None:
-    from .decode import CAPTURE_OPTIONS, decode, examine
-    from .sizes import size_changes
+    from ..decode import CAPTURE_OPTIONS, decode, examine
+    from ..sizes import size_changes
 
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
     clock = Clock(Path(job["path"]))
@@ -148,7 +148,7 @@ def _slots(memory: int | None, size: int) -> Slots | None:
 
 def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> None:
     """Images that come on standard input, each after its length and the slots that are free; an answer to each."""
-    from .codec import decode_image, image_size
+    from ..codec import decode_image, image_size
 
     clock = Clock()
     slots = _slots(memory, job.get("slot", 0))
@@ -188,8 +188,8 @@ def _send_image(out: BinaryIO, header: Header, image: Image, slots: Slots | None
 
 
 def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
-    from .codec import dark_bars, image_kind
-    from .folder import load
+    from ..codec import dark_bars, image_kind
+    from ..folder import load
 
     files = [(int(index), Path(path)) for index, path in job["files"]]
     clock = Clock()
@@ -225,7 +225,7 @@ def bytes_of(image: Image) -> memoryview:
 
 def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> Image:
     """The first image that can be decoded."""
-    from .codec import decode_image
+    from ..codec import decode_image
 
     reason = ""
     for _, file in files:
@@ -239,7 +239,7 @@ def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> Image:
 def _deliver(
     job: DecodingJob, out: BinaryIO, index: int, pos_ns: float, image: Image, slots: Slots | None = None
 ) -> None:
-    from .codec import encode_image
+    from ..codec import encode_image
 
     header: Header = {"i": index, "p": pos_ns if pos_ns == pos_ns else None}
     store = job["store"]

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from video_samples import number_shown, write_video
 
-from occlog.io.frames import nursery
-from occlog.io.frames.nursery import FORKS, Forked, Nursery
-from occlog.io.frames.process import DecodingJob, start_decoder
+from occlog.io.frames.decoders import nursery
+from occlog.io.frames.decoders.nursery import FORKS, Forked, Nursery
+from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 
 pytestmark = pytest.mark.skipif(not FORKS, reason="processes are forked on Linux only")
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -138,7 +138,7 @@ def test_paths_start_from_the_folder_that_is_current_when_a_job_begins(
 
 SCRIPT = """
 import os, sys
-from occlog.io.frames.process import start_decoder
+from occlog.io.frames.decoders.process import start_decoder
 found = [start_decoder({"kind": "messages", "path": "x", "store": "raw", "quality": 0}) for _ in range(2)]
 print(*(each.process.pid for each in found), flush=True)
 sys.stdin.read()

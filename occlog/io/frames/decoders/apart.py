@@ -13,7 +13,7 @@ from pathlib import Path
 from occlog.errors import InputError
 from occlog.records.frames import Image
 
-from .codec import check_image, image_size
+from ..codec import check_image, image_size
 from .memory import slot_size
 from .process import Decoder, DecodingJob, start_decoder
 
