@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.core.metrics.clear_mot import match
-from occlog.core.metrics.frame_pairs import of_points
+from occlog.core.metrics.mot.clear_mot import match
+from occlog.core.metrics.mot.frame_pairs import of_points
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES

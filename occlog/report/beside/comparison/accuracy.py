@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.metrics.clear_mot import Matches
-from occlog.core.metrics.frame_pairs import Frames
+from occlog.core.metrics.mot.clear_mot import Matches
+from occlog.core.metrics.mot.frame_pairs import Frames
 
 Paired = tuple[Frames, Matches]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.evaluate.matching.paths import Path as Way
 from occlog.records.tables import Tracks

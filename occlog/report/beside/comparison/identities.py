@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Ints
-from occlog.core.metrics.clear_mot import Matches
-from occlog.core.metrics.frame_pairs import Frames
+from occlog.core.metrics.mot.clear_mot import Matches
+from occlog.core.metrics.mot.frame_pairs import Frames
 
 from .frames import Laid
 from .pairs import Pairs

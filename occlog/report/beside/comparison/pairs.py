@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.clear_mot import ClearRule, match
-from occlog.core.metrics.frame_pairs import of_points
-from occlog.core.metrics.idf1 import identity
+from occlog.core.metrics.mot.clear_mot import ClearRule, match
+from occlog.core.metrics.mot.frame_pairs import of_points
+from occlog.core.metrics.mot.idf1 import identity
 
 from .frames import Laid
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mot_published import PUBLISHED
 
-from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
-from occlog.core.metrics.frame_pairs import Frames, Objects, of_boxes
-from occlog.core.metrics.hota import hota
-from occlog.core.metrics.idf1 import identity
+from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
+from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes
+from occlog.core.metrics.mot.hota import hota
+from occlog.core.metrics.mot.idf1 import identity
 
 
 def side(path: Path) -> Objects:

@@ -8,12 +8,12 @@ import time
 import numpy as np
 import pytest
 
-from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
-from occlog.core.metrics.failure_rates import NONE, failures
-from occlog.core.metrics.frame_pairs import Frames, Objects, of_boxes, of_points, reaches
-from occlog.core.metrics.gospa import gospa
-from occlog.core.metrics.hota import hota
-from occlog.core.metrics.idf1 import identity
+from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
+from occlog.core.metrics.mot.failure_rates import NONE, failures
+from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes, of_points, reaches
+from occlog.core.metrics.mot.gospa import gospa
+from occlog.core.metrics.mot.hota import hota
+from occlog.core.metrics.mot.idf1 import identity
 
 
 def rows(*values: tuple[float, ...]) -> Objects:

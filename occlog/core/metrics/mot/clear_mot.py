@@ -14,9 +14,9 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Bools, Floats, Ints
 
-from .errors import pair_within, ratio
+from ..errors import pair_within, ratio
+from ..sums import Sum
 from .frame_pairs import Frames, reaches
-from .sums import Sum
 
 MOSTLY_TRACKED = 0.8
 MOSTLY_LOST = 0.2

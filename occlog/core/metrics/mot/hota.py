@@ -12,9 +12,9 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
 
+from ..sums import Sum
 from .couples import Couples
 from .frame_pairs import EPS, Frames
-from .sums import Sum
 
 ALPHAS: Floats = np.arange(1, 20) / 20.0
 """Thresholds of similarity, 0.05 to 0.95."""

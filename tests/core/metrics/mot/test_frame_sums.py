@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
-from occlog.core.metrics.frame_pairs import Frames, Objects, of_points
-from occlog.core.metrics.frame_sums import FIGURES, PLACE, frame_sums, hota_of, idf1
-from occlog.core.metrics.hota import hota
-from occlog.core.metrics.idf1 import identity
+from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
+from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
+from occlog.core.metrics.mot.frame_sums import FIGURES, PLACE, frame_sums, hota_of, idf1
+from occlog.core.metrics.mot.hota import hota
+from occlog.core.metrics.mot.idf1 import identity
 
 
 def scene(seed: int, frames: int = 40, people: int = 5) -> Frames:

@@ -12,8 +12,8 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
 
+from ..sums import Sum
 from .frame_pairs import Frames
-from .sums import Sum
 
 
 class Gospa(NamedTuple):

@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_array, csr_array
 
 from occlog.array_types import Floats, Ints
-from occlog.core.metrics.trajectory_gospa.cuts import OPEN, Pairs, Pieces
+from occlog.core.metrics.mot.trajectory_gospa.cuts import OPEN, Pairs, Pieces
 
 
 class _Program(NamedTuple):

@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 
-from .errors import ratio
+from ..errors import ratio
 from .frame_pairs import Frames, Objects, of_points
 
 NONE = -1

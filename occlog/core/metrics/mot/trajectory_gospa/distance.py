@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools
-from occlog.core.metrics.frame_pairs import Frames
-from occlog.core.metrics.sums import Sum
-from occlog.core.metrics.trajectory_gospa.cuts import (
+from occlog.core.metrics.mot.frame_pairs import Frames
+from occlog.core.metrics.mot.trajectory_gospa.cuts import (
     CHANGE,
     FREE,
     Pairs,
@@ -25,7 +24,8 @@ from occlog.core.metrics.trajectory_gospa.cuts import (
     pieces_of,
     sure_stretches,
 )
-from occlog.core.metrics.trajectory_gospa.program import solve
+from occlog.core.metrics.mot.trajectory_gospa.program import solve
+from occlog.core.metrics.sums import Sum
 
 
 class TrajectoryGospa(NamedTuple):

@@ -12,8 +12,8 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.core.numerics.assignment import maximum_weight_matching
 
+from ..errors import ratio
 from .couples import Couples
-from .errors import ratio
 from .frame_pairs import Frames, reaches
 
 
