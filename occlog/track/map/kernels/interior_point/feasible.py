@@ -7,7 +7,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.numerics.jit import kernel
 
-from .problem import HalfPlanes
+from ..problem import HalfPlanes
 
 ROUNDS = 200
 """Rounds of projections for one margin; then the corners are tried, which takes time cubic in the constraints."""

@@ -20,7 +20,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from .problem import Steps
+from ..problem import Steps
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 A primal-dual interior point method: the inequalities enter by a logarithmic barrier whose
 weight mu falls to next to nothing, with multipliers that are estimated alongside.  Each
-iteration takes time linear in the number of states (`occlog.track.map.kernels.newton_system`).
+iteration takes time linear in the number of states (`occlog.track.map.kernels.interior_point.newton_system`).
 Steps start with the second derivatives of Gauss and Newton, which always lead downhill;
 near the minimum the exact ones are taken where they are positive, so that the last
 iterations converge quadratically.  Every step is shortened until it stays inside the
@@ -19,9 +19,9 @@ import numpy as np
 
 from occlog.array_types import Floats
 
+from ..problem import Problem, slack, slack_change, within
+from ..terms import add_chain, add_hints, add_lines, add_planes, barrier_cost, chain_cost, hints_cost, lines_cost
 from .newton_system import factor_rows, factor_sum, inverse_blocks, solve
-from .problem import Problem, slack, slack_change, within
-from .terms import add_chain, add_hints, add_lines, add_planes, barrier_cost, chain_cost, hints_cost, lines_cost
 
 MU_FIRST, MU_LAST = 1.0, 1e-11
 TO_BOUNDARY = 0.995
