@@ -14,15 +14,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.track.jipda.box_errors import LEAST_KEPT, MIDDLES
+from occlog.track.jipda.kernels.body_box import Views
+from occlog.track.jipda.kernels.disagreement import disagreement
+from occlog.track.jipda.kernels.joint import Boxes, Rates
 
-from ..box_errors import LEAST_KEPT, MIDDLES
-from ..kernels.body_box import Views
-from ..kernels.disagreement import disagreement
-from ..kernels.joint import Boxes, Rates
-from .association import Found
-from .chains import NONE
-from .states import States
-from .tracks import Span
+from ..association import Found
+from ..chains import NONE
+from ..states import States
+from ..tracks import Span
 
 LASTS_S = 1.0
 """Errors are compared up to so long apart [s]: what lasts longer is a bias."""

@@ -6,11 +6,11 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
+from occlog.track.jipda.interface import NOBODY, Event
 
-from ..interface import NOBODY, Event
-from .appearance import together
-from .chains import NONE, Candidates, Chain, Places, Walk, link, may_follow
-from .tracks import Span, Tracks, listed_of
+from ..appearance import together
+from ..chains import NONE, Candidates, Chain, Places, Walk, link, may_follow
+from ..tracks import Span, Tracks, listed_of
 
 LEAST = 0.05
 """Less probable exchanges are not named."""

@@ -6,9 +6,9 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-from .chains import NONE
-from .states import States
-from .tracks import Span, Tracks
+from ..chains import NONE
+from ..states import States
+from ..tracks import Span, Tracks
 
 
 def presence(tracks: Tracks, span: Span, walk: States) -> Floats:
