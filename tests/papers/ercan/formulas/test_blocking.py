@@ -10,7 +10,7 @@ from shapely.geometry import LineString, Polygon
 
 from occlog.core.occlusion.blocking_shares import shares
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
-from occlog.papers.ercan.blocking import IMPROVED, PRINTED, QUADRATURE, blocking, blocking_all
+from occlog.papers.ercan.formulas.blocking import IMPROVED, PRINTED, QUADRATURE, blocking, blocking_all
 
 FORMS = (PRINTED, IMPROVED, QUADRATURE)
 

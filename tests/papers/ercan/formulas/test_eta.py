@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
-from occlog.papers.ercan.blocking import QUADRATURE, blocking_all
-from occlog.papers.ercan.eta import exact, independent, pattern, patterns, recursion, seen_by_recursion, seen_exactly
+from occlog.papers.ercan.formulas.blocking import QUADRATURE, blocking_all
+from occlog.papers.ercan.formulas.eta import (
+    exact,
+    independent,
+    pattern,
+    patterns,
+    recursion,
+    seen_by_recursion,
+    seen_exactly,
+)
 
 
 def eq_9(q: np.ndarray, eta: tuple[int, ...], known: dict[int, int]) -> float:

@@ -37,7 +37,7 @@ def recursion(q: Floats, eta: Bools, floor: float = 0.0) -> Floats:
     """Return (L,) p(eta | u) by Eqs. 8-9, at least `floor`.
 
     Args:
-        q: (L, N, M) of `occlog.papers.ercan.blocking`.
+        q: (L, N, M) of `occlog.papers.ercan.formulas.blocking`.
         eta: (N,) true: the camera sees the place.
         floor: least value, >= 0.
     """

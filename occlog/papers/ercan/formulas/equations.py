@@ -19,9 +19,9 @@ from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.measures import Measure, mean_of, sample
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
+from ..scenes import SQUARE, SQUARE_ORDER, Place
 from .blocking import QUADRATURE, blocking_all
 from .eta import patterns, seen_by_recursion, seen_exactly
-from .scenes import SQUARE, SQUARE_ORDER, Place
 
 SIDE, FOCAL, FOV = 100.0, 70.0, math.radians(90.0)
 SIGMA_POSITION, SIGMA_YAW, SIGMA_READ = 1.0, 0.01, 2.0
