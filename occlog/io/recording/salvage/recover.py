@@ -22,9 +22,9 @@ from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inpu
 from occlog.io.recording.copy import moved_metadata
 from occlog.io.recording.layout import MESSAGE_HEAD
 from occlog.io.recording.metadata import add_metadata, damaged_metadata
-from occlog.io.recording.one_behind_another import Part
 from occlog.io.recording.reader import sensor_of
 from occlog.io.recording.salvage.gaps import Tally
+from occlog.io.recording.salvage.one_behind_another import Part
 from occlog.io.recording.salvage.records import (
     FAILURES,
     Record,
