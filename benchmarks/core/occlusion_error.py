@@ -19,8 +19,8 @@ from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.core.plane.floor import make_floor, sample_floor
 from occlog.core.sight.visibility import Sensors, seen_from
 from occlog.io.scenes.scene import read_scene
-from occlog.papers.ercan.blocking import IMPROVED, PRINTED, QUADRATURE, blocking
-from occlog.papers.ercan.eta import patterns, seen_by_recursion, seen_exactly
+from occlog.papers.ercan.formulas.blocking import IMPROVED, PRINTED, QUADRATURE, blocking
+from occlog.papers.ercan.formulas.eta import patterns, seen_by_recursion, seen_exactly
 from occlog.records.scene import Scene
 from occlog.track.apf.sensing import pack_sensors
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.metrics import clear_mot, hota, idf1
-from occlog.core.metrics.failure_rates import failures
-from occlog.core.metrics.frame_pairs import Objects, of_boxes
+from occlog.core.metrics.mot import clear_mot, hota, idf1
+from occlog.core.metrics.mot.failure_rates import failures
+from occlog.core.metrics.mot.frame_pairs import Objects, of_boxes
 from occlog.evaluate.mot.stage import own_targets
 
 FIGURES = ("fr_p", "fr_l", "fr_l joint", "idf1", "hota", "mota", "recall", "precision", "switches")

@@ -13,10 +13,10 @@ import numpy as np
 
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.measure.clusters.stage import find_clusters
+from occlog.measure.detect.by_background.one_camera import CameraState, set_up
+from occlog.measure.detect.by_background.stage import Learned, detect
+from occlog.measure.detect.by_background.target import Target
 from occlog.measure.detect.config import CLEAN_PX, DetectConfig
-from occlog.measure.detect.one_camera import CameraState, set_up
-from occlog.measure.detect.stage import Learned, detect
-from occlog.measure.detect.target import Target
 from occlog.measure.regions.background import foreground
 from occlog.measure.regions.regions import cluster_regions, gather
 from occlog.records.frames import Frame, Image

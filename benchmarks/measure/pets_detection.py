@@ -33,9 +33,9 @@ from occlog.core.metrics.errors import box_overlap, intersection_areas, pair_wit
 from occlog.core.sight.camera import wrap_angle
 from occlog.evaluate.bearings.boxes import CLASSES, SHARED, box_classes
 from occlog.io.recording.reader import Recording, open_recording
+from occlog.measure.detect.by_background.learning import learn
+from occlog.measure.detect.by_background.stage import detect
 from occlog.measure.detect.config import DetectConfig
-from occlog.measure.detect.learning import learn
-from occlog.measure.detect.stage import detect
 from occlog.records.tables import TruthBoxes, Views
 
 CAMERA = "View_001"

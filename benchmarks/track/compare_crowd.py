@@ -25,8 +25,8 @@ import numpy as np
 from benchmarks.track._compare_crowd_runs import FRAMES, STRETCH, frames_of, tracks
 from benchmarks.track._crowd_cases import DEGREES
 from occlog.array_types import Floats
-from occlog.core.metrics.frame_pairs import Frames
-from occlog.core.metrics.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
+from occlog.core.metrics.mot.frame_pairs import Frames
+from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
 from occlog.core.metrics.paired import Difference, compare
 
 ALPHA = 0.01

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.metrics.frame_pairs import Frames, Objects, of_points
-from occlog.core.metrics.frame_sums import FIGURES, LASTING, frame_sums
+from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
+from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, frame_sums
 from occlog.core.metrics.paired import compare
 
 NAME = "compare-null"

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from occlog.errors import InputError, OutputError
-from occlog.io.files.inputs import STANDARD_INPUT
+from occlog.io.files.untrusted.inputs import STANDARD_INPUT
 
 NAME = "standard input"
 MOST_NAMES = 10_000

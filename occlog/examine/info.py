@@ -61,7 +61,7 @@ class Description(NamedTuple):
 
 def describe(path: Path, rows: int) -> Description:
     """Describe a file by its content; of a table also the first rows."""
-    from occlog.io.files.content import mistaken_for
+    from occlog.io.files.untrusted.content import mistaken_for
     from occlog.io.open import open_if_ours, open_input
 
     from .folder import describe_folder, is_one_bag
@@ -91,7 +91,7 @@ def describe(path: Path, rows: int) -> Description:
 
 def _is_foreign_bag(path: Path) -> bool:
     """Whether a path is a bag of ROS 2 or an MCAP file of another program, perhaps cut off."""
-    from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
+    from occlog.io.files.untrusted.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
 
     if path.is_dir():
         from occlog.io.messages.bag import is_bag

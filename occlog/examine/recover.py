@@ -34,7 +34,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
       occlog recover tracks.parquet -o whole.parquet
       occlog recover hall.mcap -o whole.mcap --video cam1=hall.cam1.avi
     """
-    from occlog.io.files.content import Content, content_of, mistaken_for
+    from occlog.io.files.untrusted.content import Content, content_of, mistaken_for
 
     given = dict(map(_named, videos))
     options.check_outputs([file, *given.values()], [output], overwrite)

@@ -18,12 +18,12 @@ from occlog.cli.options import note as tell
 from occlog.cli.options import progress
 from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxSurvey, read_boxes
-from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_file, hash_inputs
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.files.times.utc import utc
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.frames.camera_source import CameraSource
-from occlog.io.frames.process import Delivered
+from occlog.io.frames.decoders.process import Delivered
 from occlog.io.messages.bag import Bag, open_bag
 from occlog.io.messages.survey import BagSurvey
 from occlog.io.recording.layout import is_of_occlog

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from occlog.errors import UsageError
-from occlog.papers.ercan import accuracy, baselines, joint_states, selection, selection_period, speed, square
-from occlog.papers.ercan import equations as ercan_equations
+from occlog.papers.ercan import baselines, joint_states, selection, selection_period, speed, square
 from occlog.papers.ercan import statements as ercan_statements
+from occlog.papers.ercan.formulas import accuracy
+from occlog.papers.ercan.formulas import equations as ercan_equations
 from occlog.papers.ercan.recorded import figures as recorded_figures
 from occlog.papers.lee import equations as lee_equations
 from occlog.papers.lee import statements as lee_statements

@@ -203,7 +203,7 @@ def _has_truth(recording: Path) -> bool:
 def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]:
     """Read everything, draw, write the page and the picture; what was shown, and which images were lost now."""
     from occlog.io.files.atomic import Together, open_output
-    from occlog.io.files.content import Content, content_of
+    from occlog.io.files.untrusted.content import Content, content_of
     from occlog.words import as_bytes
 
     from .markdown import build_markdown

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.papers.catalogue import SOURCES
-from occlog.papers.ercan import equations as ercan
+from occlog.papers.ercan.formulas import equations as ercan
 from occlog.papers.lee import equations as lee
 from occlog.papers.rahimi import equations as rahimi
 from occlog.papers.verdicts.model import Experiment, Size

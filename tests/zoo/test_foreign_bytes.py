@@ -21,7 +21,7 @@ from places import ROOT
 
 from occlog.cli.main import DEBUG, LazyGroup, run
 from occlog.errors import ExitCode
-from occlog.io.files.guard import MAX_CONFIGURATION_BYTES
+from occlog.io.files.untrusted.guard import MAX_CONFIGURATION_BYTES
 
 SCENE = """occlog_scene: 1
 room: [[0, 0], [8, 0], [8, 6], [0, 6]]
@@ -289,8 +289,8 @@ BORDER = {
         "files/texts/json_file.py",
         "files/provenance.py",
         "files/tables/header.py",
-        "frames/process.py",
-        "frames/process_main.py",
+        "frames/decoders/process.py",
+        "frames/decoders/process_main.py",
         "messages/decoding.py",
     },
     "json.load": set(),
@@ -326,7 +326,7 @@ LIBRARIES = {
     "import lz4": {"io/recording/chunks.py", "io/recording/salvage/records.py"},
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mkv_uids", "mp4", "reader")}
     | {"io/models/onnx_file.py", "io/files/tables/salvage/marks.py", "io/files/tables/salvage/table.py"}
-    | {"io/frames/memory.py"},  # of images that were decoded
+    | {"io/frames/decoders/memory.py"},  # of images that were decoded
     "import pickle": {"track/people/named/by_gallery.py", "conformance/faults.py"},  # of the process itself
     "import sqlite3": {"io/messages/sqlite_file.py"},
     "import tomllib": {"io/files/texts/toml_file.py"},

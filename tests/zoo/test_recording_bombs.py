@@ -11,7 +11,7 @@ import zstandard
 from apart import check_apart
 
 from occlog.errors import ExitCode, InputError
-from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.files.untrusted.content import RECORDING_MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.io.recording.growth import FREE_RECORDS, Growth
 from occlog.io.recording.mcap_errors import open_mcap

@@ -16,12 +16,12 @@ from random_tables import random_table
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.io.files.promises import FREE_BYTES, FREE_ROWS, check_promise
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import arrow_columns, pages, parquet, vectors
 from occlog.io.files.tables.parquet import batches, opened_table, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.files.tables.thrift import BINARY, I32, I64, LIST, STRUCT, Field, Reader, Struct, written
+from occlog.io.files.untrusted.promises import FREE_BYTES, FREE_ROWS, check_promise
 from occlog.io.foreign.arrow_messages import Message, messages
 from occlog.records.tables import Bearings, Views
 

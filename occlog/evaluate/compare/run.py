@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.metrics.frame_pairs import of_points
-from occlog.core.metrics.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
+from occlog.core.metrics.mot.frame_pairs import of_points
+from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
 from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, Difference, compare
 from occlog.details import begin_work
 from occlog.errors import InputError, UsageError

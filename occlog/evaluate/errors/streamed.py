@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Ints
-from occlog.core.metrics.couples import Couples
 from occlog.core.metrics.errors import pair_by_sums, ratio
+from occlog.core.metrics.mot.couples import Couples
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.io.files.put_aside.spool import IN_MEMORY

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Bools, Ints
 from occlog.core.metrics.errors import box_overlap
-from occlog.core.metrics.frame_pairs import EPS, Objects
+from occlog.core.metrics.mot.frame_pairs import EPS, Objects
 from occlog.io.boxes.mot_classes import PEDESTRIAN, Marks
 
 from .truth_and_tracks import TruthAndTracks

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Bools
-from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearCounts, ClearMot, Matcher, Matches
 from occlog.core.metrics.errors import ratio
-from occlog.core.metrics.failure_rates import Failures
-from occlog.core.metrics.frame_pairs import Frames, Objects
-from occlog.core.metrics.gospa import GospaSums, gospa
-from occlog.core.metrics.hota import Alignment, HotaCounts
-from occlog.core.metrics.idf1 import Identity, IdentityCounts
+from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearCounts, ClearMot, Matcher, Matches
+from occlog.core.metrics.mot.failure_rates import Failures
+from occlog.core.metrics.mot.frame_pairs import Frames, Objects
+from occlog.core.metrics.mot.gospa import GospaSums, gospa
+from occlog.core.metrics.mot.hota import Alignment, HotaCounts
+from occlog.core.metrics.mot.idf1 import Identity, IdentityCounts
 
 from .config import ManyConfig
 

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Ints
-from occlog.core.metrics.clear_mot import ClearCounts, ClearRule, Matcher, Matches
 from occlog.core.metrics.errors import CHI2_95_2D, normalised_squared_errors, ratio
-from occlog.core.metrics.frame_pairs import Frames, Objects, numbered, of_points
-from occlog.core.metrics.ospa2 import Ospa2Sums, Ospa2Windows
+from occlog.core.metrics.mot.clear_mot import ClearCounts, ClearRule, Matcher, Matches
+from occlog.core.metrics.mot.frame_pairs import Frames, Objects, numbered, of_points
+from occlog.core.metrics.mot.ospa2 import Ospa2Sums, Ospa2Windows
+from occlog.core.metrics.mot.trajectory_gospa.distance import TrajectoryCosts
 from occlog.core.metrics.sums import Sum
-from occlog.core.metrics.trajectory_gospa.distance import TrajectoryCosts
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import Consistency, Spread
 from occlog.evaluate.matching.paths import Path, paths_of

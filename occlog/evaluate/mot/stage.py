@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Strings
-from occlog.core.metrics import failure_rates
-from occlog.core.metrics.failure_rates import NONE
-from occlog.core.metrics.frame_pairs import Frames, Objects, numbered, of_boxes, of_points
-from occlog.core.metrics.idf1 import IdentityCounts
+from occlog.core.metrics.mot import failure_rates
+from occlog.core.metrics.mot.failure_rates import NONE
+from occlog.core.metrics.mot.frame_pairs import Frames, Objects, numbered, of_boxes, of_points
+from occlog.core.metrics.mot.idf1 import IdentityCounts
 from occlog.core.numerics.assignment import maximum_weight_matching
 from occlog.evaluate.stage import Evaluation
 from occlog.records.declared.views import Failures

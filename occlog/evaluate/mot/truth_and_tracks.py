@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.records.tables import Boxes, TruthBoxes
 

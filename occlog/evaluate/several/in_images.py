@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.evaluate.inputs import Paths
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import Metrics

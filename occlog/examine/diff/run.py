@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.content import Content, content_of
+from occlog.io.files.untrusted.content import Content, content_of
 
 from .content import compare_contents, content, diff_bytes
 from .json import diff_json

@@ -14,7 +14,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from occlog.errors import InputError
-from occlog.io.frames.apart import decode_apart
+from occlog.io.frames.decoders.apart import decode_apart
 from occlog.io.models.fundamental_matrices import attached_epipolar
 from occlog.io.recording.layout import MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import check_index, open_mcap

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from occlog.errors import InputError, OcclogError, UsageError
-from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
 from occlog.io.files.tables.parquet import is_ours
+from occlog.io.files.untrusted.content import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
 from occlog.io.foreign.arrow_messages import FILE_MAGIC, STREAM_MAGIC
 from occlog.io.foreign.source import find_source
 from occlog.io.frames.codec import image_kind

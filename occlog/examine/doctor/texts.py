@@ -14,13 +14,13 @@ from occlog.io.boxes.objects import is_json
 from occlog.io.boxes.reader import box_source
 from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.reader import read_calibration
-from occlog.io.files.guard import read_configuration
 from occlog.io.files.texts.csv_rows import Rows, bad_lines_told_to
 from occlog.io.files.texts.json_file import MAX_JSON_BYTES, parse_json
 from occlog.io.files.texts.toml_file import toml_values
 from occlog.io.files.texts.xml_file import parse_xml
 from occlog.io.files.texts.yaml_nodes import yaml_documents
 from occlog.io.files.times.timestamps import iter_times, looks_like_times, parse_times
+from occlog.io.files.untrusted.guard import read_configuration
 from occlog.io.foreign.source import find_source
 from occlog.io.foreign.table import ForeignTable, best_fit
 from occlog.io.scenes.scene import read_scene

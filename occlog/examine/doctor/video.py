@@ -8,9 +8,9 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.io.files.inputs import check_input
-from occlog.io.frames.apart import decode_apart
-from occlog.io.frames.process import DecodingJob, start_decoder
+from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.frames.decoders.apart import decode_apart
+from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.inputs import check_input
-from occlog.io.files.last_number import last_number
-from occlog.io.files.sensor_names import natural_sorted
+from occlog.io.files.names.last_number import last_number
+from occlog.io.files.names.sensors import natural_sorted
 from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.untrusted.inputs import check_input
 
 from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxSource, rows_of
 

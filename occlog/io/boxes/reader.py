@@ -28,7 +28,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.sensor_names import check_meaning, match_sensor, means_none
+from occlog.io.files.names.sensors import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, first_line, is_header
 from occlog.io.files.times.frame_times import FrameTimes

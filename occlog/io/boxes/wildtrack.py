@@ -18,11 +18,11 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.inputs import check_input
-from occlog.io.files.last_number import last_number
-from occlog.io.files.sensor_names import match_sensor, natural_sorted
+from occlog.io.files.names.last_number import last_number
+from occlog.io.files.names.sensors import match_sensor, natural_sorted
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.texts.json_file import parse_json
+from occlog.io.files.untrusted.inputs import check_input
 
 from .columns import BoxSource, rows_of
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.inputs import check_input
-from occlog.io.files.sensor_names import safe_name
+from occlog.io.files.names.sensors import safe_name
 from occlog.io.files.texts.yaml_nodes import yaml_documents
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.scene import Camera, camera_fov
 
 from .lens import fit_rational

@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
-from occlog.io.files.guard import guarded
+from occlog.io.files.untrusted.guard import guarded
 from occlog.records.names import first_double
 from occlog.records.scene import Camera
 from occlog.words import counted

@@ -10,16 +10,16 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from occlog.errors import InputError
-from occlog.io.files.content import PARQUET_MAGIC
-from occlog.io.files.inputs import STANDARD_INPUT, check_input
-from occlog.io.files.promises import check_promise
+from occlog.io.files.names.utf8 import utf8_name
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, open_parquet
 from occlog.io.files.tables.vectors import in_parts
 from occlog.io.files.texts.by_reader import table_of
 from occlog.io.files.texts.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.times.timestamps import TIME_COLUMNS
-from occlog.io.files.utf8_names import utf8_name
+from occlog.io.files.untrusted.content import PARQUET_MAGIC
+from occlog.io.files.untrusted.inputs import STANDARD_INPUT, check_input
+from occlog.io.files.untrusted.promises import check_promise
 from occlog.io.trajectories.reader import Trajectories, find_trajectories
 
 from .arrow_messages import FILE_MAGIC, STREAM_MAGIC, messages

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.boxes.columns import both_sizes, disagree
-from occlog.io.files.promises import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
+from occlog.io.files.untrusted.promises import FREE_BYTES
 from occlog.records.columns import Table, first_row, key_of, repeated_rows
 from occlog.records.declared.measurements import VALUES, Measurements
 from occlog.records.declared.sensors import LEAST_SIGMA_RAD

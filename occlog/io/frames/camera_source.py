@@ -15,8 +15,8 @@ from occlog.io.files.times.frame_times import FrameTimes, as_rate
 from occlog.records.losses import Loss
 from occlog.records.times import MAX_NS
 
+from .decoders.process import Decoder, DecodingJob, Delivered, start_decoder
 from .folder import ImageFolder
-from .process import Decoder, DecodingJob, Delivered, start_decoder
 from .video_stream import rate_times
 
 TRIAL = 4

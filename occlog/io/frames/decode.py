@@ -17,8 +17,8 @@ import numpy as np
 
 from occlog.array_types import NS, Ints
 from occlog.errors import InputError
-from occlog.io.files.inputs import check_input
-from occlog.io.files.utf8_names import utf8_name
+from occlog.io.files.names.utf8 import utf8_name
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image

@@ -18,8 +18,8 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.last_number import last_number
-from occlog.io.files.sensor_names import natural_sorted
+from occlog.io.files.names.last_number import last_number
+from occlog.io.files.names.sensors import natural_sorted
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.records.losses import Loss
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import cv2
 
-from ..files.utf8_names import utf8_name
+from ..files.names.utf8 import utf8_name
 from .codec import image_size
 
 Size = tuple[int, int]

@@ -18,12 +18,12 @@ from typing import Self
 import zstandard
 
 from occlog.errors import InputError
-from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, is_zstd, mistaken_for
-from occlog.io.files.guard import read_configuration
-from occlog.io.files.inputs import check_input
-from occlog.io.files.promises import most_unpacked
-from occlog.io.files.sensor_names import natural_key
+from occlog.io.files.names.sensors import natural_key
 from occlog.io.files.texts.yaml_nodes import yaml_documents
+from occlog.io.files.untrusted.content import RECORDING_MAGIC, SQLITE_MAGIC, is_zstd, mistaken_for
+from occlog.io.files.untrusted.guard import read_configuration
+from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.untrusted.promises import most_unpacked
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
 from occlog.records.times import bounded_ns

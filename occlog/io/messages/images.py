@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.frames.apart import decode_apart
 from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
+from occlog.io.frames.decoders.apart import decode_apart
 from occlog.io.frames.limits import MAX_PIXELS
 from occlog.records.frames import Image
 

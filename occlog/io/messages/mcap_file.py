@@ -24,7 +24,7 @@ from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
 from occlog.errors import InputError
-from occlog.io.files.content import RECORDING_MAGIC as MAGIC
+from occlog.io.files.untrusted.content import RECORDING_MAGIC as MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES, chunk_head, unpacked
 from occlog.io.recording.growth import Growth
 from occlog.io.recording.layout import HEAD, MESSAGE_HEAD

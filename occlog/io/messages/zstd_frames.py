@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import zstandard
 
-from occlog.io.files.content import is_skipped_zstd
+from occlog.io.files.untrusted.content import is_skipped_zstd
 
 _SKIPPED = struct.Struct("<II")
 _HEAD = 18

@@ -23,7 +23,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.sensor_names import match_sensor
+from occlog.io.files.names.sensors import match_sensor
 from occlog.io.files.texts.csv_rows import Rows, read_rows
 from occlog.io.open import Opened, open_if_ours
 from occlog.records.declared.views import ViewTracks

@@ -9,7 +9,7 @@ from pathlib import Path
 from mcap.writer import Writer
 
 from occlog.io.files.atomic import open_output
-from occlog.io.files.output_names import RECORDING, check_output_name
+from occlog.io.files.names.outputs import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 
 from .made_index_reader import McapMessages

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from occlog.errors import InputError
-from occlog.io.files.promises import most_unpacked
+from occlog.io.files.untrusted.promises import most_unpacked
 
 from .chunks import ChunkSize, records_at
 from .layout import HEAD

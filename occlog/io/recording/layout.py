@@ -6,7 +6,7 @@ import struct
 from pathlib import Path
 
 from occlog.errors import InputError
-from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.files.untrusted.content import RECORDING_MAGIC
 
 HEAD = struct.Struct("<BQ")
 """Code and length of a record, before its data."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 
 from occlog.errors import InputError
-from occlog.io.files.inputs import check_input
+from occlog.io.files.untrusted.inputs import check_input
 
 HEAD = 16
 _VIDEOS = (

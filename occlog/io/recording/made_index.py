@@ -21,7 +21,7 @@ from mcap.records import AttachmentIndex, Channel, ChunkIndex, Metadata, Metadat
 from mcap.summary import Summary
 
 from occlog.errors import InputError
-from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.files.untrusted.content import RECORDING_MAGIC
 from occlog.io.recording.salvage.ends import PRIVATE, behind_end, is_end_mark
 
 from .chunks import CHUNK_HEAD, MAX_CHUNK_BYTES, check_chunk, chunk_head, unpacked

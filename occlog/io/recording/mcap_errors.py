@@ -24,8 +24,8 @@ from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
 from occlog.errors import InputError, OcclogError
-from occlog.io.files.content import RECORDING_MAGIC, mistaken_for
-from occlog.io.files.inputs import check_input
+from occlog.io.files.untrusted.content import RECORDING_MAGIC, mistaken_for
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.recording.salvage.ends import FOOTER_BYTES, are_records
 
 from .chunks import MAX_CHUNK_BYTES, ChunkSize, check_chunk

@@ -18,7 +18,7 @@ from mcap.writer import Writer
 
 from occlog.errors import InputError
 
-from ..files.utf8_names import is_utf8
+from ..files.names.utf8 import is_utf8
 from .chunks import MAX_CHUNK_BYTES
 from .layout import damaged_mcap
 

@@ -17,9 +17,9 @@ from google.protobuf.message import DecodeError
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.io.files.content import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
-from occlog.io.frames.apart import VideoApart, decode_apart
+from occlog.io.files.untrusted.content import Content, content_of
+from occlog.io.frames.decoders.apart import VideoApart, decode_apart
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.columns import Table
 from occlog.records.frames import Frame, Image

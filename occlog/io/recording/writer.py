@@ -16,7 +16,7 @@ from occlog import __version__
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.output_names import RECORDING, check_output_name
+from occlog.io.files.names.outputs import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table

@@ -22,10 +22,10 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.inputs import check_input
-from occlog.io.files.sensor_names import check_meaning, match_sensor
+from occlog.io.files.names.sensors import check_meaning, match_sensor
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.files.times.frame_times import to_world_time
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.losses import Loss
 from occlog.records.scene import Clock, MicrophoneArray
 from occlog.records.tables import Doa

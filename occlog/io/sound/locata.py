@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
-from occlog.io.files.sensor_names import safe_name
+from occlog.io.files.names.sensors import safe_name
 from occlog.io.files.texts.csv_rows import Rows, first_line, read_rows
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Truth

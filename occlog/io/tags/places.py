@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.sensor_names import safe_name
+from occlog.io.files.names.sensors import safe_name
 from occlog.io.files.texts.csv_rows import Rows, read_rows
 from occlog.records.scene import Reader
 

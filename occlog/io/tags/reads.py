@@ -17,7 +17,7 @@ import numpy as np
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.sensor_names import natural_sorted
+from occlog.io.files.names.sensors import natural_sorted
 from occlog.io.files.texts.csv_rows import Rows, read_rows
 from occlog.io.files.times.frame_times import to_world_time
 from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column

@@ -29,10 +29,10 @@ from occlog.io.boxes.kitti import is_kitti
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.vatic import is_vatic
 from occlog.io.boxes.wildtrack import frame_files, grid_places, read_people
-from occlog.io.files.inputs import check_input
 from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain, read_rows
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.sound.locata import looks_like_locata, read_source
 from occlog.io.trajectories.reader import find_trajectories
 from occlog.records.tables import Truth, TruthBoxes

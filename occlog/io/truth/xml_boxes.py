@@ -12,10 +12,10 @@ import numpy as np
 from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxOptions
 from occlog.io.boxes.rows import FRAMES_PER_CHUNK, BoxRows, fill_frames
-from occlog.io.files.guard import guarded
-from occlog.io.files.inputs import check_input
 from occlog.io.files.texts.xml_file import number, required
 from occlog.io.files.times.frame_times import FrameTimes
+from occlog.io.files.untrusted.guard import guarded
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.tables import TruthBoxes
 
 Row = tuple[int, int, float, float, float, float]

@@ -27,9 +27,9 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Views
 
+from .by_background.one_camera import check_size, plain_image, size_in_words, stretches
 from .config import BATCH, DetectConfig
 from .from_boxes import detect_boxes
-from .one_camera import check_size, plain_image, size_in_words, stretches
 
 NOT_FINITE = "the network gives numbers that are not finite"
 

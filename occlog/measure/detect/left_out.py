@@ -10,7 +10,7 @@ from occlog.records.left_out_frames import LEFT_OUT
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes
 
-from .one_camera import numbers_of
+from .by_background.one_camera import numbers_of
 
 MOST = 10_000
 """Stretches of a camera that are listed; numbers with more gaps count something else than frames."""

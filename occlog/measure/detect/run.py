@@ -14,10 +14,10 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.inputs import FOREIGN_BAG, check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import parse_json
+from occlog.io.files.untrusted.inputs import FOREIGN_BAG, check_input
 from occlog.io.open import check_unit, open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections
@@ -30,15 +30,15 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Tracks, Views
 from occlog.settings import configure
 
+from .by_background.learning import TargetBox, learn
+from .by_background.one_camera import upright
+from .by_background.stage import Learned, detect
+from .by_background.target import Target
 from .config import DetectConfig, parameters
 from .from_boxes import detect_boxes
 from .labels import survey_labels
-from .learning import TargetBox, learn
 from .left_out import LeftOut
 from .near import Near, limited, near_of
-from .one_camera import upright
-from .stage import Learned, detect
-from .target import Target
 
 T = TypeVar("T", Boxes, Bearings)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.inputs import check_input
+from occlog.io.files.untrusted.inputs import check_input
 
 PERSON = "person"
 MOST_NAMES = 100_000

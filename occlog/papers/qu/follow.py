@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording
 from occlog.pipeline.sweep.trial import Spec, Values

@@ -14,11 +14,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.metrics.clear_mot import clear_mot
-from occlog.core.metrics.failure_rates import failures
-from occlog.core.metrics.frame_pairs import Objects, of_boxes
-from occlog.core.metrics.hota import hota
-from occlog.core.metrics.idf1 import identity
+from occlog.core.metrics.mot.clear_mot import clear_mot
+from occlog.core.metrics.mot.failure_rates import failures
+from occlog.core.metrics.mot.frame_pairs import Objects, of_boxes
+from occlog.core.metrics.mot.hota import hota
+from occlog.core.metrics.mot.idf1 import identity
 from occlog.errors import InputError
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.track.images.interface import MODES
 
 from .follow import Followed

@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.image.ellipse import support_radius
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.core.sight.fundamental import scaled
 from occlog.errors import InputError
 from occlog.measure.epipolar.of_scene import fundamental_of_cameras

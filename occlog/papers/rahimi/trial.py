@@ -20,7 +20,7 @@ from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.map import method as batch_map
 from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.newton_search import Iterate
+from occlog.track.map.kernels.interior_point.newton_search import Iterate
 
 from .example import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from occlog.errors import InputError, OutputError
-from occlog.io.files.inputs import check_input
+from occlog.io.files.untrusted.inputs import check_input
 
 from .manifest import LOCK, MANIFEST, MAX_MANIFEST_BYTES, Manifest, PackedFile, check_name, key_of_name, read_manifest
 

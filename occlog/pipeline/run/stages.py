@@ -19,8 +19,8 @@ from occlog.cli.main import load_command
 from occlog.cli.plugged import PluggedCommand
 from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
 from occlog.errors import InputError, UsageError
-from occlog.io.files.inputs import STANDARD_INPUT
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
+from occlog.io.files.untrusted.inputs import STANDARD_INPUT
 from occlog.io.recording.reader import open_recording
 from occlog.measure.detect.command import METHODS as DETECTIONS
 from occlog.records.tables import Particles, Truth, TruthBoxes

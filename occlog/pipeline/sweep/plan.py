@@ -11,8 +11,8 @@ import msgspec
 from msgspec import Meta
 
 from occlog.errors import InputError, UsageError, did_you_mean
-from occlog.io.files.inputs import check_input
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.settings import SettingError, Settings, check_setting
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.track.apf.selection_config import SelectConfig

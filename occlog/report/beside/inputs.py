@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.content import Content, content_of
 from occlog.io.files.tables.header import describe
+from occlog.io.files.untrusted.content import Content, content_of
 from occlog.io.open import check_unit, open_in_unit, open_input
 from occlog.records.tables import PeopleTracks, Tracks, Truth
 from occlog.report.command import Paths, from_folder, read_input, read_moving

@@ -13,12 +13,12 @@ from occlog.records.tables import Tracks
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.settings import METRES
 
-from .accuracy import OverTime
+from .comparison.accuracy import OverTime
+from .comparison.frames import Laid
+from .comparison.identities import Followed
+from .comparison.pairs import Pairs
+from .comparison.partings import Partings
 from .config import BesideConfig
-from .frames import Laid
-from .identities import Followed
-from .pairs import Pairs
-from .partings import Partings
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from occlog.report.drawing.style import COLOURS, DARK, house_style
 from occlog.words import counted
 
 from . import words
-from .identities import Followed
+from .comparison.identities import Followed
 from .model import Beside
 from .plots import MOST_LIVES, Life, draw_errors, draw_lives
 from .replay import beside_replay

@@ -15,8 +15,8 @@ from occlog.report.drawing.style import COLOURS, Style, label, target_colour
 from occlog.report.drawing.thin import sensible_top
 from occlog.report.plots.accuracy import line
 
-from .accuracy import OverTime
-from .identities import Piece
+from .comparison.accuracy import OverTime
+from .comparison.identities import Piece
 
 MOST_LIVES = 20
 """People who have rows of their own."""

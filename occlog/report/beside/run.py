@@ -15,15 +15,15 @@ from occlog.records.tables import Truth
 from occlog.report.command import Paths
 from occlog.words import as_bytes
 
+from .comparison.frames import common_times, laid
+from .comparison.identities import by_each_other
+from .comparison.pairs import pairs_of
+from .comparison.partings import partings_of
 from .config import BesideConfig
-from .frames import common_times, laid
-from .identities import by_each_other
 from .inputs import Run, check_scenes, files_of, names_of, open_run, truth_of
 from .markdown import build_markdown
 from .model import AgainstTruth, Beside, Side, lengths_of
 from .page import build_page
-from .pairs import pairs_of
-from .partings import partings_of
 from .stage import (
     followed_by_truth,
     notes_on_recordings,

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.core.metrics.clear_mot import match
-from occlog.core.metrics.frame_pairs import of_points
+from occlog.core.metrics.mot.clear_mot import match
+from occlog.core.metrics.mot.frame_pairs import of_points
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES
@@ -18,9 +18,9 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import TimeAxis
 
-from .accuracy import OverTime, Paired, over_time
-from .identities import Followed, by_truth
-from .pairs import EACH_FRAME
+from .comparison.accuracy import OverTime, Paired, over_time
+from .comparison.identities import Followed, by_truth
+from .comparison.pairs import EACH_FRAME
 
 MOVED = 1e-6
 """Sensors that are farther than this share of a unit of length from where they were stand elsewhere."""

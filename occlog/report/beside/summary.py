@@ -9,8 +9,8 @@ from occlog.evaluate.compare.run import Row
 from occlog.track.plausibility.verdict import figures
 
 from . import words
+from .comparison.partings import Moment
 from .model import Beside
-from .partings import Moment
 from .run import Asked
 
 

@@ -14,12 +14,12 @@ from occlog.report.content.metrics_in_words import groups, number
 from occlog.track.plausibility.verdict import plausible
 from occlog.words import counted
 
-from .identities import Change, Followed, Piece, without_counterpart
+from .comparison.identities import Change, Followed, Piece, without_counterpart
+from .comparison.partings import APART, ONLY_A, ONLY_B, OTHER, Moment
 from .model import Beside, Side
-from .partings import APART, ONLY_A, ONLY_B, OTHER, Moment
 
 NAMES = {"idf1": "IDF1", "hota": "HOTA", "mota": "MOTA", "pairs_rmse": "RMSE of pairs"}
-"""Figures whose names are not words; see `occlog.core.metrics.frame_sums`."""
+"""Figures whose names are not words; see `occlog.core.metrics.mot.frame_sums`."""
 MEANINGS = {
     "idf1": "how long each person is followed by one track",
     "hota": "finding and following, over many limits of distance",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from occlog.errors import InputError
-from occlog.measure.detect.one_camera import stretches
+from occlog.measure.detect.by_background.one_camera import stretches
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 

@@ -11,7 +11,7 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.track.interface import Fit, Noise
 from occlog.track.map.kernels.detours import Detours
 from occlog.track.map.kernels.evidence import evidence
-from occlog.track.map.kernels.newton_search import covariance
+from occlog.track.map.kernels.interior_point.newton_search import covariance
 from occlog.track.map.kernels.problem import SightLines
 from occlog.track.map.kernels.terms import beliefs, depths, leverages, residuals
 from occlog.track.map.search.consensus import rays_of

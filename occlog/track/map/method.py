@@ -6,8 +6,8 @@ the window is summed up in a Gaussian of its first state.
 
 Departures from the paper: times are those of the measurements, at any intervals; variances
 hold the errors of the cameras' poses ([Ercan] Eq. 2); the quadratic programs are replaced by
-Newton's method inside the constraints (`occlog.track.map.kernels.newton_search`); room, walls and the cameras'
-ranges are constraints besides.
+Newton's method inside the constraints (`occlog.track.map.kernels.interior_point.newton_search`); room, walls
+and the cameras' ranges are constraints besides.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from occlog.measure.scans.scan import Scan
 from occlog.track.interface import Batch, Fit, Noise, OccluderTerms, Smoothed
 from occlog.track.map.kernels.detours import Detours, find_detours
 from occlog.track.map.kernels.evidence import sandwich
+from occlog.track.map.kernels.interior_point.newton_search import Options, Solution, covariance
 from occlog.track.map.kernels.invariant import invariant, second_moment
-from occlog.track.map.kernels.newton_search import Options, Solution, covariance
 from occlog.track.map.kernels.obstacles import Obstacle
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.kernels.terms import losses

@@ -21,7 +21,7 @@ from occlog.core.sight.distances import Distances, at_own
 from occlog.errors import UsageError
 from occlog.track.interface import Fit, Smoothed
 from occlog.track.map.kernels.detours import Detours
-from occlog.track.map.kernels.newton_search import covariance
+from occlog.track.map.kernels.interior_point.newton_search import covariance
 from occlog.track.map.kernels.obstacles import Obstacle
 from occlog.track.map.kernels.problem import Hints
 from occlog.track.map.kernels.terms import beliefs as line_beliefs

@@ -1,4 +1,4 @@
-"""The tracker's fast kernels against plain forms: `occlog.papers.ercan.blocking` and `occlog.papers.ercan.eta`."""
+"""The tracker's fast kernels against plain forms: `blocking` and `eta` of `occlog.papers.ercan.formulas`."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ import pytest
 from occlog.core.occlusion.hidden import hiding_all, unhidden
 from occlog.core.occlusion.hidden_together import clear_exact, over_subsets, sum_disjoint
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
-from occlog.papers.ercan.blocking import IMPROVED, PRINTED, QUADRATURE, blocking, blocking_all
-from occlog.papers.ercan.eta import patterns, seen_by_recursion, seen_exactly
+from occlog.papers.ercan.formulas.blocking import IMPROVED, PRINTED, QUADRATURE, blocking, blocking_all
+from occlog.papers.ercan.formulas.eta import patterns, seen_by_recursion, seen_exactly
 
 FORMS = (PRINTED, IMPROVED, QUADRATURE)
 WIDE = 8.5

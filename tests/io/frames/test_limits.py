@@ -16,7 +16,7 @@ from video_samples import numbered, write_video
 
 from occlog.errors import InputError
 from occlog.io.frames import limits
-from occlog.io.frames.process import DecodingJob, start_decoder
+from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 
 if sys.platform != "linux":
     pytest.skip("limits as Linux has them", allow_module_level=True)

@@ -12,7 +12,7 @@ import pytest
 import zstandard
 
 from occlog.errors import InputError
-from occlog.io.files.promises import FREE_BYTES
+from occlog.io.files.untrusted.promises import FREE_BYTES
 from occlog.io.messages.bag import open_bag
 from occlog.io.messages.zstd_frames import unpack_frames
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES

@@ -13,7 +13,7 @@ from video_samples import FRAMES, KINDS, avi, faststart, fragmented, jpeg, numbe
 
 from occlog.errors import InputError
 from occlog.io.frames.decode import decode, examine
-from occlog.io.frames.process import start_decoder
+from occlog.io.frames.decoders.process import start_decoder
 from occlog.io.frames.sizes import size_changes
 from occlog.records.losses import Loss
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from occlog.io.frames.process import start_decoder
+from occlog.io.frames.decoders.process import start_decoder
 from occlog.io.frames.sizes import size_changes
 from occlog.io.frames.video_stream import video_times
 from occlog.io.video.reader import read_container

@@ -8,8 +8,8 @@ from detect_scenes import background, camera, frames, scene, walk
 
 from occlog.core.sight.camera import rotation_from_angles, wrap_angle
 from occlog.measure.detect.bearing import CUT, ODD, POSTURE, BearingNoise, shape_covariance, sights
+from occlog.measure.detect.by_background.stage import Learned, detect
 from occlog.measure.detect.config import DetectConfig
-from occlog.measure.detect.stage import Learned, detect
 from occlog.records.scene import Camera
 from occlog.records.tables import Bearings
 

@@ -11,8 +11,8 @@ from occlog.errors import UsageError
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.papers import catalogue
 from occlog.papers.ercan import selection_period
-from occlog.papers.ercan.accuracy import fig17, judge17
-from occlog.papers.ercan.blocking import FORMS
+from occlog.papers.ercan.formulas.accuracy import fig17, judge17
+from occlog.papers.ercan.formulas.blocking import FORMS
 from occlog.papers.ercan.scenes import L_ORDER, LAB_ORDER, LAB_SIZE, SQUARE_ORDER, l_room, lab, square_room
 from occlog.papers.ercan.square import fig6
 from occlog.papers.ercan.trial import KNOWN, NONE, PRIOR, WORST

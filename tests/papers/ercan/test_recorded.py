@@ -182,7 +182,7 @@ def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.Captur
 
 def test_all_says_what_it_leaves_out(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from occlog.papers import catalogue as experiments
-    from occlog.papers.ercan import accuracy
+    from occlog.papers.ercan.formulas import accuracy
 
     monkeypatch.setitem(experiments.PAPERS, "ercan", (accuracy.FIG17,))  # one that is quick
     assert run(["reproduce", "ercan", "--all", "--quick", "--steps", "60"]) == ExitCode.DONE

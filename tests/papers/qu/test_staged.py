@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.papers.qu.follow import Followed
 from occlog.papers.qu.staged import SCENES, Staging, staged_paths, staging_of, video_of

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.core.sight.fundamental import epipolar_distances, line_distances
 from occlog.errors import InputError, UsageError
 from occlog.papers.qu import follow

@@ -11,7 +11,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from occlog.core.metrics.frame_pairs import Objects
+from occlog.core.metrics.mot.frame_pairs import Objects
 
 Place = tuple[float, ...]
 Scene = dict[int, tuple[dict[int, Place], dict[int, Place]]]

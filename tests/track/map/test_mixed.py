@@ -10,7 +10,7 @@ from occlog.measure.scans.scan import Measured, Scan
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.track.map import mixed
 from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.newton_search import covariance
+from occlog.track.map.kernels.interior_point.newton_search import covariance
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.mixed import local, mixed_search, terms
 from occlog.track.map.record import after, fill, join, record_of

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.guard import FAILURES
-from occlog.io.files.inputs import check_input
+from occlog.io.files.untrusted.guard import FAILURES
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.scene import Camera
 
 from ..common import MAX_BYTES, CalibrationOptions

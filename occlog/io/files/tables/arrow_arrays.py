@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Strings
 from occlog.errors import InputError
-from occlog.io.files.guard import check_texts
+from occlog.io.files.untrusted.guard import check_texts
 
 
 def to_numpy(values: pa.Array) -> NDArray[np.generic]:

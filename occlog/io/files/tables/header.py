@@ -11,13 +11,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
-from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
 from occlog.io.files.tables.check_sums import Checked
 from occlog.io.files.tables.footer import read_groups, read_spans
 from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.parquet import batches, opened_table, schema_name_of, translate_read_errors
+from occlog.io.files.untrusted.content import PARQUET_MAGIC
 
 _TIME = struct.Struct("<q")
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
-from occlog.io.files.promises import most_unpacked
+from occlog.io.files.untrusted.promises import most_unpacked
 
 from .check_sums import Checked
 from .footer import Group

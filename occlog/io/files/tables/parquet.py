@@ -17,8 +17,6 @@ import pyarrow.parquet as pq
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.inputs import check_input
-from occlog.io.files.promises import check_promise, most_unpacked
 from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, from_arrow
 from occlog.io.files.tables.check_sums import Checked
 from occlog.io.files.tables.footer import read_groups
@@ -26,6 +24,8 @@ from occlog.io.files.tables.pages import PagedFile
 from occlog.io.files.tables.salvage.marks import is_marked
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 from occlog.io.files.tables.vectors import in_parts
+from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.untrusted.promises import check_promise, most_unpacked
 from occlog.records.columns import Table, check_copies
 from occlog.records.tables import has_all
 

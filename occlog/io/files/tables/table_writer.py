@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.output_names import TABLE, check_output_name
+from occlog.io.files.names.outputs import TABLE, check_output_name
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
 from occlog.io.files.tables.arrow_columns import arrow_schema, to_arrow
 from occlog.io.files.tables.check_sums import Summed

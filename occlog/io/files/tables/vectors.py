@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from occlog.errors import InputError
-from occlog.io.files.promises import most_unpacked
+from occlog.io.files.untrusted.promises import most_unpacked
 
 NUMBERS_AT_ONCE = 1 << 23
 """Numbers of a column that are made at one time."""

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.errors import InputError, PluginError, UsageError
-from occlog.io.files.inputs import STANDARD_INPUT, check_input
 from occlog.io.files.provenance import READERS_USED
+from occlog.io.files.untrusted.inputs import STANDARD_INPUT, check_input
 from occlog.plugins.chosen import Chosen
 from occlog.plugins.interface import Reader
 from occlog.plugins.loading import READER, Plugin, installed, said_by

@@ -12,7 +12,7 @@ import msgspec
 
 from occlog.errors import InputError
 from occlog.io.files.atomic import write_bytes
-from occlog.io.files.guard import check_text, guarded, read_configuration
+from occlog.io.files.untrusted.guard import check_text, guarded, read_configuration
 from occlog.records.names import first_double
 
 S = TypeVar("S", bound=msgspec.Struct)

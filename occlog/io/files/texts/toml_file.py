@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from occlog.errors import InputError
-from occlog.io.files.guard import guarded
+from occlog.io.files.untrusted.guard import guarded
 
 MAX_KEY_PARTS = 100
 """Parts of a dotted key in TOML; its parser takes the square of their number."""

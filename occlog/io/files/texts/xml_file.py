@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from occlog.errors import InputError
-from occlog.io.files.guard import guarded
+from occlog.io.files.untrusted.guard import guarded
 
 
 def parse_xml(text: str, path: Path) -> Element:

@@ -14,10 +14,10 @@ import msgspec
 import yaml
 
 from occlog.errors import InputError
-from occlog.io.files.content import Content, content_of, mistaken_for
-from occlog.io.files.guard import FAILURES, guarded, read_configuration
-from occlog.io.files.inputs import check_input
 from occlog.io.files.texts.yaml_nodes import BoundedLoader, compose_yaml
+from occlog.io.files.untrusted.content import Content, content_of, mistaken_for
+from occlog.io.files.untrusted.guard import FAILURES, guarded, read_configuration
+from occlog.io.files.untrusted.inputs import check_input
 
 T = TypeVar("T")
 

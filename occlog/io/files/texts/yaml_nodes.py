@@ -13,7 +13,7 @@ from yaml.constructor import SafeConstructor
 from yaml.resolver import Resolver
 
 from occlog.errors import InputError
-from occlog.io.files.guard import check_text, guarded
+from occlog.io.files.untrusted.guard import check_text, guarded
 
 MAX_NODES = 200_000
 """Values of a YAML text at most, those of aliases counted each time."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.sensor_names import check_meaning, match_sensor
+from occlog.io.files.names.sensors import check_meaning, match_sensor
 from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, last_place, read_plain, read_rows
 from occlog.records.times import MAX_NS
 

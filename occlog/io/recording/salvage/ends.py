@@ -13,7 +13,7 @@ from typing import IO
 
 from mcap.opcode import Opcode
 
-from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.files.untrusted.content import RECORDING_MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.io.recording.layout import HEAD
 

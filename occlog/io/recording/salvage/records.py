@@ -23,8 +23,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
 from occlog.errors import InputError
-from occlog.io.files.content import PARQUET_MAGIC, RECORDING_MAGIC
-from occlog.io.files.inputs import check_input
+from occlog.io.files.untrusted.content import PARQUET_MAGIC, RECORDING_MAGIC
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.recording.chunks import CHUNK_HEAD, KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
 from occlog.io.recording.growth import Growth
 from occlog.io.recording.layout import HEAD, INDEX_ENTRY, INDEX_HEAD

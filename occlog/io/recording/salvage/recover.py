@@ -17,14 +17,14 @@ from mcap.opcode import Opcode
 
 from occlog.errors import InputError
 from occlog.io.files.atomic import open_output
-from occlog.io.files.output_names import RECORDING, check_output_name
+from occlog.io.files.names.outputs import RECORDING, check_output_name
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inputs, provenance_from_json
 from occlog.io.recording.copy import moved_metadata
 from occlog.io.recording.layout import MESSAGE_HEAD
 from occlog.io.recording.metadata import add_metadata, damaged_metadata
-from occlog.io.recording.one_behind_another import Part
 from occlog.io.recording.reader import sensor_of
 from occlog.io.recording.salvage.gaps import Tally
+from occlog.io.recording.salvage.one_behind_another import Part
 from occlog.io.recording.salvage.records import (
     FAILURES,
     Record,

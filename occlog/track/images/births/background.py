@@ -8,8 +8,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from occlog.measure.detect.by_background.learning import learn
 from occlog.measure.detect.config import DetectConfig
-from occlog.measure.detect.learning import learn
 from occlog.measure.epipolar.views import View
 from occlog.measure.regions.background import Subtractor, foreground, make_subtractor
 from occlog.measure.regions.shrink import shrink

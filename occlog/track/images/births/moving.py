@@ -10,10 +10,10 @@ import numpy as np
 
 from occlog.errors import InputError
 from occlog.measure.clusters.person_size import SizeMap, constant_sizes
+from occlog.measure.detect.by_background.learning import learn
+from occlog.measure.detect.by_background.one_camera import known_sizes, plain_image
+from occlog.measure.detect.by_background.stage import detect
 from occlog.measure.detect.config import DetectConfig
-from occlog.measure.detect.learning import learn
-from occlog.measure.detect.one_camera import known_sizes, plain_image
-from occlog.measure.detect.stage import detect
 from occlog.measure.epipolar.views import View
 from occlog.measure.regions.empty_scene import difference
 from occlog.measure.regions.observed_size import DIFFERENCE

@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Ints
 from occlog.errors import InputError
-from occlog.measure.detect.one_camera import check_size, plain_image
+from occlog.measure.detect.by_background.one_camera import check_size, plain_image
 from occlog.measure.epipolar.views import View
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera

@@ -22,7 +22,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.measure.detect.one_camera import stretches
+from occlog.measure.detect.by_background.one_camera import stretches
 from occlog.records.columns import Table
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss

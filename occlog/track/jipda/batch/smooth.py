@@ -27,12 +27,12 @@ from ..kernels.joint import Boxes, Rates
 from .appearance import together
 from .association import OWN, Expected, Seen, associate, find
 from .chains import NONE, OTHER_HINT, SAME_HINT
-from .doubts import doubts
-from .long_run import widening
-from .presence import presence
 from .scatter import FIRST, scatter
 from .states import States, states
 from .tracks import Span, Tracks, anneal, bridge, tracks_from
+from .uncertainty.doubts import doubts
+from .uncertainty.long_run import widening
+from .uncertainty.presence import presence
 
 HOTTEST = (3.0, 1.5)
 """Temperature at which each run of the chain begins."""

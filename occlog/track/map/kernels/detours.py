@@ -19,8 +19,8 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane.separating_lines import separate
 
-from .feasible import move_inside
-from .newton_search import Options, Solution, cost, minimise
+from .interior_point.feasible import move_inside
+from .interior_point.newton_search import Options, Solution, cost, minimise
 from .obstacles import Hold, Obstacle, guesses, hidden_from_view, overlaps, stretches
 from .problem import NO_PLANES, HalfPlanes, Problem, SightLines, join_lines, join_planes
 from .windows import Knowledge, part

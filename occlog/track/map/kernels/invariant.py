@@ -20,8 +20,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-from .feasible import move_inside
-from .newton_search import Options, Solution, covariance, minimise
+from .interior_point.feasible import move_inside
+from .interior_point.newton_search import Options, Solution, covariance, minimise
 from .problem import Problem
 from .terms import in_front, leverages
 

@@ -13,7 +13,7 @@ def start_on_axes(lines: SightLines, T: int, centre: Floats, depth: float) -> Fl
     """(T, 4) states of [Rahimi] Sec. 6: unseen ones in the centre, seen ones on the axis of the camera that saw them.
 
     A state that several cameras saw is put on the axis of the last of them, which is
-    inside the constraints of that camera only; see `occlog.track.map.kernels.feasible.move_inside`.
+    inside the constraints of that camera only; see `occlog.track.map.kernels.interior_point.feasible.move_inside`.
 
     Args:
         lines: N sight lines.

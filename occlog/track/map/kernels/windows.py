@@ -14,8 +14,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-from .newton_search import Solution, derivatives
-from .newton_system import factor_rows, solve
+from .interior_point.newton_search import Solution, derivatives
+from .interior_point.newton_system import factor_rows, solve
 from .problem import Problem, Steps, some_hints, some_lines, some_planes
 
 

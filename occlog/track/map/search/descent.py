@@ -9,8 +9,8 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.detours import Detours, find_detours, settle
-from occlog.track.map.kernels.feasible import move_inside
-from occlog.track.map.kernels.newton_search import MU_FIRST, Iterate, Options, Solution, minimise
+from occlog.track.map.kernels.interior_point.feasible import move_inside
+from occlog.track.map.kernels.interior_point.newton_search import MU_FIRST, Iterate, Options, Solution, minimise
 from occlog.track.map.kernels.obstacles import Hold, Obstacle
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.kernels.quadratic_program import sequential_programs

@@ -12,8 +12,8 @@ from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.track.apf.sensing import pack_sensors
 from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.feasible import move_inside
 from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
+from occlog.track.map.kernels.interior_point.feasible import move_inside
 from occlog.track.map.kernels.problem import CAUCHY, HUBER, MIXTURE, SQUARE, Problem, chain
 from occlog.track.map.kernels.start import start_on_axes
 from occlog.track.map.kernels.windows import Knowledge

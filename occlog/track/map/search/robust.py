@@ -19,8 +19,8 @@ from occlog.track.map.config import MapConfig
 from occlog.track.map.hiding import Told, told_by_occluders
 from occlog.track.map.kernels.detours import Detours
 from occlog.track.map.kernels.evidence import evidence, rescaled
-from occlog.track.map.kernels.feasible import move_inside
-from occlog.track.map.kernels.newton_search import covariance
+from occlog.track.map.kernels.interior_point.feasible import move_inside
+from occlog.track.map.kernels.interior_point.newton_search import covariance
 from occlog.track.map.kernels.obstacles import Obstacle
 from occlog.track.map.kernels.problem import CAUCHY, HUBER, SQUARE, Problem, SightLines, some_lines, some_planes
 from occlog.track.map.kernels.terms import beliefs, depths, leverages, residuals

@@ -16,7 +16,7 @@ from trajectory_reference import dense_chain, make_steps
 from occlog.core.plane.convexity import convex_pieces
 from occlog.track.map.kernels.detours import Detours, find_detours, settle
 from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.newton_search import Options, derivatives, minimise
+from occlog.track.map.kernels.interior_point.newton_search import Options, derivatives, minimise
 from occlog.track.map.kernels.obstacles import Obstacle
 from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack
 

@@ -13,8 +13,6 @@ from collections.abc import Iterator
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from occlog.io.files.content import PARQUET_MAGIC
-from occlog.io.files.promises import too_much
 from occlog.io.files.tables.footer import (
     CHUNK,
     COLUMNS,
@@ -32,6 +30,8 @@ from occlog.io.files.tables.footer import (
 from occlog.io.files.tables.pages import DICTIONARY, Page, read_head
 from occlog.io.files.tables.salvage.marks import Group
 from occlog.io.files.tables.thrift import I64, LIST, STRUCT, Field, MalformedError, Reader, Struct, written
+from occlog.io.files.untrusted.content import PARQUET_MAGIC
+from occlog.io.files.untrusted.promises import too_much
 
 NEEDED = (1, 2, 3, 4)  # type, encodings, path and codec, which are those of the pattern
 

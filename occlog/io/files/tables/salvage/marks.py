@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from occlog.io.files.content import PARQUET_MAGIC
+from occlog.io.files.untrusted.content import PARQUET_MAGIC
 
 MARK = b"occlogRG"
 SCHEMA, GROUP = b"S", b"G"

@@ -16,8 +16,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
-from occlog.io.files.content import PARQUET_MAGIC
-from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.arrow_columns import check_schema, from_arrow
 from occlog.io.files.tables.header import Footer, Header, header_of, read_footer, read_header
@@ -27,6 +25,8 @@ from occlog.io.files.tables.salvage.marks import GROUP, SCHEMA, group_of, marks
 from occlog.io.files.tables.table_writer import WRITTEN, TableWriter
 from occlog.io.files.tables.thrift import MalformedError, Struct
 from occlog.io.files.times.utc import utc
+from occlog.io.files.untrusted.content import PARQUET_MAGIC
+from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES, table_with

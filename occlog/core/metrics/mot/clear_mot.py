@@ -1,0 +1,258 @@
+"""CLEAR-MOT: misses, false positives, identity switches and what follows from them.
+
+Bernardin and Stiefelhagen 2008, "Evaluating multiple object tracking performance: the CLEAR MOT
+metrics".  Programs differ in how they pair targets and tracks in a frame; `ClearRule` says how.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from occlog.array_types import Bools, Floats, Ints
+
+from ..errors import pair_within, ratio
+from ..sums import Sum
+from .frame_pairs import Frames, reaches
+
+MOSTLY_TRACKED = 0.8
+MOSTLY_LOST = 0.2
+
+
+class ClearRule(NamedTuple):
+    """How targets and tracks are paired in a frame.
+
+    A target first keeps the track that it had last, if that one still is similar enough (of two
+    targets that had the same one, that of the lower label); the rest is assigned anew.
+
+    Attributes:
+        threshold: least similarity of a pair.
+        memory: number of frames, back from this one, in which a pair must have been made to be kept.
+        most: true: as many pairs as can be, then of least total distance; false: of largest total similarity.
+    """
+
+    threshold: float = 0.5
+    memory: float = math.inf
+    most: bool = True
+
+
+CLASSIC = ClearRule()
+"""Pairs are remembered for ever, as in the paper and in py-motmetrics."""
+
+CHALLENGE = ClearRule(memory=1, most=False)
+"""Pairs are remembered from the frame before only, as in the MOTChallenge and in TrackEval."""
+
+
+class Matches(NamedTuple):
+    """The pairs that were made, in order of frames.
+
+    Attributes:
+        frame: (n,) place of the frame in `Frames`.
+        truth: (n,) true row in `Frames`.
+        track: (n,) track row in `Frames`.
+        distance: (n,) of the pair.
+        similarity: (n,) of the pair.
+        switch: (n,) true: the target had another track when it was paired last.
+    """
+
+    frame: Ints
+    truth: Ints
+    track: Ints
+    distance: Floats
+    similarity: Floats
+    switch: Bools
+
+
+class ClearMot(NamedTuple):
+    """Counts and rates; rates are NaN where nothing is there to divide by.
+
+    Attributes:
+        objects: number of true rows.
+        estimates: number of track rows.
+        tp: rows paired, switches included.
+        fp: track rows not paired.
+        fn: true rows not paired.
+        switches: pairs of a target with another track than it had last.
+        fragmentations: times that a target, over the frames it is in, is tracked again after a gap: stretches of frames
+            in which it is paired, without the first one of each target.
+        mota: 1 - (fn + fp + switches) / objects.
+        motp: mean distance of the pairs (1 - IoU, or length).
+        motp_similarity: mean similarity of the pairs, which TrackEval calls MOTP.
+        recall: tp / objects.
+        precision: tp / estimates.
+        mostly_tracked: targets paired in at least 80 % of their frames (TrackEval: in more than that).
+        partly_tracked: the other ones.
+        mostly_lost: targets paired in less than 20 % of their frames.
+        tracked: (G,) share of each target's frames in which it is paired.
+    """
+
+    objects: int
+    estimates: int
+    tp: int
+    fp: int
+    fn: int
+    switches: int
+    fragmentations: int
+    mota: float
+    motp: float
+    motp_similarity: float
+    recall: float
+    precision: float
+    mostly_tracked: int
+    partly_tracked: int
+    mostly_lost: int
+    tracked: Floats
+
+
+class Matcher:
+    """Pairs targets and tracks one to one in each frame, in order of frames that come in parts."""
+
+    def __init__(self, targets: int, rule: ClearRule = CLASSIC) -> None:
+        """No frame yet; number of all targets, and how they are paired."""
+        self._rule = rule
+        self._held = np.full(targets, -1, dtype=np.int64)
+        self._when = np.zeros(targets, dtype=np.int64)
+
+    def add(self, frames: Frames) -> Matches:
+        """Pairs of some more frames; targets and tracks have the same numbers in all parts."""
+        rule, held, when = self._rule, self._held, self._when
+        parts: list[Matches] = []
+        for t in frames.meeting():
+            left, right = frames.rows(t)
+            truth, track = frames.truth[left], frames.track[right]
+            distance, similarity = frames.compare(t)
+            # Keep: the track that each target had last, if it is remembered and still similar enough
+            last = np.where(frames.frame[t] - when[truth] <= rule.memory, held[truth], -1)
+            kept = last[:, None] == track[None, :]
+            allowed = reaches(similarity, rule.threshold)
+            # Assign the rest
+            i, j = _pair(allowed, distance if rule.most else similarity, kept, rule.most)
+            # Identity switch: a track other than that of the target's last pair
+            paired, now = truth[i], track[j]
+            switch = (held[paired] >= 0) & (held[paired] != now)
+            held[paired], when[paired] = now, frames.frame[t]
+            at = np.full(len(i), t, dtype=np.int64)
+            parts.append(Matches(at, left.start + i, right.start + j, distance[i, j], similarity[i, j], switch))
+        none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+        parts.append(Matches(none, none, none, nothing, nothing, np.zeros(0, dtype=np.bool_)))
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        return Matches(*columns)
+
+
+def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
+    """Pair targets and tracks one to one in each frame, in order of frames.
+
+    Args:
+        frames: truth and tracks.
+        rule: how they are paired.
+    """
+    return Matcher(len(frames.truth_key), rule).add(frames)
+
+
+class ClearCounts:
+    """Gathers what the CLEAR-MOT figures are made of while frames come by, in the order of time."""
+
+    def __init__(self, targets: int) -> None:
+        """No frame yet; number of all targets."""
+        self._objects = self._estimates = self._tp = self._switches = 0
+        self._distance, self._similarity = Sum(), Sum()
+        self._life, self._paired, self._stretches = np.zeros((3, targets), dtype=np.int64)
+        self._goes_on = np.zeros(targets, dtype=np.bool_)  # the target was paired when it was there last
+
+    def add(self, frames: Frames, made: Matches) -> None:
+        """Count some more frames and their pairs; targets have the same numbers in all parts."""
+        size = len(self._life)
+        self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
+        self._tp, self._switches = self._tp + len(made.truth), self._switches + int(np.count_nonzero(made.switch))
+        self._distance.add(float(np.sum(made.distance)))
+        self._similarity.add(float(np.sum(made.similarity)))
+        self._life += np.bincount(frames.truth, minlength=size)
+        self._paired += np.bincount(frames.truth[made.truth], minlength=size)
+        # Stretches of frames of a target in which it is paired
+        paired = np.zeros(len(frames.truth), dtype=np.bool_)
+        paired[made.truth] = True
+        order = np.argsort(frames.truth, kind="stable")
+        who, there = frames.truth[order], paired[order]
+        same = np.append(False, who[1:] == who[:-1])[: len(who)]
+        before = np.where(same, np.append(False, there[:-1])[: len(who)], self._goes_on[who])
+        self._stretches += np.bincount(who[there & ~before], minlength=size)
+        last = np.append(~same[1:], True)[: len(who)]
+        self._goes_on[who[last]] = there[last]
+
+    def result(self) -> ClearMot:
+        """The figures of all frames."""
+        n, m, tp = self._objects, self._estimates, self._tp
+        known = self._life > 0
+        # Share of each target's frames in which it is paired
+        tracked = self._paired[known] / self._life[known]
+        most, lost = int(np.sum(tracked >= MOSTLY_TRACKED)), int(np.sum(tracked < MOSTLY_LOST))
+        return ClearMot(
+            objects=n,
+            estimates=m,
+            tp=tp,
+            fp=m - tp,
+            fn=n - tp,
+            switches=self._switches,
+            fragmentations=int(np.sum(self._stretches[self._stretches > 0] - 1)),
+            mota=1.0 - ratio(m - tp + n - tp + self._switches, n),
+            motp=ratio(self._distance.value, tp),
+            motp_similarity=ratio(self._similarity.value, tp),
+            recall=ratio(tp, n),
+            precision=ratio(tp, m),
+            mostly_tracked=most,
+            partly_tracked=len(tracked) - most - lost,
+            mostly_lost=lost,
+            tracked=tracked,
+        )
+
+
+def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None = None) -> ClearMot:
+    """Compute the CLEAR-MOT figures of tracks.
+
+    Args:
+        frames: truth and tracks.
+        rule: how they are paired.
+        matches: what `match` gave for the same frames and rule; None: it is called.
+    """
+    counts = ClearCounts(len(frames.truth_key))
+    counts.add(frames, match(frames, rule) if matches is None else matches)
+    return counts.result()
+
+
+def _pair(allowed: Bools, values: Floats, kept: Bools, most: bool) -> tuple[Ints, Ints]:
+    """Rows and columns of the pairs of one frame, rows rising.
+
+    Args:
+        allowed: (n, m) pairs that are similar enough.
+        values: (n, m) distances, or similarities where not `most`.
+        kept: (n, m) pairs of each target with the track that it had last.
+        most: see `ClearRule`.
+    """
+    kept = kept & allowed
+    columns = np.flatnonzero(kept.any(axis=0))
+    rows = np.argmax(kept[:, columns], axis=0) if len(columns) else columns
+    # Targets and tracks that keep their partner are left out of the assignment of the rest.
+    free = allowed.copy()
+    free[rows, :], free[:, columns] = False, False
+    left, right = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
+    if len(left):
+        inner, among = free[left[:, None], right[None, :]], values[left[:, None], right[None, :]]
+        # With one candidate each there is nothing to choose.
+        alone = np.count_nonzero(inner) == len(left) == len(right)
+        i, j = np.nonzero(inner) if alone else _assign(inner, among, most)
+        rows, columns = np.concatenate([rows, left[i]]), np.concatenate([columns, right[j]])
+    order = np.argsort(rows)
+    return rows[order].astype(np.int64), columns[order].astype(np.int64)
+
+
+def _assign(allowed: Bools, values: Floats, most: bool) -> tuple[Ints, Ints]:
+    if most:
+        pairs = pair_within(np.where(allowed, values, np.inf), float(np.finfo(np.float64).max))
+        chosen = np.array(pairs, dtype=np.int64)
+        return chosen[:, 0], chosen[:, 1]
+    i, j = linear_sum_assignment(np.where(allowed, values, 0.0), maximize=True)
+    good = allowed[i, j]
+    return i[good].astype(np.int64), j[good].astype(np.int64)

@@ -1,0 +1,227 @@
+"""HOTA: detection and association in equal parts, over thresholds of localisation.
+
+Luiten et al. 2021, "HOTA: a higher order metric for evaluating multi-object tracking".
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from occlog.array_types import Floats, Ints
+
+from ..sums import Sum
+from .couples import Couples
+from .frame_pairs import EPS, Frames
+
+ALPHAS: Floats = np.arange(1, 20) / 20.0
+"""Thresholds of similarity, 0.05 to 0.95."""
+
+
+class Hota(NamedTuple):
+    """Figures by threshold, (A,) each; the figure that is published is the mean over thresholds.
+
+    A threshold at which nothing is paired has 0 everywhere, and `loc_a` 1, as in TrackEval.
+    TP, FN and FP count pairs, true rows without a pair, and rows of tracks without one.  TPA, FNA and FPA of a
+    pair count the same among the rows of its target and its track: pairs of the two, other rows of the target,
+    other rows of the track.
+
+    Attributes:
+        alpha: thresholds.
+        hota: sqrt(det_a ass_a).
+        det_a: TP / (TP + FN + FP).
+        ass_a: mean over the pairs of TPA / (TPA + FNA + FPA).
+        loc_a: mean similarity of the pairs.
+        det_re: TP / (TP + FN).
+        det_pr: TP / (TP + FP).
+        ass_re: mean over the pairs of TPA / (TPA + FNA).
+        ass_pr: mean over the pairs of TPA / (TPA + FPA).
+        tp: number of pairs.
+    """
+
+    alpha: Floats
+    hota: Floats
+    det_a: Floats
+    ass_a: Floats
+    loc_a: Floats
+    det_re: Floats
+    det_pr: Floats
+    ass_re: Floats
+    ass_pr: Floats
+    tp: Ints
+
+    def means(self) -> dict[str, float]:
+        """Mean of each figure over the thresholds."""
+        names = ("hota", "det_a", "ass_a", "loc_a", "det_re", "det_pr", "ass_re", "ass_pr")
+        return {name: float(np.mean(getattr(self, name))) for name in names}
+
+
+class Alignment:
+    """How well each target and track agree over all frames, while frames come by."""
+
+    def __init__(self, targets: int, tracks: int) -> None:
+        """No frame yet; number of all targets and tracks."""
+        self._met = Couples(targets, tracks)
+        self.life = np.zeros(targets, dtype=np.int64)
+        self.length = np.zeros(tracks, dtype=np.int64)
+
+    def add(self, frames: Frames) -> None:
+        """Some more frames; a frame adds to a pair its similarity over the similarities of both to anything."""
+        for t in frames.meeting():
+            left, right = frames.rows(t)
+            similarity = frames.compare(t)[1]
+            whole = similarity.sum(axis=0)[None, :] + similarity.sum(axis=1)[:, None] - similarity
+            some = whole > EPS
+            share = similarity * some / np.where(some, whole, 1.0)
+            i, j = np.nonzero(share)
+            self._met.add(frames.truth[left][i], frames.track[right][j], share[None, i, j])
+        self.life += np.bincount(frames.truth, minlength=len(self.life))
+        self.length += np.bincount(frames.track, minlength=len(self.length))
+
+    def of(self, target: Ints, track: Ints) -> Floats:
+        """(n,) alignment of couples over all frames, 0 to 1: shared rows over rows of either."""
+        (met,) = self._met.at(target, track)
+        either = self.life[target] + self.length[track] - met
+        return np.asarray(met / np.where(either > 0, either, 1.0))
+
+
+class HotaCounts:
+    """Counts pairs by couple and threshold while the same frames come by once more, in the same order.
+
+    A couple is a target with a track that it is ever paired with.
+    """
+
+    def __init__(self, known: Alignment, alphas: Floats = ALPHAS) -> None:
+        """No frame yet.
+
+        Args:
+            known: of all frames.
+            alphas: (A,) thresholds of similarity in (0, 1).
+        """
+        self._known, self._alphas = known, alphas
+        self._couples = np.zeros(0, dtype=np.int64)  # target times number of tracks plus track, rising
+        self._tpa = np.zeros((0, len(alphas)), dtype=np.int64)
+        self._similarity = [Sum() for _ in alphas]
+
+    def add(self, frames: Frames) -> None:
+        """Some more frames."""
+        _, target, track, similarity = _assigned(frames, self._known)
+        couple = target * max(len(self._known.length), 1) + track
+        both = np.union1d(self._couples, couple)
+        counts = np.zeros((len(both), len(self._alphas)), dtype=np.int64)
+        counts[np.searchsorted(both, self._couples)] = self._tpa
+        place = np.searchsorted(both, couple)
+        for a, alpha in enumerate(self._alphas):
+            # True positives: pairs that are similar enough
+            good = similarity >= alpha - EPS
+            counts[:, a] += np.bincount(place[good], minlength=len(both))
+            self._similarity[a].add(float(np.sum(similarity[good])))
+        self._couples, self._tpa = both, counts
+
+    def result(self) -> Hota:
+        """The figures of all frames."""
+        alphas, tracks = self._alphas, max(len(self._known.length), 1)
+        life, length = self._known.life[self._couples // tracks], self._known.length[self._couples % tracks]
+        tp, loc_a = self._tpa.sum(axis=0), np.ones(len(alphas))
+        ass_a, ass_re, ass_pr = np.zeros(len(alphas)), np.zeros(len(alphas)), np.zeros(len(alphas))
+        for a in range(len(alphas)):
+            if not tp[a]:
+                continue
+            loc_a[a] = self._similarity[a].value / tp[a]
+            # True positive associations of each couple; its figures count once for each of them in the means
+            tpa = self._tpa[:, a].astype(np.float64)
+            ass_a[a] = np.sum(tpa**2 / (life + length - tpa)) / tp[a]  # TPA / (TPA + FNA + FPA)
+            ass_re[a] = np.sum(tpa**2 / life) / tp[a]  # TPA / (TPA + FNA)
+            ass_pr[a] = np.sum(tpa**2 / length) / tp[a]  # TPA / (TPA + FPA)
+        # Detection: N = TP + FN true rows, M = TP + FP rows of tracks
+        n, m = int(self._known.life.sum()), int(self._known.length.sum())
+        det_a, det_re, det_pr = tp / np.maximum(n + m - tp, 1), tp / max(n, 1), tp / max(m, 1)
+        return Hota(
+            alpha=np.asarray(alphas),
+            hota=np.sqrt(det_a * ass_a),
+            det_a=det_a,
+            ass_a=ass_a,
+            loc_a=loc_a,
+            det_re=det_re,
+            det_pr=det_pr,
+            ass_re=ass_re,
+            ass_pr=ass_pr,
+            tp=tp,
+        )
+
+
+def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
+    """Compute HOTA and its parts at each threshold.
+
+    Args:
+        frames: truth and tracks, with the similarities of `frames`.
+        alphas: (A,) thresholds of similarity in (0, 1).
+    """
+    counts = HotaCounts(_aligned(frames), alphas)
+    counts.add(frames)
+    return counts.result()
+
+
+def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats, Floats]:
+    """What each pair adds to HOTA = sqrt(sum of associations / (TP + FN + FP)).
+
+    Args:
+        frames: truth and tracks.
+        alphas: (A,) thresholds of similarity in (0, 1).
+
+    Returns:
+        (n,) place of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
+        FPA) there, 0 where it is none.
+    """
+    frame, couple, life, length, similarity = _paired(frames)
+    good = (similarity[:, None] >= alphas - EPS).astype(np.float64)
+    belonging = np.zeros_like(good)
+    for a in range(len(alphas)):
+        tpa = np.bincount(couple, good[:, a], minlength=len(life))
+        belonging[:, a] = good[:, a] * (tpa / np.maximum(life + length - tpa, 1))[couple]
+    return frame, good, belonging
+
+
+def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
+    """Pairs of all frames, and the couples that they are of.
+
+    Returns:
+        (n,) place of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
+        and of its track (TPA + FPA); (n,) similarity of each pair.
+    """
+    known = _aligned(frames)
+    frame, target, track, similarity = _assigned(frames, known)
+    tracks = max(len(frames.track_key), 1)
+    couples, couple = np.unique(target * tracks + track, return_inverse=True)
+    return frame, couple, known.life[couples // tracks], known.length[couples % tracks], similarity
+
+
+def _aligned(frames: Frames) -> Alignment:
+    """The alignment of whole tables."""
+    out = Alignment(len(frames.truth_key), len(frames.track_key))
+    out.add(frames)
+    return out
+
+
+def _assigned(frames: Frames, known: Alignment) -> tuple[Ints, Ints, Ints, Floats]:
+    """Frames, targets, tracks and similarities of the pairs of all frames, four arrays (n,).
+
+    In each frame the assignment has the largest sum of similarity times alignment, so that of two tracks
+    that are as near the one that agrees with the target over all frames is taken.
+    """
+    none = np.zeros(0, dtype=np.int64)
+    places, targets, tracks, similarities = [none], [none], [none], [np.zeros(0)]
+    for t in frames.meeting():
+        left, right = frames.rows(t)
+        truth, track = frames.truth[left], frames.track[right]
+        similarity = frames.compare(t)[1]
+        worth, (near, by) = np.zeros_like(similarity), np.nonzero(similarity)
+        worth[near, by] = similarity[near, by] * known.of(truth[near], track[by])
+        i, j = linear_sum_assignment(worth, maximize=True)
+        places.append(np.full(len(i), t, dtype=np.int64))
+        targets.append(truth[i])
+        tracks.append(track[j])
+        similarities.append(similarity[i, j])
+    return np.concatenate(places), np.concatenate(targets), np.concatenate(tracks), np.concatenate(similarities)

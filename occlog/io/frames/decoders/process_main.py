@@ -1,0 +1,256 @@
+"""The decoding process: `python -m occlog.io.frames.decoders.process_main`, started by `process`.
+
+Decoders are large and old C code that meets damaged files here: a crash must not take the
+whole run with it, and what FFmpeg, libjpeg and libpng write about damage is the only trace
+that some of it leaves.  So they run in a process of their own whose standard error is read.
+The job comes as JSON on standard input; messages go to standard output.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import struct
+import sys
+import tempfile
+from contextlib import suppress
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, cast
+
+from occlog.errors import InputError
+from occlog.records.losses import Loss
+
+from ..limits import Clock, allow_pixels, lower_limits
+from .memory import Slots
+
+if TYPE_CHECKING:
+    from io import BufferedReader
+
+    from occlog.records.frames import Image
+
+    from .process import DecodingJob, Header
+
+_ADDRESS = re.compile(r"\[([^\]@]+) @ 0x[0-9a-f]+\] ?")
+MAX_TEXT = 90
+
+
+class Log:
+    """The file that stands in for standard error."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115
+        for stream in (1, 2):
+            os.dup2(self._file.fileno(), stream)
+        self._read = 0
+
+    def news(self) -> str:
+        """The first line written since the last call, "" if nothing was; without addresses, which vary."""
+        size = os.fstat(self._file.fileno()).st_size
+        if size <= self._read:
+            return ""
+        text = os.pread(self._file.fileno(), 4096, self._read).decode("utf-8", "replace")
+        self._read = size
+        lines = [line.strip() for line in _ADDRESS.sub("", text).splitlines() if line.strip()]
+        return lines[0][:MAX_TEXT] if lines else ""
+
+
+def send(out: BinaryIO, header: Header, payload: bytes | memoryview = b"") -> None:
+    """One message: lengths, JSON, data."""
+    text = json.dumps(header).encode()
+    out.write(struct.pack(">II", len(text), len(payload)))
+    out.write(text)
+    out.write(payload)
+    out.flush()
+
+
+def load() -> None:
+    """Load what every job needs: what is loaded before the fork, no job has to load."""
+    from occlog.io.video import avi, mkv, mp4  # noqa: F401
+
+    from .. import decode, folder, sizes  # noqa: F401
+
+
+def main(memory: int | None = None) -> None:
+    """Do the job on standard input; `memory` is what is shared with whoever gave it."""
+    out = os.fdopen(os.dup(1), "wb")
+    log = Log()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
+    job = json.loads(sys.stdin.buffer.readline())
+    if "cwd" in job:
+        os.chdir(job["cwd"])
+    losses: list[Loss] = []
+    try:
+        _run(job, out, log, losses, memory)
+        send(out, {"end": [asdict(loss) for loss in losses]})
+    except InputError as error:
+        send(out, {"error": str(error)})
+    except MemoryError:
+        send(out, {"error": f"{job['path']}: its frames need more memory than there is"})
+    except BrokenPipeError:
+        pass
+    with suppress(OSError):
+        out.close()
+    os._exit(0)  # nothing is left to do, and decoders may hang in their clean-up
+
+
+def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> None:
+    lower_limits()
+    import cv2
+
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    if job["kind"] == "video":
+        _video(job, out, log, losses, memory)
+    elif job["kind"] == "messages":
+        _messages(job, out, log, memory)
+    else:
+        _images(job, out, log, losses)
+
+
+def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> None:
+    from ..decode import CAPTURE_OPTIONS, decode, examine
+    from ..sizes import size_changes
+
+    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
+    clock = Clock(Path(job["path"]))
+
+    def news() -> str:
+        clock.go_on()
+        return log.news()
+
+    video = examine(Path(job["path"]), allow_pixels, news)
+    send(out, {"size": video.size, "frames": video.frames, "rate": video.rate_hz, "bars": video.bars})
+    if job.get("waits"):
+        line = sys.stdin.buffer.readline()
+        if not line:
+            return
+        start, size = map(int, line.split())
+        sizes = None  # frames of another size were told of, and left out, when it was ingested
+        slots = _slots(memory, size)
+    else:
+        start, sizes, slots = job["start"], size_changes(video.path), None
+        news()  # what was written about packets will be written again
+    width, height = video.size
+    target = None if slots is None else partial(slots.target, (height, width, 3))
+    for picture in decode(video, start, job["stop"], losses.append, sizes, target):
+        _deliver(job, out, picture.index, picture.pos_ns, picture.image, slots)
+
+
+def _slots(memory: int | None, size: int) -> Slots | None:
+    """Slots of the shared memory; those that are free again come on standard input."""
+    if memory is None or not size:
+        return None
+    return Slots(memory, size, cast("BufferedReader", sys.stdin.buffer).read1)
+
+
+def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> None:
+    """Images that come on standard input, each after its length and the slots that are free; an answer to each."""
+    from ..codec import decode_image, image_size
+
+    clock = Clock()
+    slots = _slots(memory, job.get("slot", 0))
+    while head := sys.stdin.buffer.read(5):
+        length, free = struct.unpack(">IB", head)
+        freed = sys.stdin.buffer.read(free)
+        if slots is not None:
+            slots.free(freed)
+        data = sys.stdin.buffer.read(length)
+        clock.go_on()
+        width, height = image_size(data) or (0, 0)
+        allow_pixels(width * height)
+        try:
+            image = decode_image(data, "")
+        except InputError as error:
+            send(out, {"error": str(error).removeprefix(": ")})
+            log.news()
+            continue
+        except MemoryError:
+            send(out, {"error": "needs more memory than there is"})
+            continue
+        said = log.news()
+        if said:
+            send(out, {"error": f"the decoder met damage ({said.replace(': ', ' ')})"})
+        else:
+            _send_image(out, {}, image, slots)
+        del image  # the next may need as much memory
+
+
+def _send_image(out: BinaryIO, header: Header, image: Image, slots: Slots | None) -> None:
+    """Send an image through shared memory, or after its header where it does not fit."""
+    slot = None if slots is None else slots.deliver(image)
+    if slot is None:
+        send(out, {**header, "s": image.shape}, bytes_of(image))
+    else:
+        send(out, {**header, "s": image.shape, "m": slot})
+
+
+def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+    from ..codec import dark_bars, image_kind
+    from ..folder import load
+
+    files = [(int(index), Path(path)) for index, path in job["files"]]
+    clock = Clock()
+
+    def news() -> str:
+        clock.go_on()
+        return log.news()
+
+    first = _first_image(job, files)
+    size = (first.shape[1], first.shape[0])
+    send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first)})
+    del first  # it will be decoded again, and may be as large as is allowed
+    log.news()
+    delivered = 0
+    for picture, data in load(files, size, losses.append, news):
+        kind = image_kind(data)
+        delivered += 1
+        if kind is not None and job["store"] in (kind, "keep"):
+            send(out, {"i": picture.index, "p": None, "k": kind}, data)
+        else:
+            _deliver(job, out, picture.index, picture.pos_ns, picture.image)
+        del picture, data
+    if not delivered:
+        raise InputError(f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}")
+
+
+def bytes_of(image: Image) -> memoryview:
+    """The values of an image as they lie in memory, row by row."""
+    import numpy as np
+
+    return np.ascontiguousarray(image).reshape(-1).data
+
+
+def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> Image:
+    """The first image that can be decoded."""
+    from ..codec import decode_image
+
+    reason = ""
+    for _, file in files:
+        try:
+            return decode_image(file.read_bytes(), file.name)
+        except (OSError, InputError) as error:
+            reason = reason or str(error)
+    raise InputError(f"{job['path']}: not one image can be decoded ({reason})")
+
+
+def _deliver(
+    job: DecodingJob, out: BinaryIO, index: int, pos_ns: float, image: Image, slots: Slots | None = None
+) -> None:
+    from ..codec import encode_image
+
+    header: Header = {"i": index, "p": pos_ns if pos_ns == pos_ns else None}
+    store = job["store"]
+    if store == "none":
+        send(out, header)
+    elif store == "raw":
+        _send_image(out, header, image, slots)
+    else:
+        kind = "jpeg" if store == "jpeg" else "png"
+        send(out, {**header, "k": kind}, encode_image(image, kind, job["quality"]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""People as regions that differ from the empty scene: found, chosen for targets, made rows."""

@@ -1,0 +1,221 @@
+"""A first look at a recording: the empty scene, the size of people, and the target's appearance.
+
+Of each camera some frames are kept, spread evenly over the recording; the rest is not
+decoded.  What the camera shows when nobody is there, how large people are where the
+camera's pose does not tell, and what a person in a given box looks like come from these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.measure.clusters.person_size import SizeMap
+from occlog.measure.regions.appearance import histogram
+from occlog.measure.regions.empty_scene import difference, empty_scene
+from occlog.measure.regions.observed_size import DIFFERENCE, observed_sizes, person_like_blobs
+from occlog.measure.regions.shrink import shrink
+from occlog.records.frames import Frame, Image
+from occlog.records.scene import Camera, Scene
+
+from ..config import DetectConfig
+from .one_camera import known_sizes, plain_image, shrink_of
+from .stage import Learned
+from .target import Target
+
+SAMPLE_BYTES = 512 * 1024 * 1024
+"""TargetMemory for the samples of all cameras together."""
+MOST_SAMPLES, FEWEST_SAMPLES = 48, 12
+THICKNESS = 0.5  # of a person's width: what is filled between the edges of a moving body
+UNKNOWN_THICKNESS = 0.06  # of the image's height, where the size of people is not known yet
+LEAST_PIXELS = 30  # of foreground in a box, for an appearance
+
+
+@dataclass(frozen=True)
+class TargetBox:
+    """A box drawn around a target in one frame."""
+
+    target_id: int
+    sensor: str
+    frame: int
+    left_px: float
+    top_px: float
+    width_px: float
+    height_px: float
+
+
+@dataclass
+class Samples:
+    """Frames of one camera kept for learning, at most `limit` of them, evenly spread.
+
+    Every `stride`-th frame is kept; when there are too many, every second one is dropped
+    and the stride doubles.
+    """
+
+    limit: int = 2
+    images: list[Image] = field(default_factory=list)  # shrunk
+    stride: int = 1
+    count: int = 0
+    shape: tuple[int, ...] | None = None  # of the camera's first image, before it was shrunk
+    shrink: int = 1
+    boxed: dict[int, Image] = field(default_factory=dict)  # frames with a target's box
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the camera's images."""
+        return (self.shape[1], self.shape[0]) if self.shape is not None else (0, 0)
+
+    def wants(self, number: int) -> bool:
+        """True if frame `number` of the camera (from 0) is to be kept."""
+        return number % self.stride == 0
+
+    def keep(self, number: int, image: Image) -> None:
+        """Keep an image that `wants` asked for."""
+        if len(self.images) == self.limit:
+            self.images = self.images[::2]
+            self.stride *= 2
+        if self.wants(number):
+            self.images.append(image)
+
+
+class _LearntCamera(NamedTuple):
+    empty: Image
+    sizes: SizeMap | None
+
+
+def learn(
+    frames: Iterable[Frame],
+    scene: Scene,
+    config: DetectConfig,
+    boxes: Sequence[TargetBox] = (),
+    workers: int = 1,
+) -> tuple[Learned, tuple[Target, ...]]:
+    """Learn the empty scene, the sizes of people, and the appearances of the targets in boxes.
+
+    Frames that cannot be decoded, or are of another size than the camera's first, are
+    left out here; `detect` reports them.
+
+    Args:
+        frames: of all cameras, in the order of time.
+        scene: must hold the cameras.
+        config: options.
+        boxes: around targets; each target's appearances are in the order of its boxes.
+        workers: threads.
+
+    Raises:
+        InputError: a box's frame is not there, or nothing stands out in the box.
+    """
+    samples = _sample(frames, scene, boxes, config)
+
+    def study(name: str) -> _LearntCamera | None:
+        return _study(samples[name], scene.camera(name), scene, config)
+
+    with ThreadPoolExecutor(workers) as pool:
+        found = {n: s for n, s in zip(samples, pool.map(study, samples), strict=True) if s is not None}
+    learned = Learned(
+        {name: seen.empty for name, seen in found.items()},
+        {name: seen.sizes for name, seen in found.items() if seen.sizes is not None},
+    )
+    return learned, _targets(boxes, samples, learned)
+
+
+def _sample(
+    frames: Iterable[Frame], scene: Scene, boxes: Sequence[TargetBox], config: DetectConfig
+) -> dict[str, Samples]:
+    wanted = {(b.sensor, b.frame) for b in boxes}
+    samples: dict[str, Samples] = {}
+    for frame in frames:
+        kept = samples.setdefault(frame.sensor, Samples())
+        number, boxed = kept.count, (frame.sensor, frame.index) in wanted
+        kept.count += 1
+        if not (boxed or kept.wants(number)):
+            continue
+        try:
+            image = plain_image(frame.decode(), config.bits)
+        except InputError:
+            continue
+        if boxed:
+            kept.boxed[frame.index] = image
+        if kept.shape is None:
+            _begin(kept, image, frame.sensor, scene, config)
+        if kept.wants(number) and image.shape == kept.shape:
+            kept.keep(number, shrink(image, kept.shrink))
+    return samples
+
+
+def _begin(samples: Samples, image: Image, name: str, scene: Scene, config: DetectConfig) -> None:
+    """Set the shape, the shrinking and the number of samples from a camera's first image."""
+    samples.shape = image.shape
+    samples.shrink = shrink_of(scene.camera(name), scene, samples.size, config)
+    samples.limit = sample_limit(shrink(image, samples.shrink).nbytes, len(scene.cameras))
+
+
+def sample_limit(image_bytes: int, n_cameras: int) -> int:
+    """Samples of each camera that fit into memory, even so that none is wasted when the stride doubles."""
+    fits = SAMPLE_BYTES // max(1, image_bytes * n_cameras)
+    return int(np.clip(fits, FEWEST_SAMPLES, MOST_SAMPLES)) // 2 * 2
+
+
+def _study(samples: Samples, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
+    """The empty scene, and sizes of people unless the camera's pose tells them; None without images."""
+    if not samples.images:
+        return None
+    sizes = known_sizes(camera, scene, samples.size, config)
+    height = samples.images[0].shape[0]
+    thickness = THICKNESS * sizes.width_px / samples.shrink if sizes is not None else UNKNOWN_THICKNESS * height
+    empty = empty_scene(samples.images, thickness)
+    if sizes is not None:
+        return _LearntCamera(empty, None)
+    blobs = samples.shrink * person_like_blobs(samples.images, empty)
+    return _LearntCamera(empty, observed_sizes(samples.size, blobs))
+
+
+def _targets(boxes: Sequence[TargetBox], samples: dict[str, Samples], learned: Learned) -> tuple[Target, ...]:
+    ids = list(dict.fromkeys(b.target_id for b in boxes))
+    found: dict[int, list[Floats]] = {target_id: [] for target_id in ids}
+    for box in boxes:
+        image = samples[box.sensor].boxed.get(box.frame) if box.sensor in samples else None
+        if image is None:
+            raise InputError(
+                f"target {box.target_id}: the recording has no readable frame {box.frame} of camera {box.sensor!r}; "
+                f"it has {', '.join(f'{n} (0 to {s.count - 1})' for n, s in samples.items()) or 'no frames'}"
+            )
+        found[box.target_id].append(appearance_in_box(image, learned.empty.get(box.sensor), box))
+    return tuple(Target(i, np.stack(found[i])) for i in ids)
+
+
+def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floats:
+    """(72,) appearance of what differs from the empty scene inside a box.
+
+    Args:
+        image: (height, width, 3) BGR or (height, width) grey.
+        empty: image of the empty scene, may be shrunk; None: all of the box counts.
+        box: in pixels of the image.
+
+    Raises:
+        InputError: the box is off the image or hardly anything in it differs.
+    """
+    factor = 1 if empty is None else max(1, image.shape[0] // empty.shape[0])
+    image = shrink(image, factor)
+    x0, y0 = (max(int(v / factor), 0) for v in (box.left_px, box.top_px))
+    x1 = max(int(np.ceil((box.left_px + box.width_px) / factor)), 0)
+    y1 = max(int(np.ceil((box.top_px + box.height_px) / factor)), 0)
+    part = image[y0:y1, x0:x1]
+    where = f"target {box.target_id}: box in frame {box.frame} of camera {box.sensor}"
+    if 0 in part.shape:
+        raise InputError(f"{where}: lies off the image")
+    if empty is None or empty.shape != image.shape:
+        return histogram(part)
+    mask = (difference(part, empty[y0:y1, x0:x1]) > DIFFERENCE).astype(np.uint8)
+    if np.count_nonzero(mask) < LEAST_PIXELS:
+        raise InputError(
+            f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, want {LEAST_PIXELS}; "
+            "draw the box around the target, in a frame in which it moves"
+        )
+    return histogram(part, mask)

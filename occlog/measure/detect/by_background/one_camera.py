@@ -1,0 +1,274 @@
+"""Regions in the frames of one camera: decode, subtract the background, find people-sized regions.
+
+Frames that cannot be used become losses.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import zlib
+from dataclasses import dataclass, field
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.core.sight.upright import seems_upright
+from occlog.errors import InputError
+from occlog.measure.clusters.crowds import SeenApart
+from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
+from occlog.measure.clusters.stage import cell_side
+from occlog.measure.detections import PERSON_HEIGHT
+from occlog.measure.regions.background import Subtractor, foreground, largest_image, make_subtractor
+from occlog.measure.regions.components import component_regions
+from occlog.measure.regions.regions import Regions, cluster_regions
+from occlog.measure.regions.shrink import enlarge, shrink, shrink_factor, shrink_sizes
+from occlog.records.frames import Frame, Image
+from occlog.records.losses import Loss
+from occlog.records.scene import Camera, Scene
+
+from ..config import CLEAN_PX, LEAST, MAX_FOREGROUND, PENALTY, STRENGTH, DetectConfig
+from ..near import Near
+from .target import Target, TargetMemory
+
+UNKNOWN_SIDE_PX = 960  # longer side of shrunk images where the size of people is not known
+BLOCK = 16  # codecs cut images at the right and below to whole blocks
+
+
+@dataclass(frozen=True)
+class CameraSetup:
+    """What a camera's first frame fixes for all of its frames."""
+
+    shape: tuple[int, ...]
+    shrink: int
+    subtractor: Subtractor
+    sizes: SizeMap  # in the shrunk image
+    prior: Prior
+    side: int  # of the cells [px]
+    started: bool  # from an image of the empty scene
+
+
+@dataclass
+class CameraState:
+    """State of one camera; touched by one thread at a time."""
+
+    camera: Camera
+    scene: Scene
+    config: DetectConfig
+    empty: Image | None = None
+    sizes: SizeMap | None = None
+    targets: tuple[Target, ...] = ()
+    setup: CameraSetup | None = None
+    seen: int = 0  # frames given to the background model
+    memory: TargetMemory = field(default_factory=TargetMemory)
+    apart: SeenApart = field(default_factory=SeenApart)
+    near: Near | None = None  # where targets are thought to be; None: they are looked for everywhere
+
+
+@dataclass(frozen=True)
+class FrameRegions:
+    """Regions of one frame."""
+
+    t_ns: int
+    index: int
+    regions: Regions
+
+
+@dataclass(frozen=True)
+class CameraBatch:
+    """Regions and losses of one camera's frames of a batch."""
+
+    found: tuple[FrameRegions, ...]
+    losses: tuple[Loss, ...]
+    warmup: int
+
+
+def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
+    """Regions of a camera's frames, which must come in order; `state` is brought up to date."""
+    found: list[FrameRegions] = []
+    lost: list[tuple[int, str]] = []
+    warmup = 0
+    for frame in frames:
+        try:
+            decoded = frame.decode()
+        except InputError as error:
+            # The message begins with file, camera and frame; without them equal reasons are equal.
+            lost.append((frame.index, str(error).rsplit(": ", 1)[-1]))
+            continue
+        try:
+            image = plain_image(decoded, state.config.bits)
+        except InputError as error:
+            lost.append((frame.index, str(error)))
+            continue
+        if state.setup is None:
+            state.setup = set_up(state, image)
+        reason, regions = _look(state, state.setup, frame, image)
+        if reason:
+            lost.append((frame.index, reason))
+        elif regions is None:
+            warmup += 1
+        else:
+            found.append(FrameRegions(frame.t_ns, frame.index, regions))
+    return CameraBatch(tuple(found), stretches(state.camera.name, lost), warmup)
+
+
+def _look(state: CameraState, setup: CameraSetup, frame: Frame, image: Image) -> tuple[str, Regions | None]:
+    """Why a frame cannot be used, or its regions; neither while the background is being learnt."""
+    if image.shape != setup.shape:
+        return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(setup.shape)}", None
+    c = state.config
+    # Subtract the background
+    image = shrink(image, setup.shrink)
+    mask = foreground(setup.subtractor, image, frame.index, CLEAN_PX)
+    state.seen += 1
+    if not setup.started and state.seen <= c.warmup:
+        return "", None
+    # Refuse frames in which too much changed
+    share = np.count_nonzero(mask) / mask.size
+    if share > MAX_FOREGROUND:
+        return f"foreground covers more than {MAX_FOREGROUND:.0%} of the image (light, or the camera moved)", None
+    # Find people-sized regions
+    if c.method in ("em", "outlines"):
+        apart = state.apart if c.method == "outlines" else None
+        regions = cluster_regions(image, mask, setup.side, setup.prior, apart)
+    else:
+        regions = component_regions(image, mask, setup.sizes.width_px, setup.prior)
+    return "", enlarge(regions, setup.shrink)
+
+
+def set_up(state: CameraState, image: Image) -> CameraSetup:
+    """Background model and expected sizes for images like the camera's first.
+
+    Raises:
+        InputError: the image does not fit the scene's, or nothing says how large people are.
+    """
+    camera, c = state.camera, state.config
+    size = (image.shape[1], image.shape[0])
+    check_size(camera, size)
+    factor = shrink_of(camera, state.scene, size, c)
+    empty = state.empty
+    if empty is not None and empty.shape != shrink(image, factor).shape:
+        empty = None
+    seed = zlib.crc32(camera.name.encode()) >> 1
+    subtractor = make_subtractor(c.background, c.history, c.threshold, c.shadows, empty, seed)
+    sizes = state.sizes if state.sizes is not None else known_sizes(camera, state.scene, size, c)
+    if sizes is None:
+        raise InputError(
+            f"camera {camera.name}: nothing says how large people are in its images: it has no pose in metres, feet "
+            "or inches in an upright world, and no people were seen beforehand; give the height of a person in pixels "
+            "(person_height_px)"
+        )
+    sizes = shrink_sizes(sizes, factor)
+    prior = make_prior(sizes, STRENGTH, PENALTY, LEAST)
+    return CameraSetup(image.shape, factor, subtractor, sizes, prior, cell_side(sizes), empty is not None)
+
+
+def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> SizeMap | None:
+    """Size map from the options or from the camera's pose; None if neither says."""
+    if config.person_height_px is not None:
+        return constant_sizes(size, config.person_height_px)
+    height = config.person_height or PERSON_HEIGHT.get(scene.length_unit)
+    if height is None or not camera.placed or not upright(scene):
+        return None
+    reach = np.inf
+    if scene.room is not None:
+        reach = float(np.hypot(*(scene.room - camera.ground).T).max())
+    try:
+        return sizes_from_camera(camera, size, height, reach)
+    except ValueError:  # no person who stands on the ground is in the image
+        return None
+
+
+def upright(scene: Scene) -> bool:
+    """Whether the scene's world seems to be upright, so that poses of cameras tell how large people are."""
+    return seems_upright(np.array([c.rotation for c in scene.cameras if c.placed]).reshape(-1, 3, 3))
+
+
+def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> int:
+    """Factor by which a camera's images are shrunk, from the options or the size of people in them.
+
+    Raises:
+        InputError: so shrunk they are too large for a model of the background.
+    """
+    sizes = known_sizes(camera, scene, size, config) if config.shrink is None else None
+    if config.shrink is not None:
+        factor = config.shrink
+    elif sizes is not None:
+        factor = shrink_factor(sizes.width_px)
+    else:
+        factor = max(1, round(max(size) / UNKNOWN_SIDE_PX))
+    check_background(camera, config.background, size, factor)
+    return factor
+
+
+def check_size(camera: Camera, size: tuple[int, int]) -> None:
+    """Raise InputError unless images of this width and height fit the camera's calibration."""
+    if camera.image_size is None:
+        return
+    cut = np.subtract(camera.image_size, size)
+    if (cut < 0).any() or (cut >= BLOCK).any():
+        raise InputError(
+            f"camera {camera.name}: frames are {size[0]} x {size[1]} px but the scene says "
+            f"{camera.image_size[0]} x {camera.image_size[1]}: the calibration is for other images; correct "
+            "image_size_px, focal_px and principal_point_px of the camera"
+        )
+
+
+def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: int) -> None:
+    """Raise InputError where images of this size, shrunk by a factor, are too large for a model of the background."""
+    pixels, most = size[0] * size[1], largest_image(kind)
+    if pixels / factor**2 > most:
+        raise InputError(
+            f"camera {camera.name}: frames are {size[0]} x {size[1]} px; the background ({kind}) is learnt from "
+            f"images of up to {most} pixels; shrink them by {math.ceil(math.sqrt(pixels / most))} or more (shrink)"
+        )
+
+
+def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
+    """8-bit grey or BGR image from what was decoded.
+
+    Args:
+        image: integer array (height, width) or (height, width, 1, 3 or 4).
+        bits: significant bits of 16-bit images; None: they are refused.
+
+    Raises:
+        InputError: another kind of image, or 16 bits without `bits`.
+    """
+    if image.ndim == 3 and image.shape[2] in (1, 4):
+        image = image[:, :, 0] if image.shape[2] == 1 else image[:, :, :3]
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
+        raise InputError(f"image of shape {image.shape} is neither grey nor colour")
+    if image.dtype == np.uint16:
+        if bits is None:
+            raise InputError("16-bit image: say how many bits count (bits, 8 to 16)")
+        image = np.minimum(image >> (bits - 8), 255).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise InputError(f"image of {image.dtype}: want 8 or 16 bits")
+    return np.ascontiguousarray(image)
+
+
+def size_in_words(shape: tuple[int, ...]) -> str:
+    """Size and kind of an image of that shape, for a person."""
+    return f"{shape[1]} x {shape[0]} px {'in colour' if len(shape) == 3 else 'grey'}"
+
+
+def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
+    """One loss for each run of consecutive frames lost for the same reason."""
+    losses = []
+    # Index minus position is constant in a run of consecutive frames.
+    for (what, _), group in groupby(enumerate(lost), key=lambda item: (item[1][1], item[1][0] - item[0])):
+        numbers = [index for _, (index, _) in group]
+        place = f"frame {numbers[0]}" if len(numbers) == 1 else f"frames {numbers[0]} to {numbers[-1]}"
+        losses.append(Loss(sensor, place, what, len(numbers)))
+    return tuple(losses)
+
+
+FRAMES = re.compile(r"frames? (\d+)(?: to (\d+))?")
+"""Place of a loss that `stretches` has made."""
+
+
+def numbers_of(loss: Loss) -> tuple[int, int] | None:
+    """First and last number of the frames of a loss that `stretches` has made; None for any other loss."""
+    found = FRAMES.fullmatch(loss.place)
+    return None if found is None else (int(found[1]), int(found[2] or found[1]))

@@ -1,0 +1,152 @@
+"""Rows of views and bearings from the regions of a camera's frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.measure.regions.regions import Regions
+from occlog.records.tables import Bearings, Views
+
+from ..bearing import BearingNoise, Sights, shape_covariance, sights
+from ..config import LONE_TARGET_ID
+from ..near import allowed
+from .one_camera import CameraState, FrameRegions
+from .target import choose, likenesses
+
+BORDER_PX = 1.0  # a box that comes this near to the side of the image is cut by it
+
+
+class _Frames(NamedTuple):
+    """Regions of F frames, one after another: K rows in all."""
+
+    t_ns: Ints  # (F,)
+    number: Ints  # (F,) of the frames
+    first: Ints  # (F + 1,) row of each frame's first region
+    regions: Regions
+
+
+def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views, Bearings]:
+    """Views and bearings of one camera; its memory of the targets is brought up to date."""
+    if not found or state.setup is None:
+        return Views.empty(), Bearings.empty()
+    frames = _gather(found)
+    r = frames.regions
+    noise = BearingNoise(state.config.sigma_px, state.config.sigma_scale)
+    covs = shape_covariance(r.person, r.fill, _cut(r.boxes, state.setup.shape[1]), noise)
+    seen = sights(state.camera, r.means, covs, r.covs, r.person, noise)
+    like = likenesses(r.appearance, state.targets)
+    chosen = _choose(state, frames, like, seen)
+    return _views(state, frames, seen, like, chosen), _bearings(state, frames, seen, like, chosen)
+
+
+def _gather(found: Sequence[FrameRegions]) -> _Frames:
+    counts = [len(f.regions.mass) for f in found]
+    regions = Regions(*(np.concatenate(parts) for parts in zip(*(f.regions for f in found), strict=True)))
+    return _Frames(
+        np.array([f.t_ns for f in found], dtype=np.int64),
+        np.array([f.index for f in found], dtype=np.int64),
+        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        regions,
+    )
+
+
+def _cut(boxes: Floats, width: int) -> Bools:
+    """True where a box reaches the left or right border of the image."""
+    left, right = boxes[:, 0], boxes[:, 0] + boxes[:, 2]
+    cut: Bools = (left < BORDER_PX - 0.5) | (right > width - 0.5 - BORDER_PX)
+    return cut
+
+
+def _choose(state: CameraState, frames: _Frames, like: Floats, seen: Sights) -> Ints:
+    """(F, T) row of each target's region among all regions, -1 = not seen."""
+    chosen, may_be = [], _near(state, frames, seen)
+    for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
+        mine = Regions(*(column[a:b] for column in frames.regions))
+        may = None if may_be is None else may_be[a:b]
+        one = choose(t_ns, mine, like[a:b], state.memory, state.config.likeness, may)
+        chosen.append(np.where(one >= 0, one + a, -1))
+    return np.array(chosen)
+
+
+def _near(state: CameraState, frames: _Frames, seen: Sights) -> Bools | None:
+    """(K, T) regions that are near where each target is thought to be; None: nothing is said, or without a pose."""
+    near, camera = state.near, state.camera
+    if near is None or not camera.placed:
+        return None
+    t_ns = np.repeat(frames.t_ns, np.diff(frames.first))
+    columns = [allowed(near, k, camera.ground, t_ns, seen.bearing, seen.sigma) for k in _target_ids(state)]
+    return np.column_stack(columns)
+
+
+def _target_ids(state: CameraState) -> list[int]:
+    return [t.target_id for t in state.targets] or [LONE_TARGET_ID]
+
+
+def _views(state: CameraState, frames: _Frames, seen: Sights, like: Floats, chosen: Ints) -> Views:
+    r = frames.regions
+    counts = np.diff(frames.first)
+    total = len(r.mass)
+    target_id = np.full(total, -1, dtype=np.int32)
+    shown = like.max(axis=1) if like.shape[1] else np.full(total, np.nan)
+    for n, name in enumerate(_target_ids(state)):
+        rows = chosen[chosen[:, n] >= 0, n]
+        target_id[rows] = name
+        if like.shape[1]:
+            shown[rows] = like[rows, n]
+    return Views.of(
+        t_ns=np.repeat(frames.t_ns, counts),
+        sensor=np.full(total, state.camera.name),
+        frame=np.repeat(frames.number, counts),
+        cluster=(np.arange(total) - np.repeat(frames.first[:-1], counts)).astype(np.int32),
+        x_px=r.means[:, 0],
+        y_px=r.means[:, 1],
+        cov_xx_px=r.covs[:, 0],
+        cov_xy_px=r.covs[:, 1],
+        cov_yy_px=r.covs[:, 2],
+        left_px=r.boxes[:, 0],
+        top_px=r.boxes[:, 1],
+        width_px=r.boxes[:, 2],
+        height_px=r.boxes[:, 3],
+        area_px=r.mass,
+        bearing=seen.bearing,
+        sigma=seen.sigma,
+        u_px=seen.u_px,
+        sigma_px=seen.sigma_px,
+        confidence=np.full(total, np.nan),
+        likeness=shown,
+        target_id=target_id,
+        appearance=r.appearance.astype(np.float32),
+    )
+
+
+def _bearings(state: CameraState, frames: _Frames, seen: Sights, like: Floats, chosen: Ints) -> Bearings:
+    """One row for each frame and target; none for a camera without pose."""
+    if not state.camera.placed:
+        return Bearings.empty()
+    ids = _target_ids(state)
+    rows = chosen.ravel()
+    found = rows >= 0
+
+    def pick(values: Floats) -> Floats:
+        out = np.full(len(rows), np.nan)
+        out[found] = values[rows[found]]
+        return out
+
+    score = np.full(len(rows), np.nan)
+    if like.shape[1]:
+        score[found] = like[rows[found], np.tile(np.arange(len(ids)), len(chosen))[found]]
+    return Bearings.of(
+        t_ns=np.repeat(frames.t_ns, len(ids)),
+        sensor=np.full(len(rows), state.camera.name),
+        target_id=np.tile(np.array(ids, dtype=np.int32), len(chosen)),
+        seen=found,
+        bearing=pick(seen.bearing),
+        sigma=pick(seen.sigma),
+        u_px=pick(seen.u_px),
+        sigma_px=pick(seen.sigma_px),
+        score=score,
+    )

@@ -1,0 +1,172 @@
+"""Detect people-sized regions and the targets' bearings in frames, camera by camera, streaming.
+
+Frames are taken in small batches.  Within a batch each camera's frames are one job, in
+order; jobs run on threads (OpenCV and the kernels let go of Python's lock), and a
+camera's job waits for its job before.  So the result is the same for any number of
+workers, and memory does not grow with the length of the recording.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import cv2
+
+from occlog.errors import InputError
+from occlog.measure.clusters.person_size import SizeMap
+from occlog.measure.detections import Detections
+from occlog.records.frames import Frame, Image
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Views
+
+from ..config import BATCH, DetectConfig
+from ..near import Near
+from .one_camera import CameraState, process
+from .rows import to_tables
+from .target import Target, check_targets
+
+IN_FLIGHT = 2  # batches that wait or run while the oldest is finished
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Images and sizes learnt from a first look at a recording (`learning.learn`), by camera."""
+
+    empty: Mapping[str, Image] = field(default_factory=dict)  # images of the empty scene
+    sizes: Mapping[str, SizeMap] = field(default_factory=dict)  # of people, where the pose does not tell
+
+
+class _Part(NamedTuple):
+    views: Views
+    bearings: Bearings
+    losses: tuple[Loss, ...]
+    frames: int
+    warmup: int
+
+
+def detect(
+    frames: Iterable[Frame],
+    scene: Scene,
+    config: DetectConfig | None = None,
+    workers: int = 1,
+    learned: Learned | None = None,
+    targets: Sequence[Target] = (),
+    *,
+    near: Near | None = None,
+    batch: int = BATCH,
+) -> Iterator[Detections]:
+    """Regions (`views`) and target bearings of all cameras, in the order of time.
+
+    A frame gives one bearing row for each target, seen or not, and a view row for each
+    region.  Frames that cannot be used are listed as losses and give no row, nor do the
+    first `warmup` frames of a camera without an image of the empty scene: nothing can be
+    said of what they show.  A camera without pose gives views only.
+
+    Args:
+        frames: in the order of time; each camera's also in the order of its index.
+        scene: must hold the cameras.
+        config: options.
+        workers: threads.
+        learned: images of the empty scene and sizes of people.
+        targets: people to look for; none: the largest region is the one target, `LONE_TARGET_ID`.
+        near: where targets are thought to be; None: they are looked for everywhere.
+        batch: frames read ahead at a time, 1 or more; the rows do not depend on it.
+
+    Yields:
+        One part for each batch of frames.
+
+    Raises:
+        InputError: a frame's camera is not in the scene, an image does not fit its
+            calibration, or nothing says how large people are.
+        UsageError: two targets have the same identity.
+    """
+    check_targets(targets)
+    config = config or DetectConfig()
+    learned = learned or Learned()
+    states: dict[str, CameraState] = {}
+    last: dict[str, Future[_Part]] = {}
+    waiting: deque[list[Future[_Part]]] = deque()
+    with _one_thread_each(), ThreadPoolExecutor(workers) as pool:
+        try:
+            for some in batches(frames, batch):
+                jobs = []
+                for name, of_camera in _by_camera(some).items():
+                    if name not in states:
+                        empty, sizes = learned.empty.get(name), learned.sizes.get(name)
+                        camera = scene.camera(name)
+                        states[name] = CameraState(
+                            camera, scene, config, empty=empty, sizes=sizes, targets=tuple(targets), near=near
+                        )
+                    last[name] = pool.submit(_job, states[name], of_camera, last.get(name))
+                    jobs.append(last[name])
+                waiting.append(jobs)
+                if len(waiting) > IN_FLIGHT:
+                    yield _merge([job.result() for job in waiting.popleft()])
+            while waiting:
+                yield _merge([job.result() for job in waiting.popleft()])
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def batches(frames: Iterable[Frame], size: int) -> Iterator[list[Frame]]:
+    """Lists of about `size` frames; frames of one time are never split."""
+    batch: list[Frame] = []
+    for frame in frames:
+        if batch and frame.t_ns < batch[-1].t_ns:
+            raise InputError(
+                f"camera {frame.sensor}: frame {frame.index}: time {frame.t_ns} ns is before {batch[-1].t_ns} ns "
+                "of the frame read before it; frames must come in the order of time"
+            )
+        if len(batch) >= size and frame.t_ns != batch[-1].t_ns:
+            yield batch
+            batch = []
+        batch.append(frame)
+    if batch:
+        yield batch
+
+
+def _by_camera(batch: list[Frame]) -> dict[str, list[Frame]]:
+    out: dict[str, list[Frame]] = {}
+    for frame in batch:
+        out.setdefault(frame.sensor, []).append(frame)
+    return out
+
+
+def _job(state: CameraState, frames: list[Frame], before: Future[_Part] | None) -> _Part:
+    """One camera's part of a batch; its part of the batch before must be done.
+
+    Jobs start in the order in which they were submitted, so the one waited for has
+    always started and the wait ends.
+    """
+    if before is not None:
+        before.result()
+    stretch = process(state, frames)
+    views, bearings = to_tables(state, stretch.found)
+    return _Part(views, bearings, stretch.losses, len(stretch.found), stretch.warmup)
+
+
+def _merge(parts: list[_Part]) -> Detections:
+    return Detections(
+        Views.merge(p.views for p in parts),
+        Bearings.merge(p.bearings for p in parts),
+        tuple(loss for p in sorted(parts, key=lambda p: p.losses[0].source if p.losses else "") for loss in p.losses),
+        sum(p.frames for p in parts),
+        sum(p.warmup for p in parts),
+    )
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """OpenCV without threads of its own: cameras are the unit of parallel work."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
