@@ -24,7 +24,7 @@ class LabelledBoxes(NamedTuple):
     box: Floats  # (n, 4) left, top, width, height
 
     def objects(self) -> Objects:
-        """The same for `occlog.core.metrics.frames`."""
+        """The same for the figures of `occlog.core.metrics`."""
         return Objects(self.frame, self.label, self.box, self.view)
 
     def centres(self) -> Objects:
