@@ -86,8 +86,9 @@ def _joseph(state: Gaussian, H: Floats, off: Floats, R: Floats) -> Updated:
 def _wedges(at: Floats, rows: Rows, world: World, covariance: Floats) -> Floats:
     """(R,) by how much larger variances are beside a sensor, where the place's distance is not known.
 
-    A sight line's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at the place
-    it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the usual one.
+    A sight line's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at the
+    place it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the usual
+    one.
     """
     away = at - world.sensors.xy[rows.sensor]
     r2 = np.maximum((away**2).sum(axis=1), LEAST_SQUARE)
