@@ -56,6 +56,19 @@ class UsageError(OcclogError):
     exit_code = ExitCode.USAGE
 
 
+class NoSceneError(UsageError):
+    """A file holds no scene where one is wanted; the command line says how to give one.
+
+    Attributes:
+        where: the file.
+    """
+
+    def __init__(self, where: object) -> None:
+        """Name the file."""
+        super().__init__(f"{where}: holds no scene; give one with --scene")
+        self.where = where
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """A hint on a name that is unknown: the nearest of those that are known, or all of them."""
     import difflib

@@ -24,9 +24,14 @@ KEPT = "occlog.standard_input"
 class Input(click.Path):
     """The path of an input; `-` is standard input."""
 
-    def __init__(self) -> None:
-        """A path; whoever reads the file says whether it can be read, `check_there` before that whether it is there."""
+    def __init__(self, *, some: bool = False) -> None:
+        """A path; whoever reads the file says whether it can be read, `check_there` before that whether it is there.
+
+        Args:
+            some: true: of several some may be missing, which the command says itself.
+        """
         super().__init__(path_type=Path, allow_dash=True)
+        self.some = some
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The path; that of the temporary file for `-`, which one input alone may name."""
@@ -48,12 +53,19 @@ def check_there(ctx: click.Context) -> None:
         if not isinstance(param.type, Input) or param.name is None:
             continue
         value = ctx.params.get(param.name)
-        for path in value if isinstance(value, tuple) else (value,):
-            if isinstance(path, Path) and _is_missing(path):
-                raise InputError(f"{path}: no such file{_nearest(path)}")
+        paths = [path for path in (value if isinstance(value, tuple) else (value,)) if isinstance(path, Path)]
+        missing = [path for path in paths if is_missing(path)]
+        if missing and not (param.type.some and len(missing) < len(paths)):
+            raise no_such_file(missing[0])
 
 
-def _is_missing(path: Path) -> bool:
+def no_such_file(path: Path) -> InputError:
+    """The error for a file that is missing, with the nearest name in its folder."""
+    return InputError(f"{path}: no such file{_nearest(path)}")
+
+
+def is_missing(path: Path) -> bool:
+    """Whether there is no file or folder of that name."""
     try:
         path.stat()
     except (FileNotFoundError, NotADirectoryError):

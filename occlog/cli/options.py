@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, TypeGuard, TypeVar
 import click
 
 from occlog.details import begin_work, note_files, tell
-from occlog.errors import ExitCode, UsageError
+from occlog.errors import ExitCode, NoSceneError, UsageError
 from occlog.words import told
 
 from .first_run import note_quiet
@@ -228,8 +228,8 @@ def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scen
 
         found = scene_in(scene)
         if found is None:
-            raise UsageError(f"{scene}: this recording holds no scene; give a scene file with --scene")
+            raise NoSceneError(scene)
         return found
     if recording is None:
-        raise UsageError(f"{where}: holds no scene; give one with --scene")
+        raise NoSceneError(where)
     return recording

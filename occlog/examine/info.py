@@ -140,6 +140,7 @@ def _describe_bag(path: Path) -> Description:
             taken = [line for line in taken_lines(found) if not line.startswith("not taken")]
         except (InputError, UsageError) as error:
             remark = str(error)
+        remark = "; ".join(([remark] if remark else []) + [f"{topic}: {said}" for topic, said in bag.remarks.items()])
         lines += [f"taken     {line}" for line in taken] + ([f"note      {remark}"] if remark else [])
         if taken or any(kind_of(t.kind) for t in topics.values()):
             lines.append(f"command   occlog ingest {path} -o recording.mcap")

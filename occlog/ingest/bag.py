@@ -381,6 +381,8 @@ class Taking:
     def finish(self, note: Note) -> list[Loss]:
         """Tell which clock was used, and list what was lost."""
         losses = []
+        for topic, remark in self.bag.remarks.items():
+            note(f"warning: {topic}: {remark}")
         if self._of_other_times and self.plan.frames is not None:
             tell_left_out(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
         for topic, state in self._states.items():

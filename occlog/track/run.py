@@ -37,6 +37,7 @@ from occlog.track.imm.config import START_NUMBERS, ImmConfig
 from .catalogue import METHODS, settings_of, tracker
 from .interface import AnyMethod, Batch, Joint, Online
 from .plausibility.compass import Compass
+from .plausibility.sharp import Sharp
 from .plausibility.sight import Compared
 from .plausibility.verdict import Evidence, Finding, figures
 from .smoothing_and_lag import SmoothingConfig
@@ -63,7 +64,7 @@ class TrackSummary:
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
         self.evidence = Evidence(distances=distances)
-        self.compass = Compass(scene)
+        self.compass, self.sharp = Compass(scene), Sharp()
         self.messages = Messages()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
@@ -121,7 +122,8 @@ class TrackSummary:
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             )
             return (Finding("no-target", "note", text),)
-        return (*self.compass.findings(), *self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed))
+        found = self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed)
+        return (*self.sharp.findings(), *self.compass.findings(), *found)
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -238,7 +240,7 @@ def run_track(
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, SmoothingConfig) and config.smoothed
     summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
-    chunks = summary.compass.watch(chunks)
+    chunks = summary.sharp.watch(summary.compass.watch(chunks))
     tracked = track(chunks, inputs.scene, tracking, inputs.occluders, measured)
     parameters = {
         "method": request.method,

@@ -138,6 +138,17 @@ def test_split_bags_are_one_and_a_file_that_is_missing_is_a_loss(tmp_path: Path)
     assert recording.losses[1].count == 4
 
 
+def test_metadata_that_count_too_few_messages_are_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    ros.write_mcap(folder / "bag_0.mcap", ros.two_cameras(8))
+    topic = "/cam_front/image_raw/compressed"
+    ros.write_metadata(folder, ["bag_0.mcap"], {topic: 5})
+    recording = made(folder)
+    assert (len(times(recording, "cam_front")), recording.losses) == (8, ())
+    assert f"warning: {topic}: metadata.yaml counts 5 messages, and there are 8" in capsys.readouterr().err
+
+
 def test_a_file_that_is_cut_off_is_used_as_far_as_it_goes(tmp_path: Path) -> None:
     cut = ros.write_mcap(tmp_path / "cut.mcap", ros.two_cameras(), chunk_size=1500)
     whole = cut.read_bytes()

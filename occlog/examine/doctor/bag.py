@@ -32,6 +32,8 @@ def look_at_bag(path: Path, findings: Findings) -> None:
             _check_indexes(bag, findings)
             for loss in bag.losses:
                 findings.add("damaged-bag", f"{loss.source}, {loss.place}", loss.what, count=max(loss.count, 1))
+            for topic, remark in bag.remarks.items():
+                findings.add("miscounted", topic, remark)
         for each in stamps.values():
             each.finish(findings)
         judge_clocks([each.clock for each in stamps.values()], findings)

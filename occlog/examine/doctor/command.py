@@ -7,11 +7,12 @@ from pathlib import Path
 import click
 
 from occlog.cli import options
+from occlog.cli.input_paths import Input
 from occlog.details import tell
 
 
 @click.command(name="doctor", short_help="List everything that is wrong in recordings, tables and other files.")
-@click.argument("files", nargs=-1, required=True, type=options.INPUT)
+@click.argument("files", nargs=-1, required=True, type=Input(some=True))
 @options.json_opt
 @options.quiet_opt
 def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
@@ -19,7 +20,7 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
 
     Of a folder all files are looked at, those of its own folders too.  Each finding is one line: how bad it is, the
     file, the place in it, what is there, what may be there, and what to do.  Nothing is changed, and nothing stops
-    at the first finding.
+    at the first finding; one of several that is missing is a finding, too.
 
     The exit code is that of the worst finding: 4 for an error, at which a command that reads the file stops; 3 for
     a warning, with which it goes on; 0 for notes, and where nothing is found.

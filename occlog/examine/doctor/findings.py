@@ -60,6 +60,7 @@ KINDS: dict[str, Kind] = {
     ),
     "damaged-table": Kind(E, "rows that are damaged"),
     "damaged-bag": Kind(W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"),
+    "miscounted": Kind(N, "more messages than its metadata count; `occlog ingest` reads all"),
     "message": Kind(E, "a message that is not of its type", remedy="make the recording again"),
     "row": Kind(E, "a row that cannot be"),
     "repeated-row": Kind(E, "rows that stand there again", "once", "leave out the copies"),

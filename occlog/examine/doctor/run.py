@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from occlog.cli.input_paths import is_missing, no_such_file
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.tables.parquet import is_ours
 from occlog.io.files.untrusted.content import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
@@ -101,6 +102,8 @@ def _is_bag(folder: Path) -> bool:
 def _look_at_one(path: Path, findings: Findings, seen: set[Path]) -> bool:
     """Look at one file; whether it is of a kind that occlog knows."""
     try:
+        if is_missing(path):
+            raise no_such_file(path)
         return _by_content(path, findings, seen)
     except OcclogError as error:
         findings.refused("unreadable", error)

@@ -10,6 +10,10 @@ SEVERAL = (
 )
 _ANIMATED_WEBP = 0x02
 """Bit of the first part of a WebP image that says that it has several pictures."""
+_GIF_IMAGE, _GIF_EXTENSION = 0x2C, 0x21
+"""What the blocks of a GIF image begin with: a picture, and all else that it may hold."""
+_SEQUENCE, _SAMPLES = b"avis", b"stsz"
+"""Brand of AVIF with a sequence of pictures, and the box of MP4 that says of each track how many it has."""
 _ORDERS = {b"II": "<", b"MM": ">"}
 _KIND_OF_PAGE, _NO_PAGE = 254, 0b101
 """Tag of TIFF that says what a picture is, and its bits for smaller copies and masks of others."""
@@ -24,15 +28,53 @@ _MPO_BYTES = 1 << 17
 
 
 def holds_several(data: bytes) -> bool:
-    """Whether an image (WebP, TIFF, JPEG) holds several pictures that differ; of PNG see `codec`."""
+    """Whether an image (WebP, GIF, AVIF, TIFF, JPEG) holds several pictures that differ; of PNG see `codec`."""
     if data[:4] == b"RIFF":
         return data[8:16] == b"WEBPVP8X" and bool(data[20:21]) and bool(data[20] & _ANIMATED_WEBP)
     try:
+        if data[:6] in (b"GIF87a", b"GIF89a"):
+            return _blocks(data) > 1
+        if data[4:8] == b"ftyp":
+            return _sequence(data) > 1
         if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
             return _pages(data) > 1
         return data[:3] == b"\xff\xd8\xff" and _views(data) > 1
     except struct.error:  # what is damaged is told by the decoder
         return False
+
+
+def _blocks(data: bytes) -> int:
+    """How many pictures a GIF image has; counting stops at two."""
+    at, pictures = 13 + _colours(data, 10), 0
+    while pictures < 2 and at < len(data):
+        if data[at] == _GIF_IMAGE:
+            pictures += 1
+            at += 11 + _colours(data, at + 9)
+        elif data[at] == _GIF_EXTENSION:
+            at += 2
+        else:  # the end, or damage
+            break
+        while at < len(data) and data[at]:
+            at += 1 + data[at]
+        at += 1
+    return pictures
+
+
+def _colours(data: bytes, at: int) -> int:
+    """Bytes of the table of colours that a byte of GIF tells of."""
+    (flags,) = struct.unpack_from("B", data, at)
+    return 3 << (flags & 7) + 1 if flags & 0x80 else 0
+
+
+def _sequence(data: bytes) -> int:
+    """How many pictures the longest track of an AVIF image has; 1 for one that is no sequence."""
+    (size,) = struct.unpack_from(">I", data)
+    pictures, at = 1, size
+    if _SEQUENCE in data[8:size]:
+        while (at := data.find(_SAMPLES, at)) >= 0:
+            pictures = max(pictures, struct.unpack_from(">I", data, at + 12)[0])
+            at += 16
+    return pictures
 
 
 def _pages(data: bytes) -> int:

@@ -49,6 +49,7 @@ class Bag:
     files: list[McapFile | SqliteFile] = field(default_factory=list)
     promised: dict[str, int] = field(default_factory=dict)
     described: bool = True  # metadata tell of all files, so that they hold no more than is promised
+    remarks: dict[str, str] = field(default_factory=dict)  # of topics, what is wrong though nothing is lost
     _losses: list[Loss] = field(default_factory=list)
     _far: dict[str, tuple[str, int]] = field(default_factory=dict)  # of topics with times out of range, the first
     _folder: tempfile.TemporaryDirectory[str] | None = None
@@ -117,8 +118,8 @@ class Bag:
                 what = f"messages that it counts are not in the files (it counts {told}, and there are {found})"
                 self._losses.append(Loss(METADATA, topic, what, told - found))
             elif self.described:
-                what = f"it counts {told} messages, and there are {found}, which were read; write it again"
-                self._losses.append(Loss(METADATA, topic, f"{what}: ros2 bag reindex"))
+                what = f"{METADATA} counts {told} messages, and there are {found}, which were read"
+                self.remarks[topic] = f"{what}; write it again: ros2 bag reindex"
 
     def __enter__(self) -> Self:
         """Nothing is left to do."""

@@ -18,7 +18,7 @@ from occlog.cli.common import reading_by
 from occlog.cli.main import load_command
 from occlog.cli.plugged import PluggedCommand
 from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, NoSceneError, UsageError
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
 from occlog.io.files.untrusted.inputs import STANDARD_INPUT
 from occlog.io.recording.reader import open_recording
@@ -119,6 +119,11 @@ def refused_in(config: Config, stage: Stage) -> Iterator[None]:
         if error.param is None:
             raise
         raise InputError(f"{_place(config, stage, (_key(error.param),))}: {error.message.rstrip('.')}") from error
+    except NoSceneError as error:
+        where = _place(config, stage, ("scene",)) if "scene" in config.stage(stage.name) else config.at("scene")
+        raise InputError(
+            f"{where}: {error.where} holds no scene; name here a scene file or a recording with one"
+        ) from error
     except UsageError as error:
         flag, _, problem = str(error).partition(" ")
         if not flag.startswith("--"):
@@ -162,7 +167,8 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     if "onnx" in how or how.get("method", DETECTIONS[0]) not in DETECTIONS:
         # Of a network or a plug-in the boxes are the first output
         detected = {"output": out["views"], "bearings": out["bearings"]}
-    yield _stage(config, "detect", detected, (str(recording),))
+    given = {"scene": config.values["scene"]} if "scene" in config.values else None
+    yield _stage(config, "detect", detected, (str(recording),), given)
     if _of_everybody(config):
         yield from _everybody(config, folder, recording, out, scene)
         return

@@ -27,7 +27,7 @@ from occlog.io.files.versions import installed_versions
 from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.progress import shown_progress
 
-from .engine import run_all
+from .engine import TrialError, run_all
 from .plan import Setting, check_values, read_sweep, settings_of
 
 CONFIDENCE = 0.95
@@ -80,7 +80,10 @@ def run_sweep(
     begin_work()
     _prepare(folder, made, overwrite)
     with shown_progress("sweep", "trial", len(trials), quiet) as progress:
-        results = run_all(trials, workers, scheduler, folder / STORE, progress, jobs=jobs)
+        try:
+            results = run_all(trials, workers, scheduler, folder / STORE, progress, jobs=jobs)
+        except TrialError as error:
+            raise TrialError(f"{path}: scene {spec.scene}: {error}") from error
     unknown = [name for name in figures if name not in results[0]]
     summary = summary_rows(settings, results)
     rows = [row.as_row() for row in summary if row.figure not in TIMINGS]

@@ -190,7 +190,9 @@ class Diagnostics(Table):
         "why the estimate is not to be believed, separated by commas; empty: no reason was found. `edge` (the target "
         "may be at the edge of the region that was guessed for a scene without a room), `one-sensor` (one sensor "
         "alone saw the target for long, which says nothing of its distance), `out-of-view` (half or more of the "
-        "sensors that are said to see the target have it outside of their field of view or range)",
+        "sensors that are said to see the target have it outside of their field of view or range), `sensor-disagrees` "
+        "(two thirds or more of what one sensor measured of the target in the last second, five bearings at least, are "
+        "not believed)",
         optional=True,
     )
 

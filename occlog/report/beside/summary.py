@@ -27,6 +27,7 @@ def summary_of(found: Beside, asked: Asked) -> dict[str, object]:
     out["changes"] = {letter: len(each.changes) for letter, each in zip("ab", words.followed(found), strict=True)}
     if truth is not None:
         out["switches"] = dict(zip("ab", truth.switches, strict=True))
+        out["true_frames"] = truth.comparison.frames  # which figures are of, as those of `compare`
         out["figures"] = {row.figure: _figure(row) for row in truth.comparison.rows}
     out |= {"notes": list(found.notes)} if found.notes else {}
     judged = {letter.lower(): side.data.findings for letter, side in found.sides}

@@ -12,6 +12,7 @@ from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
 from occlog.track.catalogue import tracker
 from occlog.track.imm.config import ImmConfig
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online, Together
+from occlog.track.plausibility.disagreement import Disagreement
 from occlog.track.plausibility.doubts import Doubts
 from occlog.track.plausibility.sight import Witness
 
@@ -60,12 +61,14 @@ def track(
     doubts = Doubts(scene, online=not isinstance(method, Batch), started=started, distances=measured is not None)
     # A batch method judges its bearings itself
     witness = None if isinstance(method, Batch) else Witness(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
+    disagreement = Disagreement()
     watched = bearings if witness is None else witness.watch(bearings)
     for part in _tracked(watched, scene, method, tracking, occluders, measured):
         tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
         part = part._replace(tracks=tracks, diagnostics=diagnostics)
         if witness is not None:
             compared = witness.compare(tracks, diagnostics)
+            part = part._replace(diagnostics=disagreement.judged(diagnostics, compared.residuals))
             own = part.residuals
             if own is None:
                 own = compared.residuals

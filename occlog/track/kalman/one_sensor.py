@@ -21,7 +21,7 @@ from .motion import Gaussian
 
 
 def along_the_ray(state: Gaussian, rows: Rows, world: World) -> Gaussian | None:
-    """Return the state after rows of one sensor; None where the prediction is at the sensor.
+    """Return the state after rows of one sensor; None where the prediction is around the sensor.
 
     The place is Gaussian in azimuth and log distance with the moments of `state` to first order; the velocity stays
     Cartesian.  The noise of a row is that on its own ray, at the distance of the prediction.
@@ -29,7 +29,7 @@ def along_the_ray(state: Gaussian, rows: Rows, world: World) -> Gaussian | None:
     sensor = world.sensors.xy[rows.sensor[0]]
     away = state.mean[:2] - sensor
     distance, azimuth = float(np.hypot(*away)), float(np.arctan2(away[1], away[0]))
-    if distance < NEAREST:
+    if distance < NEAREST or distance**2 < float(np.linalg.eigvalsh(state.covariance[:2, :2])[0]):
         return None
     # Prediction in azimuth, log distance and velocity
     J = np.eye(4)

@@ -27,6 +27,10 @@ HALVINGS = 12
 """A step of the search is halved at most so often."""
 CLOSE = 1e-6
 """The search ends where a step is shorter than this share of the standard deviation of the prediction."""
+BESIDE = 1.0
+"""A place is beside a sensor if the standard deviation of its distance is larger than this share of it."""
+LEAST_SQUARE = 1e-30
+"""The same of a squared distance, so that nothing is divided by 0."""
 STUCK, DISCARDED = "stuck", "discarded"
 """Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
 
@@ -65,11 +69,31 @@ def linear(state: Gaussian, at: Floats, rows: Rows, world: World) -> Updated:
     H = np.hstack([H2, np.zeros_like(H2)])
     # Innovation of the measurement that is linear about `at`
     off = residuals(expected[0], rows) - H2 @ (state.mean[:2] - at)
+    found = _joseph(state, H, off, R)
+    wedge = _wedges(at, rows, world, found.state.covariance[:2, :2])
+    return found if (wedge == 1.0).all() else _joseph(state, H, off, R * wedge)
+
+
+def _joseph(state: Gaussian, H: Floats, off: Floats, R: Floats) -> Updated:
+    """Update by an innovation of linear measurements with independent noise."""
     S = H @ state.covariance @ H.T + np.diag(R)
     K = np.linalg.solve(S, H @ state.covariance).T
     left = np.eye(4) - K @ H
     covariance = left @ state.covariance @ left.T + (K * R) @ K.T
     return Updated(Gaussian(state.mean + K @ off, symmetric(covariance)), _log_normal(off, S))
+
+
+def _wedges(at: Floats, rows: Rows, world: World, covariance: Floats) -> Floats:
+    """(R,) by how much larger variances are beside a sensor, where the place's distance is not known.
+
+    A sight line's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at the
+    place it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the usual
+    one.
+    """
+    away = at - world.sensors.xy[rows.sensor]
+    r2 = np.maximum((away**2).sum(axis=1), LEAST_SQUARE)
+    along = np.einsum("ri,ij,rj->r", away, covariance, away) / r2
+    return np.where(along > BESIDE**2 * r2, 1.0 + along / r2, 1.0)
 
 
 def _log_normal(off: Floats, S: Floats) -> float:

@@ -16,7 +16,7 @@ from occlog.measure.scans.scan import sensor_names
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks
 
-EDGE, ONE_SENSOR, OUT_OF_VIEW = "edge", "one-sensor", "out-of-view"
+EDGE, ONE_SENSOR, OUT_OF_VIEW, DISAGREES = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
 """Values of the column `doubt`, in the order in which they stand there."""
 WORDS = {
     EDGE: "the target may be at the edge of where targets can be, which was guessed from what the sensors see; "
@@ -25,6 +25,8 @@ WORDS = {
     "track in images and find the target on the ground (occlog ground)",
     OUT_OF_VIEW: "the target is where sensors that are said to see it cannot see; check the calibration, the region "
     "and the choice of the target",
+    DISAGREES: "most of what one sensor measured of the target in the last second is not believed; check the clock, "
+    "the pose and the labels of that sensor (the residuals say which), or leave it out",
 }
 """What each means and what to do."""
 EDGE_SIGMAS = 2.0

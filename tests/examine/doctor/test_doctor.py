@@ -399,3 +399,15 @@ def test_somebody_in_two_places_is_an_error_as_it_is_to_every_command(tmp_path: 
     one = Truth.of(t_ns=[0], target_id=[1], role=["target"], x=[0.0], y=[0.0], z=[0.0])
     write_table(tmp_path / "t.parquet", Truth.concat([one, replace(one, x=one.x + 1)]), Provenance("test"))
     assert kinds_of(tmp_path / "t.parquet") == ["two-places"]
+
+
+def test_a_file_that_is_missing_does_not_stop_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("a.yaml", "c.yaml"):
+        (tmp_path / name).write_text("occlog_scene: 1\nroom: [[0, 0], [1, 0], [0, 0]]\n")
+    files = [str(tmp_path / name) for name in ("a.yaml", "b.yaml", "c.yaml")]
+    assert run(["doctor", *files]) == ExitCode.BAD_INPUT
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[1].strip() for line in lines] == files
+    assert "b.yaml: cannot be read: no such file; did you mean " in lines[1]
+    assert run(["doctor", files[1]]) == ExitCode.BAD_INPUT
+    assert "occlog: error: " in capsys.readouterr().err

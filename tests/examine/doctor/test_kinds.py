@@ -65,6 +65,13 @@ def test_bags_that_were_cut(tmp_path: Path) -> None:
     assert {f.kind for f in found_in(path)} == {"damaged-bag"}
 
 
+def test_bags_whose_metadata_count_too_few(tmp_path: Path) -> None:
+    ros.write_mcap(tmp_path / "b.mcap", poses(0.0, 3))
+    ros.write_metadata(tmp_path, ["b.mcap"], {"/p": 2})
+    found = one_of(tmp_path)
+    assert (found.kind, found.place) == ("miscounted", "/p")
+
+
 def test_messages_of_bags_that_are_not_of_their_type(tmp_path: Path) -> None:
     path = ros.write_db3(tmp_path / "b.db3", poses(0.0))
     with closing(sqlite3.connect(path)) as base:

@@ -129,6 +129,17 @@ def test_animations_are_refused_whose_other_pictures_would_be_lost() -> None:
     assert (image_damage(head + b"\0" * 10), image_damage(head + b"\x02" + bytes(9))) == (None, SEVERAL)
 
 
+@pytest.mark.parametrize("ending", [".gif", ".avif", ".webp"])
+@pytest.mark.parametrize(("pictures", "several"), [(1, False), (2, True), (3, True)])
+def test_animations_are_known_by_their_pictures(ending: str, pictures: int, several: bool) -> None:
+    made = cv2.Animation()
+    made.frames = [np.full((32, 48, 3), 60 * n, np.uint8) for n in range(pictures)]
+    made.durations = [100] * pictures
+    data = cv2.imencodeanimation(ending, made)[1].tobytes()
+    assert image_damage(data) == (SEVERAL if several else None)
+    assert not any(holds_several(data[:end]) for end in range(20))
+
+
 @pytest.mark.parametrize(("pages", "damage"), [(1, None), (2, SEVERAL)])
 def test_pages_of_tiff_are_refused_as_animations_are(pages: int, damage: str | None) -> None:
     assert image_damage(cv2.imencodemulti(".tiff", [np.zeros((8, 8), np.uint8)] * pages)[1].tobytes()) == damage

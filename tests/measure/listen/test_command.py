@@ -110,6 +110,7 @@ def test_damaged_files_are_used_as_far_as_they_go(folder: Path, capsys: pytest.C
     [
         (["mic1=no.wav"], 4, "no such file"),
         (["mic1=scene.yaml"], 4, "is not a WAV file"),
+        (["mic1=mic1.wav", "--frame", "2", "--window", "1.5"], 2, "'--window': 1.5 is not in the range 0<x<=1"),
         (["mic1.wav"], 2, "does not name its array"),
         (["mic1=mic1.wav", "mic1=mic2.wav"], 2, "has two files"),
         (["mic9=mic1.wav"], 4, "mic9"),

@@ -299,6 +299,36 @@ def key_of_detect(recording: Path) -> str:
     return key_of(stage, recording.parent / "out", Digests())
 
 
+@pytest.mark.parametrize(
+    ("more", "place"),
+    [
+        ("", "run.yaml: scene"),
+        ("scene: r.mcap", "run.yaml: line 4: scene"),
+        ("detect: {scene: r.mcap}", "run.yaml: line 4: detect.scene"),
+    ],
+)
+def test_a_recording_without_a_scene_asks_for_the_key_not_the_option(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: str, place: str
+) -> None:
+    with RecordingWriter(tmp_path / "r.mcap", None, Provenance("test")) as out:
+        out.table(boxes(hall("a"), 0.2))
+    config = tmp_path / "run.yaml"
+    config.write_text(f"occlog_run: 1\nrecording: r.mcap\ntrack: {{}}\n{more}\n")
+    assert run(["run", str(config), "-o", str(tmp_path / "out")]) == ExitCode.BAD_INPUT
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"occlog: error: {config.with_name(place)}: ")
+    assert said.endswith("r.mcap holds no scene; name here a scene file or a recording with one")
+
+
+def test_the_scene_of_a_run_is_that_of_every_stage(tmp_path: Path) -> None:
+    config = tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\nrecording: r.mcap\nscene: room.yaml\ntrack: {}\n")
+    with RecordingWriter(tmp_path / "r.mcap", None, Provenance("test")):
+        pass
+    stages = list(plan(read_config(config), tmp_path / "out"))
+    assert [s.name for s in stages if "room.yaml" not in s.args] == []
+
+
 def test_a_stage_depends_on_linked_videos_and_not_on_where_its_inputs_lie(tmp_path: Path) -> None:
     one, two = recording_with_video(tmp_path / "one"), recording_with_video(tmp_path / "two")
     before = key_of_detect(one)

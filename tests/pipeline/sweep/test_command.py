@@ -11,6 +11,7 @@ from sweep_scene import SCENE
 
 from occlog.errors import InputError, OutputExistsError, UsageError
 from occlog.pipeline.sweep.command import command
+from occlog.pipeline.sweep.engine import TrialError
 
 TEXT = """\
 occlog_sweep: 1
@@ -97,3 +98,9 @@ def test_values_that_a_trial_would_refuse_are_named_before_any_trial(tmp_path, o
     assert isinstance(refused.exception, InputError)
     assert message in str(refused.exception)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_trial_that_fails_is_told_with_its_files(tmp_path):
+    failed = sweep(tmp_path, text=TEXT + "skip: 10\n").exception
+    assert isinstance(failed, TrialError)
+    assert str(failed).startswith(f"{tmp_path / 'sweep.yaml'}: scene scene.yaml: 4 of 4 trials failed; the first is")

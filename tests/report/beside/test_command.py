@@ -62,6 +62,7 @@ def test_page_words_and_summary_of_two_run_folders(runs: tuple[Path, Path], tmp_
     assert "lost earlier in A: east: frame 7: cut short (3 lost)" in err
     said = json.loads(out)
     assert (said["a"], said["b"], said["same"], said["frames"]) == ("old", "new", False, 60)
+    assert said["true_frames"] == 60
     assert said["first_parting"] == {
         "kind": "another partner", "seconds": 2.5, "t_ns": 25 * STEP, "a": 10, "b": 11, "distance": 0.0,
     }  # fmt: skip
@@ -139,11 +140,13 @@ def test_without_truth_the_page_says_what_it_can(tmp_path: Path, capsys: Any) ->
     assert "Errors over time" not in words(page)
 
 
-def test_another_span_of_time_is_told(tmp_path: Path) -> None:
+def test_another_span_of_time_is_told(tmp_path: Path, capsys: Any) -> None:
     a, b = write_run(tmp_path / "a", tracks(60)), write_run(tmp_path / "b", tracks(40, start=10))
     write_table(tmp_path / "truth.parquet", truth(60), Provenance("simulate"))
     page = tmp_path / "beside.html"
-    assert report(a, b, "--truth", tmp_path / "truth.parquet", "-o", page, "-q") == ExitCode.DONE
+    assert report(a, b, "--truth", tmp_path / "truth.parquet", "-o", page, "-q", "--json") == ExitCode.DONE
+    said = json.loads(capsys.readouterr().out)
+    assert (said["frames"], said["true_frames"]) == (40, 60)  # the second as `compare` has it
     text = words(page)
     assert "A begins 1 s earlier and A goes on for 1 s longer: the runs are laid beside each other" in text
     assert "in which a run that is not there misses its people" in text

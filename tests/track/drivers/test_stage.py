@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tracker_scenes import SECOND, observe, room100, walk
@@ -178,3 +180,20 @@ def test_output_comes_while_input_is_read():
     first = next(iter(track(chunks(), SCENE, Tracking(ApfConfig(particles=1), 0))))
     assert read < 399
     assert len(first.tracks) >= 1
+
+
+def test_rows_are_doubted_while_the_clock_of_one_sensor_is_wrong():
+    bearings = recording(80)
+    bearings = replace(bearings, t_ns=bearings.t_ns // 10)  # ten rows a second
+    assert set(whole(track([bearings], SCENE, fixes()))[1].doubt.tolist()) == {""}
+    rows = np.flatnonzero(bearings.sensor == "cam7")
+    measured = np.arange(len(bearings))
+    measured[rows[40:60]] = rows[:20]
+    late = {c.name: getattr(bearings, c.name)[measured] for c in Bearings.columns()} | {"t_ns": bearings.t_ns}
+    doubt = whole(track([Bearings(**late)], SCENE, fixes()))[1].doubt
+    assert set(doubt[:40].tolist() + doubt[70:].tolist()) == {""}
+    assert np.count_nonzero(doubt[45:60] == "sensor-disagrees") >= 10
+
+
+def fixes() -> Tracking:
+    return Tracking(settings_of("fix").in_unit("unit"), 0, method="fix")

@@ -84,6 +84,7 @@ def test_many_looks_of_one_camera_do_not_draw_the_estimate_to_it() -> None:
     assert np.sqrt(across @ state.covariance[:2, :2] @ across) == pytest.approx(50.0 * 0.003, rel=0.01)
 
 
-def test_a_prediction_at_the_sensor_has_no_azimuth() -> None:
-    state = Gaussian(np.zeros(4), np.eye(4))
-    assert along_the_ray(state, row(AT, pixel=True, sd=2.0), WORLD) is None
+@pytest.mark.parametrize(("x", "none"), [(0.0, True), (0.9, True), (1.1, False)])
+def test_a_prediction_around_the_sensor_has_no_azimuth(x: float, none: bool) -> None:
+    state = Gaussian(np.array([x, 0.0, 0.0, 0.0]), np.eye(4))
+    assert (along_the_ray(state, row(AT, pixel=True, sd=2.0), WORLD) is None) == none

@@ -46,6 +46,18 @@ def test_derivatives_are_those_of_the_measurements() -> None:
     assert variance[2] == pytest.approx(0.03**2)
 
 
+@pytest.mark.parametrize("distance", [1e-9, 1e-3, 0.3])
+def test_beside_a_sensor_a_sight_line_is_as_wide_as_its_angle_and_the_distance(distance: float) -> None:
+    """Linearised at the place alone the line had the width of 0.03 rad at that distance: a variance of 1e-21."""
+    at = np.array([0.6, 0.8]) * distance  # from camera 1
+    state = Gaussian(np.array([*at, 0.0, 0.0]), COVARIANCE)
+    found = updates.linear(state, at, rows([0], (0.6, 0.8), [False]), WORLD).state.covariance[:2, :2]
+    e = at / distance
+    along = float(e @ found @ e)
+    assert along > 4.0
+    assert np.linalg.eigvalsh(found)[0] == pytest.approx(0.03**2 * (along + distance**2), rel=0.01)
+
+
 def test_the_extended_filter_is_its_information_form() -> None:
     state = Gaussian(np.array([20.0, 30.0, 0.5, 0.5]), COVARIANCE)
     given = rows([0, 1, 3], (22.0, 29.0), [True, True, False])

@@ -143,5 +143,5 @@ def test_a_smoothed_track_is_not_doubted_for_one_sensor_or_the_edge(scene):
 
 
 def test_every_doubt_has_its_words_and_no_rows_no_doubts():
-    assert set(WORDS) == {"edge", "one-sensor", "out-of-view"}
+    assert set(WORDS) == {"edge", "one-sensor", "out-of-view", "sensor-disagrees"}
     assert doubts(OPEN, (Tracks.empty(), Diagnostics.empty())) == []

@@ -127,7 +127,7 @@ def test_depletion_says_number_limit_and_remedy() -> None:
     assert "use more particles" in found.sentence
 
 
-@pytest.mark.parametrize("doubt", ["edge", "one-sensor", "out-of-view"])
+@pytest.mark.parametrize("doubt", ["edge", "one-sensor", "out-of-view", "sensor-disagrees"])
 def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: str) -> None:
     for count, severity in ((1, "note"), (round(DOUBTED * N), "note"), (round(DOUBTED * N) + 1, "warning")):
         (found,) = said(diagnostics=fared(doubt=(doubt, count)))

@@ -32,6 +32,7 @@ from occlog.io.recording.salvage.records import (
     repeated_records,
     whole_records,
 )
+from occlog.io.recording.salvage.written import Written
 from occlog.io.recording.writer import FORMAT, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA, begin_mcap
 from occlog.io.recording.writer import METADATA as OURS
 from occlog.records.losses import Loss
@@ -93,6 +94,7 @@ class _Salvage:
         self._before: list[Loss] = []  # what had been lost when the recordings were made
         self._names: set[str] = set()  # of schemas
         self._messages: dict[str, int] = {}
+        self._written = Written()
         self._span: tuple[int, int] | None = None
 
     def damaged(self, at: int, what: str, *, messages: bool = True) -> None:
@@ -225,7 +227,10 @@ class _Salvage:
             tally.add(number, log_ns)
             return
         if log_ns <= part.before.get(topic, -1):
-            part.early += 1
+            if self._written.holds(topic, log_ns, record.data):
+                part.copies[topic] = part.copies.get(topic, 0) + 1
+            else:
+                part.early += 1
             tally.add(number, log_ns)
             return
         if part.is_copy(topic, number, log_ns, record.data):
@@ -235,6 +240,7 @@ class _Salvage:
         data: Any = memoryview(record.data)[MESSAGE_HEAD.size :]  # no copy of what may be large
         self._writer.add_message(part.written[channel_id], log_ns, data, publish_ns, number)
         tally.add(number, log_ns)
+        self._written.add(topic, log_ns, record.data)
         self._messages[topic] = self._messages.get(topic, 0) + 1
         low, high = self._span or (log_ns, log_ns)
         self._span = min(low, log_ns), max(high, log_ns)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import METRES, Settings, setting
 
 if TYPE_CHECKING:
     from occlog.records.scene import Scene
 
-HEIGHT = {"m": 0.9, "ft": 3.0, "in": 35.0}
-"""Height of the middle of a person by length unit."""
-HEIGHT_SIGMA = {"m": 0.1, "ft": 0.35, "in": 4.0}
-"""Standard deviation of it."""
+HEIGHT_M, HEIGHT_SIGMA_M = 0.9, 0.1
+"""Height of the middle of a person, and its standard deviation [m]."""
 
 STARTS = {"detections": 0.2, "both": 0.2}
 """`exchange_start` by where trackers came from, else 0: which detections are of one target was guessed."""
@@ -99,9 +97,10 @@ class GroundConfig(Settings):
 
 def in_scene(config: GroundConfig, scene: Scene) -> GroundConfig:
     """Fill in the settings that depend on the scene's length unit; an unknown unit has no height."""
-    unit = scene.length_unit
-    height = HEIGHT.get(unit, 0.0) if config.height is None else config.height
-    sigma = config.height_sigma
+    metre = 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else None
+    height, sigma = config.height, config.height_sigma
+    if height is None:
+        height = 0.0 if metre is None else HEIGHT_M * metre
     if sigma is None:
-        sigma = HEIGHT_SIGMA.get(unit, 0.1 * height or 1.0)
+        sigma = (0.1 * height or 1.0) if metre is None else HEIGHT_SIGMA_M * metre
     return replace(config, height=height, height_sigma=sigma)

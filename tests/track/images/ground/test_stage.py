@@ -92,7 +92,7 @@ def test_one_view_needs_a_height():
     assert nees(tracks, places).mean() == pytest.approx(3.0, abs=0.4)
     assert np.allclose(tracks.z, 0.9)
     assert len(fused([rows], replace(scene, length_unit="px"))[0]) == 0
-    assert in_scene(GroundConfig(), replace(scene, length_unit="ft")).height == 3.0
+    assert in_scene(GroundConfig(), replace(scene, length_unit="ft")).height == pytest.approx(0.9 / 0.3048)
     other, _ = fused([rows], replace(scene, length_unit="unit"), replace(EXACT, height=0.9, height_sigma=0.1))
     assert np.array_equal(other.x, tracks.x)
 
