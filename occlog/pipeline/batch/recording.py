@@ -81,7 +81,7 @@ class _Run:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._stage = "recording"
-        self._names: dict[str, str] = {}  # of folders of this machine, for messages
+        self._names = {str(task.config.path): task.config.path.name}  # of places of this machine, for messages
         self._steps: list[Step] = []
 
     def outcome(self) -> Outcome:
@@ -89,7 +89,7 @@ class _Run:
         task, found = self._task, Outcome(self._task.name, self._task.shown)
         try:
             with self._recording() as recording, run_folder(task.folder, task.name, task.cache) as folder:
-                self._names = {str(recording): task.shown, str(folder): task.name}
+                self._names |= {str(recording): task.shown, str(folder): task.name}
                 found = replace(found, sha256=hash_file(recording))
                 try:
                     code = self._do_stages(recording, folder)

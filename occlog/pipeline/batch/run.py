@@ -122,6 +122,8 @@ def _outcomes(
     request: BatchRequest, config: Config, sources: Sequence[Source], folder: str, quiet: bool
 ) -> list[Outcome]:
     """The outcome of every recording, in their order."""
+    # A worker of another machine may have another working folder
+    config = replace(config, path=config.path.absolute())
     tasks = {
         s.name: Task(s.name, s.shown, s.place, config, f"{folder}/{RUNS}/{s.name}", request.force, request.cache)
         for s in sources

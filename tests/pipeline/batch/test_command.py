@@ -11,6 +11,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import chdir
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -20,7 +22,7 @@ from sweep_scene import SCENE
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.pipeline.batch import run as batch
-from occlog.pipeline.executors.interface import InThisProcess
+from occlog.pipeline.executors.interface import InThisProcess, R, T
 
 CONFIG = "occlog_run: 1\nseed: 2\ntrack: {particles: 50}\n"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -159,6 +161,28 @@ def test_a_link_that_leads_nowhere_has_failed(
     assert f"occlog: failed: gone: recording: {folder / 'gone.mcap'}: is a symbolic link" in capsys.readouterr().err
     (folder / "hall.mcap").unlink()
     do(folder, tmp_path / "none", code=ExitCode.BAD_INPUT)
+
+
+def test_a_configuration_that_is_named_by_a_relative_path_is_found_by_workers_in_other_folders(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it names was looked for in the worker's own folder, and taken from there."""
+
+    class Elsewhere(InThisProcess):
+        def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R]]:
+            with chdir(tmp_path):
+                found = list(super().outcomes(todo, work))
+            yield from found
+
+    (simulated / "with_scene.yaml").write_text(f"{CONFIG}scene: scene.yaml\noverlay: {{}}\n")
+    (tmp_path / "scene.yaml").write_text("no scene")
+    monkeypatch.setattr(batch, "executor_of", lambda *_, **__: Elsewhere())
+    monkeypatch.chdir(simulated)
+    out = tmp_path / "out"
+    assert run(["batch", "with_scene.yaml", "hall.mcap", "-o", str(out), "-q"]) == ExitCode.BAD_INPUT
+    (row,) = pq.read_table(out / "runs.parquet").to_pylist()
+    assert row["message"] == "with_scene.yaml: overlay: the recording holds no video; remove this key"
+    assert (out / "runs" / "hall" / "report.html").exists()
 
 
 @pytest.mark.usefixtures("here")
