@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -117,3 +120,56 @@ def test_ray_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     found = dict(RayCluster("ray").outcomes({str(n): n for n in range(5)}, square_or_die))
     assert isinstance(found.pop("3"), Lost)
     assert found == {str(n): n * n for n in (0, 1, 2, 4)}
+
+
+BUSY = threading.Lock()
+
+
+def alone_or_die(number: int) -> int:
+    """What another thread disturbs is -1."""
+    if number == 3:
+        time.sleep(0.3)
+        os._exit(9)
+    if not BUSY.acquire(blocking=False):
+        return -1
+    time.sleep(0.05 if number < 9 else 60)
+    BUSY.release()
+    return number
+
+
+DASK = """
+import threading
+from distributed import LocalCluster
+from test_others import alone_or_die
+from occlog.errors import InputError
+from occlog.pipeline.executors.dask_cluster import DaskCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None) as cluster:
+        dask = DaskCluster(cluster.scheduler_address)
+        found = dict(dask.outcomes({str(n): n for n in range(6)}, alone_or_die))
+        print({key: value for key, value in found.items() if value != int(key)})
+        threading.Timer(1, cluster.close).start()
+        try:
+            list(dask.outcomes({"9": 9}, alone_or_die))
+        except InputError as error:
+            print(error)
+"""
+
+
+@pytest.mark.slow
+def test_a_worker_of_dask_that_dies_takes_no_other_work_with_it_and_a_scheduler_that_goes_is_named() -> None:
+    """What had waited at its worker was blamed for its death, and two threads disturbed each other."""
+    pytest.importorskip("distributed")
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", DASK],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    lost, gone = done.stdout.splitlines()
+    assert lost.startswith("{'3': Lost(")
+    assert lost.count(":") == 1, lost
+    assert "is gone; start it again" in gone
