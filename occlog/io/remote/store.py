@@ -14,6 +14,12 @@ from .urls import EXTRAS, READ_ONLY, kind_of, scrubbed, shown
 MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
 """What file systems tell of a file that changes when the file does."""
 
+SILENCE = 60.0
+"""Time that a web server may say nothing [s]."""
+
+PART = ".part"
+"""Name of a file that has not come whole; one at a time is fetched into a folder."""
+
 GONE = (404, 410)
 """Answers of a web server that say that a file is not there; others, as 403 and 503, do not."""
 
@@ -60,10 +66,16 @@ def _unreached(error: FileNotFoundError) -> BaseException | None:
 
 def _opened(url: str) -> tuple[Any, str]:
     """The file system of a URL, and the path in it."""
-    kind_of(url)
+    kind = kind_of(url)
     import fsspec
 
-    return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
+    settings = {}
+    if kind in READ_ONLY:
+        import aiohttp
+
+        # Its own limit is for the whole file, and five minutes
+        settings = {"client_kwargs": {"timeout": aiohttp.ClientTimeout(total=None, connect=SILENCE, sock_read=SILENCE)}}
+    return fsspec.core.url_to_fs(url, **settings)  # type: ignore[no-any-return]
 
 
 def find(pattern: str) -> list[str]:
@@ -88,7 +100,7 @@ def version(url: str) -> Version:
 
 def fetch(url: str, file: Path) -> int:
     """Copy a file to this machine; its size. What was there is replaced by the whole file or not at all."""
-    part = file.with_name(f".{file.name}.part")
+    part = file.with_name(PART)
     try:
         with _told(url):
             system, path = _opened(url)
