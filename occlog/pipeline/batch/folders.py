@@ -100,10 +100,10 @@ def run_folder(place: str, name: str, cache: Cache) -> Iterator[Path]:
         fetch_files(place, names if STATE in names else (), run)
         before = {path.name: hash_file(path) for path in run.iterdir()}
         yield run
-        if not run.is_dir():
-            return
-        after = sorted((path for path in run.iterdir() if path.is_file()), key=lambda path: path.name == STATE)
-        for path in after:
+        files = [path for path in run.glob("*") if path.is_file()]
+        # What a stage made that the configuration no longer has would pass for the run's own
+        remove(f"{place}/{name}" for name in before.keys() - {path.name for path in files})
+        for path in sorted(files, key=lambda path: path.name == STATE):
             if before.get(path.name) != hash_file(path):
                 put(path, f"{place}/{path.name}")
 
