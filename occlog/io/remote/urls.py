@@ -39,7 +39,7 @@ def kind_of(url: str) -> str:
 
 
 def without_end(place: str) -> str:
-    """A folder, or its URL, without slashes at the end of the URL: names behind two slashes are other ones in stores."""
+    """A folder, or its URL, without slashes at its end: in stores, names behind two slashes are other ones."""
     kind, mark, path = place.partition("://")
     return f"{kind}{mark}{path.rstrip('/')}" if is_url(place) else place
 
