@@ -16,6 +16,7 @@ from occlog.errors import InputError
 from occlog.io.remote.store import find
 from occlog.io.remote.urls import is_url
 from occlog.io.remote.urls import shown as without_secrets
+from occlog.pipeline.pack.manifest import key_of_name
 
 FEWEST_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""
@@ -29,7 +30,7 @@ class Source(NamedTuple):
     """A recording of a batch.
 
     Attributes:
-        name: of its run folder, different from every other one, also where case does not count; text.
+        name: of its run folder, different from every other one, also where case does not count, or how accents are put.
         shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
         place: where it is.
         fault: why it cannot be taken, in words that follow its name; empty: it may be.
@@ -58,7 +59,7 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
     shown = _shown(places)
     alike: dict[str, list[str]] = defaultdict(list)
     for place in places:
-        alike[_stem(place).casefold()].append(place)
+        alike[key_of_name(_stem(place))].append(place)
     taken = {stem for stem, group in alike.items() if len(group) == 1 and _fits(_stem(group[0]))}
     found = []
     for stem, group in alike.items():
@@ -72,6 +73,11 @@ def in_text(name: str) -> str:
     r"""A name of a file, or words with one, as text: a byte that is not UTF-8 is written as `\xe9`."""
     bytewise = (f"\\x{ord(c) - 0xDC00:02x}" if 0xDC80 <= ord(c) <= 0xDCFF else c for c in name)
     return "".join(bytewise).encode("utf-8", "backslashreplace").decode()
+
+
+def in_line(text: str) -> str:
+    """A message as a table has it: one line of text."""
+    return in_text(" ".join(text.split()))
 
 
 def _each_once(places: Iterable[str]) -> list[str]:
@@ -165,6 +171,6 @@ def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
     ends = (f"-{digest[:length]}" for length in range(FEWEST_DIGITS, len(digest) + 1))
     names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)
-    name = next(name for name in names if name.casefold() not in taken)
-    taken.add(name.casefold())
+    name = next(name for name in names if key_of_name(name) not in taken)
+    taken.add(key_of_name(name))
     return name

@@ -22,7 +22,7 @@ from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
 
 from .folders import run_folder
-from .plan import in_text
+from .plan import in_line
 
 METRICS = "metrics.json"
 STATES = {ExitCode.DONE: "done", ExitCode.LOSSY: "lossy", ExitCode.THRESHOLD: "threshold"}
@@ -90,6 +90,8 @@ class _Run:
         try:
             with self._recording() as recording, run_folder(task.folder, task.name, task.cache) as folder:
                 self._names |= {str(recording): task.shown, str(folder): task.name}
+                # Of what lies beside it, such as videos
+                self._names[f"{recording.parent}/"] = task.shown[: task.shown.rfind("/") + 1]
                 found = replace(found, sha256=hash_file(recording))
                 try:
                     code = self._do_stages(recording, folder)
@@ -124,10 +126,10 @@ class _Run:
     def _failed(self, found: Outcome, error: Exception) -> Outcome:
         """The outcome with the error, in one line that names no folder of this machine."""
         text, code = explain(error)
-        text = " ".join(text.split())
         for path, name in self._names.items():
-            text = text.replace(path, name)
-        return replace(found, code=int(code), stage=self._stage, message=in_text(text), redone=True)
+            for each in {path, " ".join(path.split())} - {"/"}:
+                text = text.replace(each, name)
+        return replace(found, code=int(code), stage=self._stage, message=in_line(text), redone=True)
 
     def _begin(self, stage: str) -> None:
         self._stage = stage

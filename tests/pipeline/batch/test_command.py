@@ -186,6 +186,24 @@ def test_a_configuration_that_is_named_by_a_relative_path_is_found_by_workers_in
 
 
 @pytest.mark.usefixtures("here")
+def test_a_name_with_ends_of_lines_stays_in_its_line(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It began lines of its own, and moved the cursor; the table named the folder of this machine."""
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    shutil.copy(simulated / "batch.yaml", folder)
+    shutil.copy(simulated / "cut.mcap", folder / "cut\x1b[31m\n.mcap")
+    (folder / "gone\nlink.mcap").symlink_to("nowhere")
+    do(folder, out, code=ExitCode.BAD_INPUT)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line[:21] for line in lines] == ["occlog: failed: cut\\x", "occlog: failed: gone "]
+    for row in pq.read_table(out / "runs.parquet").to_pylist():
+        assert str(folder) not in row["message"]
+        assert "\n" not in row["message"]
+
+
+@pytest.mark.usefixtures("here")
 def test_a_name_that_is_no_text_fails_alone(simulated: Path, tmp_path: Path) -> None:
     folder, out = tmp_path / "in", tmp_path / "out"
     odd = os.fsdecode(b"d\xe9")
