@@ -10,6 +10,7 @@ import fcntl
 import hashlib
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -103,7 +104,9 @@ class Cache:
         try:
             yield entry
         finally:
-            os.utime(lock.fileno())
+            # The system's own time of a file has steps of some ms, in which two would be used at once
+            now = time.time_ns()
+            os.utime(lock.fileno(), ns=(now, now))
             lock.close()
             self._trim(0)
 

@@ -85,7 +85,8 @@ def find(pattern: str) -> list[str]:
         return [pattern]
     with _told(pattern):
         system, path = _opened(pattern)
-        return sorted(str(system.unstrip_protocol(found)) for found in system.glob(path))
+        found = sorted(str(system.unstrip_protocol(each)) for each in system.glob(path))
+        return found or [pattern] * system.exists(path)  # its name has brackets
 
 
 def version(url: str) -> Version:

@@ -18,6 +18,7 @@ from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.remote.cache import Cache
+from occlog.io.remote.store import find
 
 fsspec = pytest.importorskip("fsspec")
 LARGE = b"x" * 1000
@@ -82,6 +83,14 @@ def test_linked_videos_come_along_and_links_that_leave_the_folder_do_not(store: 
     store.pipe_file("/in/a.avi", b"frames")  # type: ignore[attr-defined]
     with cache.holding("memory://in/hall.mcap") as path:
         assert (path.parent / "a.avi").read_bytes() == b"frames"
+
+
+def test_a_name_with_brackets_is_no_pattern_where_it_is_there(store: object) -> None:
+    for name in ("a[1].mcap", "b1.mcap"):
+        store.pipe_file(f"/in/{name}", LARGE)  # type: ignore[attr-defined]
+    assert find("memory://in/a[1].mcap") == ["memory://in/a[1].mcap"]
+    assert find("memory://in/b[1].mcap") == ["memory:///in/b1.mcap"]
+    assert find("memory://in/c[1].mcap") == []
 
 
 def test_scratch_folders_of_killed_processes_are_removed(tmp_path: Path) -> None:
