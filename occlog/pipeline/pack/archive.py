@@ -15,7 +15,7 @@ from typing import IO
 from occlog.errors import InputError, OutputError
 from occlog.io.files.inputs import check_input
 
-from .manifest import LOCK, MANIFEST, MAX_MANIFEST_BYTES, Manifest, PackedFile, check_name, key_of_name, read_manifest
+from .manifest import LOCK, MANIFEST, MAX_MANIFEST_BYTES, Manifest, PackedFile, check_name, key_of_name, lock_text, read_manifest
 
 FREE_BYTES, MAX_GROWTH = 1 << 30, 4
 """Unpacked bytes that any archive may hold, and above that for each of its own: only texts are compressed."""
@@ -113,6 +113,11 @@ def unpack(path: Path, folder: Path) -> Manifest:
         for name in sorted({*wanted, MANIFEST, LOCK} ^ set(members)):
             fault = "is missing" if name not in members else f"is not in {MANIFEST}"
             raise InputError(f"{path}: {name} {fault}; it is not unpacked")
+        with _guarded(path), archive.open(members[LOCK]) as source:
+            wanted_lock = lock_text(manifest)
+            same = source.read(len(wanted_lock) + 1) == wanted_lock
+        if not same:
+            raise InputError(f"{path}: {LOCK} has other versions than {MANIFEST}; it is not unpacked")
         _check_space(path, members, folder)
         for name, told in wanted.items():
             with _guarded(path), archive.open(members[name]) as source:
