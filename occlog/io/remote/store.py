@@ -85,7 +85,8 @@ def find(pattern: str) -> list[str]:
         return [pattern]
     with _told(pattern):
         system, path = _opened(pattern)
-        found = sorted(str(system.unstrip_protocol(each)) for each in system.glob(path))
+        there = system.glob(path, detail=True).items()
+        found = sorted(str(system.unstrip_protocol(each)) for each, told in there if told.get("type") != "directory")
         return found or [pattern] * system.exists(path)  # its name has brackets
 
 
@@ -135,7 +136,9 @@ def names_in(url: str) -> list[str]:
         system, path = _opened(url)
         system.invalidate_cache()
         try:
-            return sorted(Path(str(found)).name for found in system.ls(path, detail=False))
+            found = [str(each).rstrip("/") for each in system.ls(path, detail=False)]
+            # Stores have empty files that stand for the folder itself
+            return sorted(Path(each).name for each in found if each != path.rstrip("/"))
         except FileNotFoundError:
             return []
 

@@ -42,7 +42,7 @@ class Source(NamedTuple):
     fault: str = ""
 
 
-def sources_of(patterns: Sequence[str]) -> list[Source]:
+def sources_of(patterns: Sequence[str], results: str = "") -> list[Source]:
     """Find the recordings that patterns name, each once, in the order of their names.
 
     Of several ways to one recording, over links, the one with the fewest links counts, and else the first by name.
@@ -51,11 +51,12 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
 
     Args:
         patterns: files, patterns with `*`, `?`, `[...]` and `**`, and URLs.
+        results: folder of the results, or its URL; patterns find nothing in it.
 
     Raises:
         InputError: a file is missing, or a pattern finds none.
     """
-    places = _each_once(place for pattern in patterns for place in _places(pattern))
+    places = _each_once(place for pattern in patterns for place in _places(pattern, results))
     shown = _shown(places)
     alike: dict[str, list[str]] = defaultdict(list)
     for place in places:
@@ -93,9 +94,9 @@ def _links(place: str) -> int:
     return 0 if is_url(place) else sum(part.is_symlink() for part in (Path(place), *Path(place).parents))
 
 
-def _places(pattern: str) -> Iterable[str]:
+def _places(pattern: str, results: str) -> Iterable[str]:
     if is_url(pattern):
-        return _found(pattern)
+        return _found(pattern, results)
     if Path(pattern).is_file():  # also one whose name has brackets
         return [_absolute(pattern)]
     if Path(pattern).is_dir():
@@ -108,10 +109,15 @@ def _places(pattern: str) -> Iterable[str]:
             f"{pattern}: more than {MOST_PATHS:,} paths; where links lead back into their own folder name folders "
             "without them"
         )
-    names = sorted(name for name in names if _may_be_file(name))
+    own = os.path.realpath(results) if results and not is_url(results) else ""
+    names = sorted(name for name in names if _may_be_file(name) and not (own and _is_below(name, own)))
     if not names:
         raise InputError(f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone")
     return [_absolute(name) for name in names]
+
+
+def _is_below(name: str, folder: str) -> bool:
+    return Path(os.path.realpath(name)).is_relative_to(folder)
 
 
 def _may_be_file(name: str) -> bool:
@@ -141,8 +147,9 @@ def _absolute(name: str) -> str:
     return path if os.path.realpath(path) == real else real
 
 
-def _found(pattern: str) -> list[str]:
-    urls = find(pattern)
+def _found(pattern: str, results: str) -> list[str]:
+    below = f"{results.replace(':///', '://')}/"
+    urls = [url for url in find(pattern) if not (results and url.replace(":///", "://").startswith(below))]
     if not urls:
         raise InputError(f"{without_secrets(pattern)}: finds no file; check the pattern and what you may list")
     return urls

@@ -76,7 +76,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
         if name not in TABLES:
             raise UsageError(f"--tables: no table {name!r}; {did_you_mean(name, TABLES)}")
     config = read_config(request.config, ())
-    sources = sources_of(request.recordings)
+    sources = sources_of(request.recordings, request.output)
     _check_config(config)
     _check_places(request, sources)
     files = [request.config, *(Path(source.place) for source in sources if not is_url(source.place))]

@@ -15,7 +15,17 @@ from typing import IO
 from occlog.errors import InputError, OutputError
 from occlog.io.files.inputs import check_input
 
-from .manifest import LOCK, MANIFEST, MAX_MANIFEST_BYTES, Manifest, PackedFile, check_name, key_of_name, lock_text, read_manifest
+from .manifest import (
+    LOCK,
+    MANIFEST,
+    MAX_MANIFEST_BYTES,
+    Manifest,
+    PackedFile,
+    check_name,
+    key_of_name,
+    lock_text,
+    read_manifest,
+)
 
 FREE_BYTES, MAX_GROWTH = 1 << 30, 4
 """Unpacked bytes that any archive may hold, and above that for each of its own: only texts are compressed."""

@@ -56,6 +56,22 @@ def test_a_recording_that_is_named_twice_counts_once(tmp_path: Path, monkeypatch
     assert [(source.name, source.shown) for source in found] == [("hall", "hall.mcap"), ("odd[1]", "odd[1].mcap")]
 
 
+def test_results_are_no_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second command took the tables of the first for recordings that failed."""
+    touch(tmp_path, "hall.mcap", "out/runs.parquet", "out/runs/hall/tracks.parquet", "outer.mcap")
+    monkeypatch.chdir(tmp_path)
+    for results in ("out", "./out/", str(tmp_path / "out")):
+        assert [source.shown for source in sources_of(["**/*"], results)] == ["hall.mcap", "outer.mcap"]
+    assert [source.name for source in sources_of(["out/runs.parquet"], "out")] == ["runs"]
+    with pytest.raises(InputError, match="finds no file"):
+        sources_of(["out/*"], "out")
+    memory = pytest.importorskip("fsspec").filesystem("memory")
+    for name in ("hall.mcap", "out/batch.json", "outer.mcap"):
+        memory.pipe_file(f"/its/{name}", b"x")
+    assert [source.name for source in sources_of(["memory://its/**"], "memory://its/out")] == ["hall", "outer"]
+    memory.rm("/its", recursive=True)
+
+
 def test_a_recording_that_links_lead_to_counts_once(tmp_path: Path) -> None:
     touch(tmp_path, "all/b/hall.mcap", "all/b/yard.mcap", "elsewhere/lot.mcap")
     for name in ("all/a", "all/latest"):
