@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import http.server
+import multiprocessing
 import socket
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -103,6 +105,21 @@ def test_scratch_folders_of_killed_processes_are_removed(tmp_path: Path) -> None
         assert mine.is_dir()
     assert names(tmp_path) == set()
     assert not list(tmp_path.glob("scratch-*"))
+
+
+def _use_scratch(folder: Path) -> None:
+    cache = Cache(folder, 10**6)
+    for _ in range(150):
+        with cache.scratch() as mine:
+            (mine / "run").mkdir()
+            for number in range(12):
+                (mine / "run" / str(number)).write_bytes(b"x")
+
+
+def test_folders_that_go_while_another_process_looks_at_them_do_no_harm(tmp_path: Path) -> None:
+    """One in a hundred ended a recording."""
+    with ProcessPoolExecutor(4, multiprocessing.get_context("forkserver")) as pool:
+        assert list(pool.map(_use_scratch, [tmp_path] * 4)) == [None] * 4
 
 
 class Quiet(http.server.SimpleHTTPRequestHandler):
