@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,8 @@ from .urls import EXTRAS, READ_ONLY, kind_of, scrubbed, shown
 
 MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
 """What file systems tell of a file that changes when the file does."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 SILENCE = 60.0
 """Time that a web server may say nothing [s]."""
@@ -52,6 +55,8 @@ def _told(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
             raise failure(f"{shown(url)}: cannot be reached: {scrubbed(str(reason))}; try again") from error
         raise failure(f"{shown(url)}: no such file") from None
     except Exception as error:  # each file system has errors of its own
+        if isinstance(error, OSError) and error.errno in FULL:
+            raise  # of this machine
         words = scrubbed(str(error))
         raise failure(f"{shown(url)}: {type(error).__name__}{f': {words}' if words else ''}; try again") from None
 

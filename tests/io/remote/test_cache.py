@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import http.server
 import multiprocessing
+import os
 import socket
 import threading
 import time
@@ -16,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from occlog.errors import InputError
+from occlog.errors import InputError, OutputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.remote.cache import Cache
@@ -93,6 +95,16 @@ def test_a_name_with_brackets_is_no_pattern_where_it_is_there(store: object) -> 
     assert find("memory://in/a[1].mcap") == ["memory://in/a[1].mcap"]
     assert find("memory://in/b[1].mcap") == ["memory:///in/b1.mcap"]
     assert find("memory://in/c[1].mcap") == []
+
+
+def test_a_full_disk_is_no_fault_of_the_store(store: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    store.pipe_file("/in/a.mcap", LARGE)  # type: ignore[attr-defined]
+    monkeypatch.setattr(type(store), "get_file", full)
+    with pytest.raises(OutputError, match=r"cannot keep memory://in/a.mcap: No space left on device"):
+        Cache(tmp_path, 10**6).holding("memory://in/a.mcap").__enter__()
 
 
 def test_scratch_folders_of_killed_processes_are_removed(tmp_path: Path) -> None:
