@@ -16,7 +16,7 @@ from occlog import __version__
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 
-from .interface import Lost, R, T
+from .interface import Lost, R, T, done_alike
 
 _ONE_AT_A_TIME = threading.Lock()
 """Of a worker with several threads: a run changes the working folder and standard error of its whole process."""
@@ -112,8 +112,6 @@ def _quiet() -> Iterator[None]:
 
 
 def _in_turn(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Do a piece of work on a worker; InputError where its occlog is another one: figures would not be comparable."""
-    if version != __version__:
-        raise InputError(f"a worker has occlog {__version__}, this is {version}; install the same")
+    """Do a piece of work while no other thread of this worker does one."""
     with _ONE_AT_A_TIME:
-        return work(piece)
+        return done_alike(version, work, piece)

@@ -7,15 +7,17 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from occlog.errors import UsageError
+from occlog import __version__
+from occlog.errors import InputError, UsageError
 from occlog.pipeline.executors import jobs as jobs_of_slurm
 from occlog.pipeline.executors.chosen import executor_of
 from occlog.pipeline.executors.dask_cluster import DaskCluster
-from occlog.pipeline.executors.interface import Lost
+from occlog.pipeline.executors.interface import Lost, done_alike
 from occlog.pipeline.executors.jobs import Jobs
 from occlog.pipeline.executors.options import job_settings
 from occlog.pipeline.executors.ray_cluster import RayCluster
@@ -112,7 +114,7 @@ def test_jobs_share_the_work_and_a_piece_that_kills_its_process_takes_no_other_w
 def test_ray_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *sys.path]))
-    found = dict(RayCluster("ray").outcomes({str(n): n for n in range(5)}, square_or_die))
+    found = dict(RayCluster("ray").outcomes({str(n): n for n in range(5)}, partial(square_or_die)))
     assert isinstance(found.pop("3"), Lost)
     assert found == {str(n): n * n for n in (0, 1, 2, 4)}
 
@@ -127,7 +129,7 @@ def alone_or_die(number: int) -> int:
         os._exit(9)
     if not BUSY.acquire(blocking=False):
         return -1
-    time.sleep(0.05 if number < 9 else 60)
+    time.sleep(0.05 if number < 9 else 15)
     BUSY.release()
     return number
 
@@ -168,3 +170,9 @@ def test_a_worker_of_dask_that_dies_takes_no_other_work_with_it_and_a_scheduler_
     assert lost.startswith("{'3': Lost(")
     assert lost.count(":") == 1, lost
     assert "is gone; start it again" in gone
+
+
+def test_a_worker_with_another_version_is_refused() -> None:
+    assert done_alike(__version__, square_or_die, 2) == 4
+    with pytest.raises(InputError, match=f"a worker has occlog {__version__}, this is 0.0.1; install the same"):
+        done_alike("0.0.1", square_or_die, 2)
