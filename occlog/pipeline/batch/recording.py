@@ -38,7 +38,7 @@ class Task:
     shown: str  # what it is called in tables
     place: str = field(repr=False)  # where it is; a URL may hold what opens it
     config: Config  # without a recording
-    folder: str  # of its run
+    folder: str = field(repr=False)  # of its run; the same
     force: bool  # do every stage
     cache: Cache  # for what is at a URL
 

@@ -173,7 +173,9 @@ def _check_space(path: Path, members: Mapping[str, zipfile.ZipInfo], folder: Pat
         raise OutputError(f"{path}: unpacks to {total} bytes, and {folder} has {free}; free some space, or set TMPDIR")
 
 
-def _copy(source: IO[bytes], target: Path, told: PackedFile, where: str) -> None:
+def _copy(
+    source: IO[bytes], target: Path, told: PackedFile, where: str, remedy: str = "copy the archive again"
+) -> None:
     """Write a file of exactly the stated size and digest."""
     target.parent.mkdir(parents=True, exist_ok=True)
     digest, size = hashlib.sha256(), 0
@@ -185,11 +187,11 @@ def _copy(source: IO[bytes], target: Path, told: PackedFile, where: str) -> None
             digest.update(part)
             out.write(part)
     if size != told.bytes or digest.hexdigest() != told.sha256:
-        raise InputError(f"{where}: is not what {MANIFEST} says (size or SHA-256); copy the archive again")
+        raise InputError(f"{where}: is not what {MANIFEST} says (size or SHA-256); {remedy}")
 
 
 def take(source: Path, target: Path, told: PackedFile) -> None:
     """Copy a file that is not in the archive; InputError unless it is the one that the manifest names."""
     check_input(source, "an input of the packed run")
     with source.open("rb") as file:
-        _copy(file, target, told, str(source))
+        _copy(file, target, told, str(source), "give the folder that has the inputs of this run: --inputs FOLDER")
