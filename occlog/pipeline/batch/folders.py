@@ -12,7 +12,7 @@ from pathlib import Path
 
 from occlog import __version__
 from occlog.errors import InputError, OutputError, UsageError
-from occlog.io.files.atomic import PARTIAL, translate_write_errors
+from occlog.io.files.atomic import PARTIAL, no_links_out_of, translate_write_errors
 from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.texts.json_file import read_json, write_json
@@ -76,7 +76,8 @@ def _prepare(output: Path) -> Path:
         raise InputError(f"{mark}: not of a batch; name a new or empty folder")
     try:
         output.mkdir(parents=True, exist_ok=True)
-        write_json(mark, _mark(), overwrite=True)
+        with no_links_out_of(output):
+            write_json(mark, _mark(), overwrite=True)
         (output / RUNS).mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(f"{output}: the folder of the batch cannot be made: {error.strerror or error}") from error

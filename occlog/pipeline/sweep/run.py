@@ -20,7 +20,7 @@ from occlog import __version__
 from occlog.cli import options
 from occlog.details import begin_work, note_files
 from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError
-from occlog.io.files.atomic import write_bytes
+from occlog.io.files.atomic import translate_write_errors, write_bytes
 from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_inputs
 from occlog.io.files.texts.json_file import read_json, write_json
@@ -117,7 +117,8 @@ def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
     if any((folder / name).exists() for name in (MADE, STORE, *RESULTS)) and not overwrite:
         raise OutputExistsError(f"{folder}: holds another sweep; give another folder")
     for name in (STORE, *RESULTS):
-        (folder / name).unlink(missing_ok=True)
+        with translate_write_errors(folder / name):
+            (folder / name).unlink(missing_ok=True)
     write_json(marker, made, overwrite=True)
 
 

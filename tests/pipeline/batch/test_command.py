@@ -326,6 +326,18 @@ def test_other_folders_are_left_alone(simulated: Path, tmp_path: Path, capsys: p
     do(simulated, tmp_path / "out", "--workers", "2", "--scheduler", "tcp://x:1", code=ExitCode.USAGE)
 
 
+def test_a_link_in_the_folder_replaces_nothing_elsewhere(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "run.json"
+    mine.write_text('{"program": "occlog"}')
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "batch.json").symlink_to(mine)
+    do(simulated, tmp_path / "out", code=ExitCode.BAD_INPUT)
+    assert f"is a link to {mine}" in capsys.readouterr().err
+    assert mine.read_text() == '{"program": "occlog"}'
+
+
 def test_two_commands_do_not_work_in_one_folder(
     simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
