@@ -13,11 +13,12 @@ import pyarrow as pa
 from occlog.errors import InputError
 from occlog.io.files.tables.arrow_columns import from_arrow
 from occlog.io.files.tables.header import read_header
-from occlog.io.files.tables.parquet import groups_of
+from occlog.io.files.tables.parquet import arrow_batches, groups_of
 from occlog.io.files.texts.csv_rows import bad_lines_told_to
 from occlog.io.foreign.cells import Cells
 from occlog.io.foreign.source import Source
 from occlog.io.foreign.table import ForeignTable, best_fit
+from occlog.io.gathered.schema import GATHERED
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES
@@ -30,7 +31,13 @@ from .rows import TableWatch, sift
 def look_at_table(path: Path, findings: Findings) -> None:
     """Look at a Parquet table of occlog: its header, each group of rows, each row, and the times of its sensors."""
     try:
-        note_losses(read_header(path).provenance.losses, findings)
+        header = read_header(path)
+        note_losses(header.provenance.losses, findings)
+        if header.table.startswith(GATHERED):
+            # Rows of several recordings, which follow no order
+            for _ in arrow_batches(path):
+                pass
+            return
     except InputError as error:
         findings.refused("unreadable", error)
     watch: TableWatch | None = None

@@ -20,6 +20,8 @@ from occlog.io.files.tables.check_sums import Summed
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 
 VERSION = 1
+GATHERED = "batch."
+"""Beginning of the names of their schemas."""
 NAMES = pa.dictionary(pa.int32(), pa.string())
 """Type of columns of names."""
 RECORDING = pa.field("recording", NAMES, nullable=False, metadata={"unit": "1", "doc": "name of the run folder"})
@@ -32,7 +34,7 @@ def field(name: str, kind: pa.DataType, doc: str, *, unit: str = "1", nullable: 
 
 def gathered_schema(name: str, fields: Iterable[pa.Field], provenance: Provenance, length_unit: str = "") -> pa.Schema:
     """Schema of a table over many recordings; `length_unit` where it has lengths."""
-    metadata = {SCHEMA_KEY: f"batch.{name}/{VERSION}", PROVENANCE_KEY: provenance.json()}
+    metadata = {SCHEMA_KEY: f"{GATHERED}{name}/{VERSION}", PROVENANCE_KEY: provenance.json()}
     if length_unit:
         metadata["occlog.length_unit"] = length_unit
     return pa.schema([RECORDING, *fields], metadata=metadata)

@@ -10,18 +10,20 @@ import fcntl
 import hashlib
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO
 
 from occlog.errors import InputError, OutputError
-from occlog.io.recording.reader import linked_videos
+from occlog.io.files.provenance import hash_file
+from occlog.io.recording.reader import linked_videos, open_recording
 
 from .store import fetch, version
-from .urls import shown
+from .urls import identity, shown
 
 LOCK, SCRATCH = ".lock", "scratch-"
 
@@ -48,18 +50,15 @@ class Cache:
         told = version(url)
         if told.size is not None and told.size > self.limit:
             raise InputError(f"{shown(url)}: has {told.size} bytes, limit {self.limit}; raise --cache-limit")
-        key = hashlib.sha256(f"{shown(url)}\0{told.size}\0{told.mark}".encode()).hexdigest()[:32]
-        with self._using(key) as entry:
-            self._trim(told.size or 0)
+        key = hashlib.sha256(f"{identity(url)}\0{told.size}\0{told.mark}".encode()).hexdigest()[:32]
+        # Without a mark nobody knows whether the file is still what it was
+        with self._using(key) if told.mark else self.scratch() as entry:
             file = entry / PurePosixPath(shown(url)).name
-            # Without a mark nobody knows whether the file is still what it was
-            if not (told.mark and file.exists()):
-                size = fetch(url, file)
-                if told.size is not None and size != told.size:
-                    file.unlink()
-                    raise InputError(f"{shown(url)}: came with {size} bytes of {told.size}; try again")
-            for video in linked_videos(file):
-                self._fetch_beside(url, file, video)
+            with _fetching(entry):
+                if not file.exists():
+                    self._fetch(url, file, told.size)
+                for video in linked_videos(file):
+                    self._fetch_beside(url, file, video)
             yield file
 
     @contextmanager
@@ -77,8 +76,20 @@ class Cache:
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
             return
         there = url.partition("?")[0].rpartition("/")[0] + f"/{name}"
-        self._trim(version(there).size or 0)
-        fetch(there, video)
+        self._fetch(there, video, version(there).size)
+        if hash_file(video) not in [link.get("sha256") for link in open_recording(recording).videos.values()]:
+            video.unlink()
+            raise InputError(
+                f"{shown(there)}: is not the video that {recording.name} links to (SHA-256); put that one there"
+            )
+
+    def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
+        """Fetch a file of so many bytes; None: nobody knows how many."""
+        self._trim(wanted or 0)
+        size = fetch(url, file)
+        if wanted is not None and size != wanted:
+            file.unlink()
+            raise InputError(f"{shown(url)}: came with {size} bytes of {wanted}; try again")
 
     @contextmanager
     def _using(self, key: str) -> Iterator[Path]:
@@ -93,7 +104,9 @@ class Cache:
         try:
             yield entry
         finally:
-            os.utime(lock.fileno())
+            # The system's own time of a file has steps of some ms, in which two would be used at once
+            now = time.time_ns()
+            os.utime(lock.fileno(), ns=(now, now))
             lock.close()
             self._trim(0)
 
@@ -138,6 +151,17 @@ def default_folder() -> Path:
     return Path(caches) / "occlog"
 
 
+@contextmanager
+def _fetching(entry: Path) -> Iterator[None]:
+    """Nobody else fetches into an entry meanwhile; whoever comes later finds what was fetched."""
+    descriptor = os.open(entry, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def _alone(lock: IO[str]) -> bool:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -147,4 +171,10 @@ def _alone(lock: IO[str]) -> bool:
 
 
 def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    """Bytes of the files in a folder, which whoever uses it may remove meanwhile."""
+    total = 0
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with suppress(FileNotFoundError):
+                total += (Path(place) / name).stat().st_size
+    return total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,14 @@ from .urls import EXTRAS, READ_ONLY, kind_of, scrubbed, shown
 
 MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
 """What file systems tell of a file that changes when the file does."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+SILENCE = 60.0
+"""Time that a web server may say nothing [s]."""
+
+PART = ".part"
+"""Name of a file that has not come whole; one at a time is fetched into a folder."""
 
 GONE = (404, 410)
 """Answers of a web server that say that a file is not there; others, as 403 and 503, do not."""
@@ -46,6 +55,8 @@ def _told(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
             raise failure(f"{shown(url)}: cannot be reached: {scrubbed(str(reason))}; try again") from error
         raise failure(f"{shown(url)}: no such file") from None
     except Exception as error:  # each file system has errors of its own
+        if isinstance(error, OSError) and error.errno in FULL:
+            raise  # of this machine
         words = scrubbed(str(error))
         raise failure(f"{shown(url)}: {type(error).__name__}{f': {words}' if words else ''}; try again") from None
 
@@ -60,10 +71,16 @@ def _unreached(error: FileNotFoundError) -> BaseException | None:
 
 def _opened(url: str) -> tuple[Any, str]:
     """The file system of a URL, and the path in it."""
-    kind_of(url)
+    kind = kind_of(url)
     import fsspec
 
-    return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
+    settings = {}
+    if kind in READ_ONLY:
+        import aiohttp
+
+        # Its own limit is for the whole file, and five minutes
+        settings = {"client_kwargs": {"timeout": aiohttp.ClientTimeout(total=None, connect=SILENCE, sock_read=SILENCE)}}
+    return fsspec.core.url_to_fs(url, **settings)  # type: ignore[no-any-return]
 
 
 def find(pattern: str) -> list[str]:
@@ -73,7 +90,9 @@ def find(pattern: str) -> list[str]:
         return [pattern]
     with _told(pattern):
         system, path = _opened(pattern)
-        return sorted(str(system.unstrip_protocol(found)) for found in system.glob(path))
+        there = system.glob(path, detail=True).items()
+        found = sorted(str(system.unstrip_protocol(each)) for each, told in there if told.get("type") != "directory")
+        return found or [pattern] * system.exists(path)  # its name has brackets
 
 
 def version(url: str) -> Version:
@@ -88,7 +107,7 @@ def version(url: str) -> Version:
 
 def fetch(url: str, file: Path) -> int:
     """Copy a file to this machine; its size. What was there is replaced by the whole file or not at all."""
-    part = file.with_name(f".{file.name}.part")
+    part = file.with_name(PART)
     try:
         with _told(url):
             system, path = _opened(url)
@@ -122,7 +141,9 @@ def names_in(url: str) -> list[str]:
         system, path = _opened(url)
         system.invalidate_cache()
         try:
-            return sorted(Path(str(found)).name for found in system.ls(path, detail=False))
+            found = [str(each).rstrip("/") for each in system.ls(path, detail=False)]
+            # Stores have empty files that stand for the folder itself
+            return sorted(Path(each).name for each in found if each != path.rstrip("/"))
         except FileNotFoundError:
             return []
 

@@ -72,6 +72,7 @@ def command(
       occlog batch study.yaml 'recordings/**/*.mcap' -o results/ --scheduler tcp://127.0.0.1:8786 --json
     """
     from occlog.io.remote.cache import Cache, default_folder
+    from occlog.io.remote.urls import without_end
 
     from .run import BatchRequest, run_batch
 
@@ -82,7 +83,7 @@ def command(
     request = BatchRequest(
         config=config,
         recordings=recordings,
-        output=output,
+        output=without_end(output),
         tables=wanted,
         workers=workers or os.cpu_count() or 1,
         scheduler=scheduler,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from occlog import __version__
 from occlog.errors import InputError, OutputError, UsageError
-from occlog.io.files.atomic import PARTIAL, translate_write_errors
+from occlog.io.files.atomic import PARTIAL, no_links_out_of, translate_write_errors
 from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.texts.json_file import read_json, write_json
@@ -76,7 +76,8 @@ def _prepare(output: Path) -> Path:
         raise InputError(f"{mark}: not of a batch; name a new or empty folder")
     try:
         output.mkdir(parents=True, exist_ok=True)
-        write_json(mark, _mark(), overwrite=True)
+        with no_links_out_of(output):
+            write_json(mark, _mark(), overwrite=True)
         (output / RUNS).mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(f"{output}: the folder of the batch cannot be made: {error.strerror or error}") from error
@@ -100,10 +101,10 @@ def run_folder(place: str, name: str, cache: Cache) -> Iterator[Path]:
         fetch_files(place, names if STATE in names else (), run)
         before = {path.name: hash_file(path) for path in run.iterdir()}
         yield run
-        if not run.is_dir():
-            return
-        after = sorted((path for path in run.iterdir() if path.is_file()), key=lambda path: path.name == STATE)
-        for path in after:
+        files = [path for path in run.glob("*") if path.is_file()]
+        # What a stage made that the configuration no longer has would pass for the run's own
+        remove(f"{place}/{name}" for name in before.keys() - {path.name for path in files})
+        for path in sorted(files, key=lambda path: path.name == STATE):
             if before.get(path.name) != hash_file(path):
                 put(path, f"{place}/{path.name}")
 

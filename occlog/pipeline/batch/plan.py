@@ -16,6 +16,7 @@ from occlog.errors import InputError
 from occlog.io.remote.store import find
 from occlog.io.remote.urls import is_url
 from occlog.io.remote.urls import shown as without_secrets
+from occlog.pipeline.pack.manifest import key_of_name
 
 FEWEST_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""
@@ -29,7 +30,7 @@ class Source(NamedTuple):
     """A recording of a batch.
 
     Attributes:
-        name: of its run folder, different from every other one, also where case does not count; text.
+        name: of its run folder, different from every other one, also where case does not count, or how accents are put.
         shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
         place: where it is.
         fault: why it cannot be taken, in words that follow its name; empty: it may be.
@@ -41,7 +42,7 @@ class Source(NamedTuple):
     fault: str = ""
 
 
-def sources_of(patterns: Sequence[str]) -> list[Source]:
+def sources_of(patterns: Sequence[str], results: str = "") -> list[Source]:
     """Find the recordings that patterns name, each once, in the order of their names.
 
     Of several ways to one recording, over links, the one with the fewest links counts, and else the first by name.
@@ -50,15 +51,16 @@ def sources_of(patterns: Sequence[str]) -> list[Source]:
 
     Args:
         patterns: files, patterns with `*`, `?`, `[...]` and `**`, and URLs.
+        results: folder of the results, or its URL; patterns find nothing in it.
 
     Raises:
         InputError: a file is missing, or a pattern finds none.
     """
-    places = _each_once(place for pattern in patterns for place in _places(pattern))
+    places = _each_once(place for pattern in patterns for place in _places(pattern, results))
     shown = _shown(places)
     alike: dict[str, list[str]] = defaultdict(list)
     for place in places:
-        alike[_stem(place).casefold()].append(place)
+        alike[key_of_name(_stem(place))].append(place)
     taken = {stem for stem, group in alike.items() if len(group) == 1 and _fits(_stem(group[0]))}
     found = []
     for stem, group in alike.items():
@@ -74,6 +76,11 @@ def in_text(name: str) -> str:
     return "".join(bytewise).encode("utf-8", "backslashreplace").decode()
 
 
+def in_line(text: str) -> str:
+    """A message as a table has it: one line of text."""
+    return in_text(" ".join(text.split()))
+
+
 def _each_once(places: Iterable[str]) -> list[str]:
     """Of the ways to each recording the one over the fewest links, of these the first by name."""
     ways: dict[str, set[str]] = defaultdict(set)
@@ -87,9 +94,9 @@ def _links(place: str) -> int:
     return 0 if is_url(place) else sum(part.is_symlink() for part in (Path(place), *Path(place).parents))
 
 
-def _places(pattern: str) -> Iterable[str]:
+def _places(pattern: str, results: str) -> Iterable[str]:
     if is_url(pattern):
-        return _found(pattern)
+        return _found(pattern, results)
     if Path(pattern).is_file():  # also one whose name has brackets
         return [_absolute(pattern)]
     if Path(pattern).is_dir():
@@ -102,10 +109,15 @@ def _places(pattern: str) -> Iterable[str]:
             f"{pattern}: more than {MOST_PATHS:,} paths; where links lead back into their own folder name folders "
             "without them"
         )
-    names = sorted(name for name in names if _may_be_file(name))
+    own = os.path.realpath(results) if results and not is_url(results) else ""
+    names = sorted(name for name in names if _may_be_file(name) and not (own and _is_below(name, own)))
     if not names:
         raise InputError(f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone")
     return [_absolute(name) for name in names]
+
+
+def _is_below(name: str, folder: str) -> bool:
+    return Path(os.path.realpath(name)).is_relative_to(folder)
 
 
 def _may_be_file(name: str) -> bool:
@@ -135,8 +147,9 @@ def _absolute(name: str) -> str:
     return path if os.path.realpath(path) == real else real
 
 
-def _found(pattern: str) -> list[str]:
-    urls = find(pattern)
+def _found(pattern: str, results: str) -> list[str]:
+    below = f"{results.replace(':///', '://')}/"
+    urls = [url for url in find(pattern) if not (results and url.replace(":///", "://").startswith(below))]
     if not urls:
         raise InputError(f"{without_secrets(pattern)}: finds no file; check the pattern and what you may list")
     return urls
@@ -165,6 +178,6 @@ def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
     ends = (f"-{digest[:length]}" for length in range(FEWEST_DIGITS, len(digest) + 1))
     names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)
-    name = next(name for name in names if name.casefold() not in taken)
-    taken.add(name.casefold())
+    name = next(name for name in names if key_of_name(name) not in taken)
+    taken.add(key_of_name(name))
     return name

@@ -22,7 +22,7 @@ from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
 
 from .folders import run_folder
-from .plan import in_text
+from .plan import in_line
 
 METRICS = "metrics.json"
 STATES = {ExitCode.DONE: "done", ExitCode.LOSSY: "lossy", ExitCode.THRESHOLD: "threshold"}
@@ -38,7 +38,7 @@ class Task:
     shown: str  # what it is called in tables
     place: str = field(repr=False)  # where it is; a URL may hold what opens it
     config: Config  # without a recording
-    folder: str  # of its run
+    folder: str = field(repr=False)  # of its run; the same
     force: bool  # do every stage
     cache: Cache  # for what is at a URL
 
@@ -81,7 +81,7 @@ class _Run:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._stage = "recording"
-        self._names: dict[str, str] = {}  # of folders of this machine, for messages
+        self._names = {str(task.config.path): task.config.path.name}  # of places of this machine, for messages
         self._steps: list[Step] = []
 
     def outcome(self) -> Outcome:
@@ -89,7 +89,9 @@ class _Run:
         task, found = self._task, Outcome(self._task.name, self._task.shown)
         try:
             with self._recording() as recording, run_folder(task.folder, task.name, task.cache) as folder:
-                self._names = {str(recording): task.shown, str(folder): task.name}
+                self._names |= {str(recording): task.shown, str(folder): task.name}
+                # Of what lies beside it, such as videos
+                self._names[f"{recording.parent}/"] = task.shown[: task.shown.rfind("/") + 1]
                 found = replace(found, sha256=hash_file(recording))
                 try:
                     code = self._do_stages(recording, folder)
@@ -124,10 +126,10 @@ class _Run:
     def _failed(self, found: Outcome, error: Exception) -> Outcome:
         """The outcome with the error, in one line that names no folder of this machine."""
         text, code = explain(error)
-        text = " ".join(text.split())
         for path, name in self._names.items():
-            text = text.replace(path, name)
-        return replace(found, code=int(code), stage=self._stage, message=in_text(text), redone=True)
+            for each in {path, " ".join(path.split())} - {"/"}:
+                text = text.replace(each, name)
+        return replace(found, code=int(code), stage=self._stage, message=in_line(text), redone=True)
 
     def _begin(self, stage: str) -> None:
         self._stage = stage

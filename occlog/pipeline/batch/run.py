@@ -23,10 +23,10 @@ from occlog.pipeline.progress import shown_progress
 from occlog.pipeline.run.run import worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
 from occlog.records.tables import TABLES
-from occlog.words import counted
+from occlog.words import counted, told
 
 from .folders import RUNS, batch_folder, fetch_files
-from .plan import Source, in_text, sources_of
+from .plan import Source, in_line, in_text, sources_of
 from .recording import FAILED, Outcome, Task, process
 from .tables import METRICS_FILES, METRICS_TABLE, RUNS_TABLE, gather
 
@@ -76,7 +76,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
         if name not in TABLES:
             raise UsageError(f"--tables: no table {name!r}; {did_you_mean(name, TABLES)}")
     config = read_config(request.config, ())
-    sources = sources_of(request.recordings)
+    sources = sources_of(request.recordings, request.output)
     _check_config(config)
     _check_places(request, sources)
     files = [request.config, *(Path(source.place) for source in sources if not is_url(source.place))]
@@ -122,6 +122,8 @@ def _outcomes(
     request: BatchRequest, config: Config, sources: Sequence[Source], folder: str, quiet: bool
 ) -> list[Outcome]:
     """The outcome of every recording, in their order."""
+    # A worker of another machine may have another working folder
+    config = replace(config, path=config.path.absolute())
     tasks = {
         s.name: Task(s.name, s.shown, s.place, config, f"{folder}/{RUNS}/{s.name}", request.force, request.cache)
         for s in sources
@@ -146,7 +148,7 @@ def _outcomes(
 
 def _refused(source: Source) -> Outcome:
     """The outcome of a recording that is not tried."""
-    message = f"{source.shown}: {source.fault}"
+    message = in_line(f"{source.shown}: {source.fault}")
     return Outcome(source.name, source.shown, code=ExitCode.BAD_INPUT, stage="recording", message=message, redone=True)
 
 
@@ -177,8 +179,9 @@ def _tell(outcomes: Sequence[Outcome], sources: Sequence[Source], quiet: bool) -
     """Name recordings that failed or that are not to be believed, on standard error."""
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
     for each, source in failed[:TOLD]:
-        message = each.message.replace(each.shown, _from_here(source))
-        click.echo(f"occlog: failed: {each.name}: {each.stage}: {message}", err=True)
+        message = each.message.replace(in_line(each.shown), _from_here(source))
+        line = " ".join(f"occlog: failed: {each.name}: {each.stage}: {message}".split())
+        click.echo(told(line), err=True)
     if len(failed) > TOLD:
         click.echo(f"occlog: {len(failed) - TOLD} more have failed; {RUNS_TABLE} names them", err=True)
     lossy = [each for each in outcomes if each.losses]

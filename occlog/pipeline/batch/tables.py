@@ -18,6 +18,8 @@ from .recording import FAILED, METRICS, Outcome
 
 RUNS_TABLE, METRICS_TABLE = "runs.parquet", "metrics.parquet"
 METRICS_FILES = (METRICS, "metrics_in_images.json")
+MOST_LOSSES = 20
+"""Losses of a recording that the provenance of each table has; the table of runs has all."""
 WHOLE = "the whole recording"
 """Place of the loss of a recording that failed."""
 
@@ -63,10 +65,18 @@ def gather(folder: Path, runs: Path, outcomes: Sequence[Outcome], tables: Sequen
 
 
 def losses_of(outcomes: Sequence[Outcome]) -> tuple[Loss, ...]:
-    """What was lost in all recordings; of one that failed all of it."""
+    """What was lost in all recordings; of one that failed all of it, of one with many losses a part and their number.
+
+    The table of runs has them all: in the metadata of a file, a million are more than libraries of Parquet read.
+    """
     found = []
     for each in outcomes:
-        found += [Loss(f"{each.name}: {loss.source}", loss.place, loss.what, loss.count) for loss in each.losses]
+        told, more = each.losses[:MOST_LOSSES], each.losses[MOST_LOSSES:]
+        found += [Loss(f"{each.name}: {loss.source}", loss.place, loss.what, loss.count) for loss in told]
+        if more:
+            counts = [loss.count for loss in more]
+            what = f"{len(more)} more losses; {RUNS_TABLE} lists them"
+            found.append(Loss(each.name, "other places", what, sum(counts) if all(counts) else 0))
         if each.state == FAILED:
             found.append(Loss(each.name, WHOLE, f"{each.stage} failed: {each.message}"))
     return tuple(found)

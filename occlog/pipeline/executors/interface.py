@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple, Protocol, TypeVar
 
+from occlog import __version__
+from occlog.errors import InputError
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -34,6 +37,13 @@ class Executor(Protocol):
             UsageError: the executor wants a package that is not installed, or does not answer.
         """
         ...
+
+
+def done_alike(version: str, work: Callable[[T], R], piece: T) -> R:
+    """Do a piece of work on another machine; InputError where its occlog is another one, with other figures."""
+    if version != __version__:
+        raise InputError(f"a worker has occlog {__version__}, this is {version}; install the same")
+    return work(piece)
 
 
 class InThisProcess:

@@ -9,6 +9,7 @@ from typing import Any
 from occlog.errors import UsageError
 
 from .interface import Lost, R, T
+from .processes import Processes
 
 JOBS = 10
 """Jobs that the work is dealt out to by default."""
@@ -17,7 +18,7 @@ POLL_S = 10.0
 
 
 class Jobs:
-    """Jobs that share the pieces of work; each does one piece after another."""
+    """Jobs that share the pieces of work; each does one piece after another, in a process beside it."""
 
     def __init__(self, cluster: str, folder: Path, settings: Mapping[str, str]) -> None:
         """Use jobs on a cluster.
@@ -32,7 +33,7 @@ class Jobs:
         """
         told = dict(settings)
         count = told.pop("jobs", str(JOBS))
-        if not count.isdigit() or not int(count):
+        if not count.isdecimal() or not int(count):
             raise UsageError(f"--job jobs={count}: want a number above 0")
         self._cluster, self._folder, self._count, self._settings = cluster, folder, int(count), told
 
@@ -86,9 +87,9 @@ def _library() -> Any:
 
 
 def _number(value: str) -> object:
-    return int(value) if value.isdigit() else value
+    return int(value) if value.isdecimal() else value
 
 
-def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R]]:
-    """Do the pieces of a job."""
-    return [(key, work(piece)) for key, piece in pieces]
+def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R | Lost]]:
+    """Do the pieces of a job, in a process of its own: one that dies would end the job before the others, each time."""
+    return list(Processes(1).outcomes(dict(pieces), work))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from occlog import __version__
 from occlog.errors import UsageError
 
-from .interface import Lost, R, T
+from .interface import Lost, R, T, done_alike
 from .processes import ONE_THREAD
 
 
@@ -35,8 +36,9 @@ class RayCluster:
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
             raise UsageError(f"scheduler {self._address}: does not answer ({error}); start it") from error
         try:
-            remote = library.remote(num_cpus=1)(work)
-            running = {remote.remote(piece): key for key, piece in todo.items()}
+            # It takes functions alone, not those with some arguments bound
+            remote = library.remote(num_cpus=1)(done_alike)
+            running = {remote.remote(__version__, work, piece): key for key, piece in todo.items()}
             while running:
                 (done, *_), _ = library.wait(list(running))
                 try:

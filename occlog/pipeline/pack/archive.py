@@ -15,7 +15,17 @@ from typing import IO
 from occlog.errors import InputError, OutputError
 from occlog.io.files.untrusted.inputs import check_input
 
-from .manifest import LOCK, MANIFEST, MAX_MANIFEST_BYTES, Manifest, PackedFile, check_name, key_of_name, read_manifest
+from .manifest import (
+    LOCK,
+    MANIFEST,
+    MAX_MANIFEST_BYTES,
+    Manifest,
+    PackedFile,
+    check_name,
+    key_of_name,
+    lock_text,
+    read_manifest,
+)
 
 FREE_BYTES, MAX_GROWTH = 1 << 30, 4
 """Unpacked bytes that any archive may hold, and above that for each of its own: only texts are compressed."""
@@ -113,6 +123,11 @@ def unpack(path: Path, folder: Path) -> Manifest:
         for name in sorted({*wanted, MANIFEST, LOCK} ^ set(members)):
             fault = "is missing" if name not in members else f"is not in {MANIFEST}"
             raise InputError(f"{path}: {name} {fault}; it is not unpacked")
+        with _guarded(path), archive.open(members[LOCK]) as source:
+            wanted_lock = lock_text(manifest)
+            same = source.read(len(wanted_lock) + 1) == wanted_lock
+        if not same:
+            raise InputError(f"{path}: {LOCK} has other versions than {MANIFEST}; it is not unpacked")
         _check_space(path, members, folder)
         for name, told in wanted.items():
             with _guarded(path), archive.open(members[name]) as source:
@@ -158,7 +173,9 @@ def _check_space(path: Path, members: Mapping[str, zipfile.ZipInfo], folder: Pat
         raise OutputError(f"{path}: unpacks to {total} bytes, and {folder} has {free}; free some space, or set TMPDIR")
 
 
-def _copy(source: IO[bytes], target: Path, told: PackedFile, where: str) -> None:
+def _copy(
+    source: IO[bytes], target: Path, told: PackedFile, where: str, remedy: str = "copy the archive again"
+) -> None:
     """Write a file of exactly the stated size and digest."""
     target.parent.mkdir(parents=True, exist_ok=True)
     digest, size = hashlib.sha256(), 0
@@ -170,11 +187,11 @@ def _copy(source: IO[bytes], target: Path, told: PackedFile, where: str) -> None
             digest.update(part)
             out.write(part)
     if size != told.bytes or digest.hexdigest() != told.sha256:
-        raise InputError(f"{where}: is not what {MANIFEST} says (size or SHA-256); copy the archive again")
+        raise InputError(f"{where}: is not what {MANIFEST} says (size or SHA-256); {remedy}")
 
 
 def take(source: Path, target: Path, told: PackedFile) -> None:
     """Copy a file that is not in the archive; InputError unless it is the one that the manifest names."""
     check_input(source, "an input of the packed run")
     with source.open("rb") as file:
-        _copy(file, target, told, str(source))
+        _copy(file, target, told, str(source), "give the folder that has the inputs of this run: --inputs FOLDER")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -158,6 +158,9 @@ def _stages(
                 step = Step(stage.name, "done", code, ())
                 if code in GOING_ON:
                     hashes = _hashes(stage, folder)
+                    if kept is not None:
+                        others = (o.outputs for name, o in state.items() if name != stage.name)
+                        _remove_outputs(folder, kept, set(hashes).union(*others))
                     state[stage.name] = Outcome(key, code, hashes)
                     _write_state(folder, state)
                     step = Step(stage.name, "done", code, tuple(hashes))
@@ -175,11 +178,16 @@ def _drop_others(folder: Path, state: dict[str, Outcome], stages: Sequence[Stage
     """
     made = {str(Path(p).relative_to(folder)) for stage in stages for p in stage.output_paths}
     for name in set(state) - {stage.name for stage in stages}:
-        for file, digest in state.pop(name).outputs.items():
-            place = folder / file
-            if file not in made and place.is_file() and hash_file(place) == digest:
-                place.unlink()
+        _remove_outputs(folder, state.pop(name), made)
         _write_state(folder, state)
+
+
+def _remove_outputs(folder: Path, older: Outcome, made: Collection[str]) -> None:
+    """Remove what a stage made of another configuration, but what is made now."""
+    for file, digest in older.outputs.items():
+        place = folder / file
+        if file not in made and place.is_file() and hash_file(place) == digest:
+            place.unlink()
 
 
 def _note_begin(stage: str, quiet: bool) -> None:

@@ -62,7 +62,7 @@ class Store:
         for number, line in enumerate(data.split(b"\n")[:-1], start=1):
             try:
                 row = json.loads(line)
-                self.results[row["key"]] = {n: math.nan if v is None else v for n, v in row["result"].items()}
+                self.results[row["key"]] = {n: math.nan if v is None else float(v) for n, v in row["result"].items()}
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise InputError(
                     f"{path}: line {number}: is no finished trial; remove the file to begin again"

@@ -20,7 +20,8 @@ from occlog import __version__
 from occlog.cli import options
 from occlog.details import begin_work, note_files
 from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError
-from occlog.io.files.atomic import write_bytes
+from occlog.io.files.atomic import translate_write_errors, write_bytes
+from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_inputs
 from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions
@@ -78,20 +79,22 @@ def run_sweep(
     }
     note_files([path, path.parent / spec.scene], [folder])
     begin_work()
-    _prepare(folder, made, overwrite)
-    with shown_progress("sweep", "trial", len(trials), quiet) as progress:
-        try:
-            results = run_all(trials, workers, scheduler, folder / STORE, progress, jobs=jobs)
-        except TrialError as error:
-            raise TrialError(f"{path}: scene {spec.scene}: {error}") from error
-    unknown = [name for name in figures if name not in results[0]]
-    summary = summary_rows(settings, results)
-    rows = [row.as_row() for row in summary if row.figure not in TIMINGS]
-    figures_of = [{k: v for k, v in result.items() if k not in TIMINGS} for result in results]
-    times_of = [{k: result[k] for k in TIMINGS} for result in results]
-    write_bytes(folder / "trials.csv", to_csv(trial_rows(settings, figures_of)), overwrite=True)
-    write_bytes(folder / "summary.csv", to_csv(rows), overwrite=True)
-    write_bytes(folder / "timings.csv", to_csv(trial_rows(settings, times_of)), overwrite=True)
+    _make(folder)
+    with alone_with(folder, "sweep"):
+        _prepare(folder, made, overwrite)
+        with shown_progress("sweep", "trial", len(trials), quiet) as progress:
+            try:
+                results = run_all(trials, workers, scheduler, folder / STORE, progress, jobs=jobs)
+            except TrialError as error:
+                raise TrialError(f"{path}: scene {spec.scene}: {error}") from error
+        unknown = [name for name in figures if name not in results[0]]
+        summary = summary_rows(settings, results)
+        rows = [row.as_row() for row in summary if row.figure not in TIMINGS]
+        figures_of = [{k: v for k, v in result.items() if k not in TIMINGS} for result in results]
+        times_of = [{k: result[k] for k in TIMINGS} for result in results]
+        write_bytes(folder / "trials.csv", to_csv(trial_rows(settings, figures_of)), overwrite=True)
+        write_bytes(folder / "summary.csv", to_csv(rows), overwrite=True)
+        write_bytes(folder / "timings.csv", to_csv(trial_rows(settings, times_of)), overwrite=True)
     if unknown:
         raise UsageError(f"--figures: no figure {unknown[0]!r}; there are: {', '.join(results[0])}")
     if as_json:
@@ -102,19 +105,23 @@ def run_sweep(
     return ExitCode.DONE
 
 
-def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
-    """Make the folder; refuse one that holds another sweep, unless it may be replaced."""
+def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made: {error.strerror}") from error
+
+
+def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
+    """Refuse a folder that holds another sweep, unless it may be replaced."""
     marker = folder / MADE
     if marker.exists() and msgspec.json.decode(msgspec.json.encode(read_json(marker))) == msgspec.to_builtins(made):
         return
     if any((folder / name).exists() for name in (MADE, STORE, *RESULTS)) and not overwrite:
         raise OutputExistsError(f"{folder}: holds another sweep; give another folder")
     for name in (STORE, *RESULTS):
-        (folder / name).unlink(missing_ok=True)
+        with translate_write_errors(folder / name):
+            (folder / name).unlink(missing_ok=True)
     write_json(marker, made, overwrite=True)
 
 

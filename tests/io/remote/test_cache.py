@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import http.server
+import multiprocessing
+import os
 import socket
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from occlog.errors import InputError
+from occlog.errors import InputError, OutputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.remote.cache import Cache
+from occlog.io.remote.store import find
 
 fsspec = pytest.importorskip("fsspec")
 LARGE = b"x" * 1000
@@ -65,13 +72,39 @@ def test_a_file_that_changed_is_fetched_again(store: object, tmp_path: Path) -> 
 def test_linked_videos_come_along_and_links_that_leave_the_folder_do_not(store: object, tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "hall.mcap", None, Provenance("test")) as out:
         for camera, path in (("a", "a.avi"), ("b", "../b.avi"), ("c", "/c.avi")):
-            out.video(camera, path, "0" * 64)
+            out.video(camera, path, hashlib.sha256(b"frames").hexdigest())
             out.video_frame(camera, 1, 0)
     store.pipe_file("/in/hall.mcap", (tmp_path / "hall.mcap").read_bytes())  # type: ignore[attr-defined]
     for name in ("/in/a.avi", "/b.avi", "/in/b.avi", "/c.avi"):
         store.pipe_file(name, b"frames")  # type: ignore[attr-defined]
     with Cache(tmp_path / "cache", 10**6).holding("memory://in/hall.mcap") as path:
         assert {each.name for each in path.parent.iterdir()} == {"hall.mcap", "a.avi"}
+    store.pipe_file("/in/a.avi", b"fra")  # type: ignore[attr-defined]
+    cache = Cache(tmp_path / "other", 10**6)
+    with pytest.raises(InputError, match=r"memory://in/a.avi: is not the video that hall.mcap links to"):
+        cache.holding("memory://in/hall.mcap").__enter__()
+    # It did not stay in the cache, from which the wrong one was taken ever after
+    store.pipe_file("/in/a.avi", b"frames")  # type: ignore[attr-defined]
+    with cache.holding("memory://in/hall.mcap") as path:
+        assert (path.parent / "a.avi").read_bytes() == b"frames"
+
+
+def test_a_name_with_brackets_is_no_pattern_where_it_is_there(store: object) -> None:
+    for name in ("a[1].mcap", "b1.mcap"):
+        store.pipe_file(f"/in/{name}", LARGE)  # type: ignore[attr-defined]
+    assert find("memory://in/a[1].mcap") == ["memory://in/a[1].mcap"]
+    assert find("memory://in/b[1].mcap") == ["memory:///in/b1.mcap"]
+    assert find("memory://in/c[1].mcap") == []
+
+
+def test_a_full_disk_is_no_fault_of_the_store(store: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    store.pipe_file("/in/a.mcap", LARGE)  # type: ignore[attr-defined]
+    monkeypatch.setattr(type(store), "get_file", full)
+    with pytest.raises(OutputError, match=r"cannot keep memory://in/a.mcap: No space left on device"):
+        Cache(tmp_path, 10**6).holding("memory://in/a.mcap").__enter__()
 
 
 def test_scratch_folders_of_killed_processes_are_removed(tmp_path: Path) -> None:
@@ -86,6 +119,21 @@ def test_scratch_folders_of_killed_processes_are_removed(tmp_path: Path) -> None
     assert not list(tmp_path.glob("scratch-*"))
 
 
+def _use_scratch(folder: Path) -> None:
+    cache = Cache(folder, 10**6)
+    for _ in range(150):
+        with cache.scratch() as mine:
+            (mine / "run").mkdir()
+            for number in range(12):
+                (mine / "run" / str(number)).write_bytes(b"x")
+
+
+def test_folders_that_go_while_another_process_looks_at_them_do_no_harm(tmp_path: Path) -> None:
+    """One in a hundred ended a recording."""
+    with ProcessPoolExecutor(4, multiprocessing.get_context("forkserver")) as pool:
+        assert list(pool.map(_use_scratch, [tmp_path] * 4)) == [None] * 4
+
+
 class Quiet(http.server.SimpleHTTPRequestHandler):
     """Files of a folder; what is not in it is not there, and `/503` has an answer of its own."""
 
@@ -95,6 +143,44 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 
     def log_message(self, *_: object) -> None:
         pass
+
+
+class Odd(Quiet):
+    """What a query asks for, without marks; `part` comes in part, and `stall` never."""
+
+    def do_GET(self) -> None:
+        asked = self.path.partition("?")[2].encode()
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(asked) if asked != b"part" else 100))
+        self.end_headers()
+        self.wfile.write(b"" if asked == b"stall" else asked)
+        self.wfile.flush()
+        if asked == b"stall":
+            time.sleep(2)
+
+    def do_HEAD(self) -> None:
+        self.send_error(405)
+
+
+def test_two_files_of_one_path_and_answers_that_stop_are_told_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever worked on the first got the bytes of the second."""
+    pytest.importorskip("aiohttp")
+    monkeypatch.setattr("occlog.io.remote.store.SILENCE", 0.5)
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Odd)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    url, cache = f"http://127.0.0.1:{server.server_port}/get", Cache(tmp_path, 10**6)
+    try:
+        with cache.holding(f"{url}?a") as first, cache.holding(f"{url}?b") as second:
+            assert (first.read_bytes(), second.read_bytes()) == (b"a", b"b")
+        for fault, words in (("part", "not enough data|came with|PayloadError"), ("stall", "Timeout")):
+            with pytest.raises(InputError, match=words):
+                cache.holding(f"{url}?{fault}").__enter__()
+        assert names(tmp_path) == set()
+    finally:
+        server.shutdown()
+        server.server_close()
 
 
 def test_a_web_server_is_read_and_its_signature_is_not_told(tmp_path: Path) -> None:

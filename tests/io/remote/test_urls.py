@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from occlog.errors import UsageError
-from occlog.io.remote.urls import is_url, kind_of, scrubbed, shown
+from occlog.io.remote.urls import identity, is_url, kind_of, scrubbed, shown
 
 SIGNED = "https://me:word@store.example/hall.mcap?X-Amz-Signature=abc123&X-Amz-Credential=key#part"
 
@@ -28,3 +28,8 @@ def test_what_opens_a_url_is_not_told() -> None:
     words = scrubbed(f"403, message='Forbidden',\nurl='{SIGNED}' and s3://key:secret@bucket/x")
     assert not any(secret in words for secret in ("word", "abc123", "key", "secret"))
     assert "store.example/hall.mcap" in words
+
+
+def test_a_query_that_names_another_file_is_told_apart_from_a_signature() -> None:
+    assert identity(SIGNED) == "https://store.example/hall.mcap"
+    assert identity("https://me:word@h/get?file=1&Expires=9&X-Goog-Date=2&part=b#x") == "https://h/get?file=1&part=b"

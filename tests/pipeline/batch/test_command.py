@@ -11,6 +11,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import chdir
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -20,7 +22,7 @@ from sweep_scene import SCENE
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.pipeline.batch import run as batch
-from occlog.pipeline.executors.interface import InThisProcess
+from occlog.pipeline.executors.interface import InThisProcess, R, T
 
 CONFIG = "occlog_run: 1\nseed: 2\ntrack: {particles: 50}\n"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -161,6 +163,46 @@ def test_a_link_that_leads_nowhere_has_failed(
     do(folder, tmp_path / "none", code=ExitCode.BAD_INPUT)
 
 
+def test_a_configuration_that_is_named_by_a_relative_path_is_found_by_workers_in_other_folders(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it names was looked for in the worker's own folder, and taken from there."""
+
+    class Elsewhere(InThisProcess):
+        def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R]]:
+            with chdir(tmp_path):
+                found = list(super().outcomes(todo, work))
+            yield from found
+
+    (simulated / "with_scene.yaml").write_text(f"{CONFIG}scene: scene.yaml\noverlay: {{}}\n")
+    (tmp_path / "scene.yaml").write_text("no scene")
+    monkeypatch.setattr(batch, "executor_of", lambda *_, **__: Elsewhere())
+    monkeypatch.chdir(simulated)
+    out = tmp_path / "out"
+    assert run(["batch", "with_scene.yaml", "hall.mcap", "-o", str(out), "-q"]) == ExitCode.BAD_INPUT
+    (row,) = pq.read_table(out / "runs.parquet").to_pylist()
+    assert row["message"] == "with_scene.yaml: overlay: the recording holds no video; remove this key"
+    assert (out / "runs" / "hall" / "report.html").exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_a_name_with_ends_of_lines_stays_in_its_line(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It began lines of its own, and moved the cursor; the table named the folder of this machine."""
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    shutil.copy(simulated / "batch.yaml", folder)
+    shutil.copy(simulated / "cut.mcap", folder / "cut\x1b[31m\n.mcap")
+    (folder / "gone\nlink.mcap").symlink_to("nowhere")
+    do(folder, out, code=ExitCode.BAD_INPUT)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line[:21] for line in lines] == ["occlog: failed: cut\\x", "occlog: failed: gone "]
+    for row in pq.read_table(out / "runs.parquet").to_pylist():
+        assert str(folder) not in row["message"]
+        assert "\n" not in row["message"]
+
+
 @pytest.mark.usefixtures("here")
 def test_a_name_that_is_no_text_fails_alone(simulated: Path, tmp_path: Path) -> None:
     folder, out = tmp_path / "in", tmp_path / "out"
@@ -209,6 +251,18 @@ def test_an_object_store_holds_recordings_and_results(
     assert {row["source"] for row in rows} == {"memory:///in/hall.mcap", "memory:///in/cut.mcap"}
     assert str(tmp_path) not in str(rows)
     assert not list((tmp_path / "cache").glob("scratch-*"))
+    system.rm("/", recursive=True)
+
+
+def test_a_run_at_a_url_loses_what_its_configuration_no_longer_makes(simulated: Path, tmp_path: Path) -> None:
+    """Names behind the two slashes of `out/` and `runs` were not found again."""
+    system = pytest.importorskip("fsspec").filesystem("memory")
+    for track, out in (("cloud: true", "memory://slash/"), ("particles: 50", "memory://slash")):
+        (tmp_path / "batch.yaml").write_text(f"occlog_run: 1\nseed: 2\ntrack: {{{track}}}\n")
+        args = ["batch", str(tmp_path / "batch.yaml"), str(simulated / "hall.mcap"), "-o", out, "--workers", "1"]
+        assert run([*args, "-q", "--cache", str(tmp_path / "cache")]) == ExitCode.DONE
+        assert system.exists("/slash/runs/hall/particles.parquet") == ("cloud" in track)
+        assert not [name for name in system.find("/") if "//" in name]
     system.rm("/", recursive=True)
 
 
@@ -270,6 +324,18 @@ def test_other_folders_are_left_alone(simulated: Path, tmp_path: Path, capsys: p
     do(simulated, tmp_path / "out", "--dry-run")
     assert not (tmp_path / "out").exists()
     do(simulated, tmp_path / "out", "--workers", "2", "--scheduler", "tcp://x:1", code=ExitCode.USAGE)
+
+
+def test_a_link_in_the_folder_replaces_nothing_elsewhere(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "run.json"
+    mine.write_text('{"program": "occlog"}')
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "batch.json").symlink_to(mine)
+    do(simulated, tmp_path / "out", code=ExitCode.BAD_INPUT)
+    assert f"is a link to {mine}" in capsys.readouterr().err
+    assert mine.read_text() == '{"program": "occlog"}'
 
 
 def test_two_commands_do_not_work_in_one_folder(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import unicodedata
 from pathlib import Path
 
 import pytest
@@ -20,14 +21,15 @@ def touch(folder: Path, *names: str) -> None:
 
 
 def test_recordings_of_one_name_have_folders_of_their_own(tmp_path: Path) -> None:
-    touch(tmp_path, "a/hall.mcap", "b/hall.mcap", "b/HALL.mcap", "b/yard.mcap")
+    touch(tmp_path, "a/hall.mcap", "b/hall.mcap", "b/HALL.mcap", "b/yard.mcap", "caf\u00e9.mcap", "cafe\u0301.mcap")
     found = sources_of([str(tmp_path / "**/*.mcap")])
     names = [source.name for source in found]
     assert names == sorted(names)
-    assert len({name.casefold() for name in names}) == 4
+    assert len({unicodedata.normalize("NFC", name.casefold()) for name in names}) == 6
     assert "yard" in names
     assert sum(name.startswith("hall-") for name in names) == 2
-    assert {source.shown for source in found} == {"a/hall.mcap", "b/hall.mcap", "b/HALL.mcap", "b/yard.mcap"}
+    shown = {source.shown for source in found if source.shown.isascii()}
+    assert shown == {"a/hall.mcap", "b/hall.mcap", "b/HALL.mcap", "b/yard.mcap"}
 
 
 def test_a_name_that_looks_like_one_with_a_hash_is_kept_apart(tmp_path: Path) -> None:
@@ -52,6 +54,22 @@ def test_a_recording_that_is_named_twice_counts_once(tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
     found = sources_of(["hall.mcap", "*.mcap", "./hall.mcap", "odd[1].mcap"])
     assert [(source.name, source.shown) for source in found] == [("hall", "hall.mcap"), ("odd[1]", "odd[1].mcap")]
+
+
+def test_results_are_no_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second command took the tables of the first for recordings that failed."""
+    touch(tmp_path, "hall.mcap", "out/runs.parquet", "out/runs/hall/tracks.parquet", "outer.mcap")
+    monkeypatch.chdir(tmp_path)
+    for results in ("out", "./out/", str(tmp_path / "out")):
+        assert [source.shown for source in sources_of(["**/*"], results)] == ["hall.mcap", "outer.mcap"]
+    assert [source.name for source in sources_of(["out/runs.parquet"], "out")] == ["runs"]
+    with pytest.raises(InputError, match="finds no file"):
+        sources_of(["out/*"], "out")
+    memory = pytest.importorskip("fsspec").filesystem("memory")
+    for name in ("hall.mcap", "out/batch.json", "outer.mcap"):
+        memory.pipe_file(f"/its/{name}", b"x")
+    assert [source.name for source in sources_of(["memory://its/**"], "memory://its/out")] == ["hall", "outer"]
+    memory.rm("/its", recursive=True)
 
 
 def test_a_recording_that_links_lead_to_counts_once(tmp_path: Path) -> None:

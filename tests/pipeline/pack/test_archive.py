@@ -19,6 +19,7 @@ from occlog.pipeline.pack.archive import unpack
 from occlog.pipeline.pack.manifest import LOCK, MANIFEST, read_manifest
 
 CONFIG = b"occlog_run: 1\n"
+VERSIONS = b"# Python ?\nocclog==0.1.0\nnumpy==2.0.0\n"
 Members = dict[str, bytes]
 
 
@@ -42,7 +43,7 @@ def manifest(**changed: object) -> bytes:
 
 
 def members(**changed: object) -> Members:
-    return {MANIFEST: manifest(**changed), LOCK: b"", "inputs/run.yaml": CONFIG, "run/metrics.json": b"{}"}
+    return {MANIFEST: manifest(**changed), LOCK: VERSIONS, "inputs/run.yaml": CONFIG, "run/metrics.json": b"{}"}
 
 
 def write(path: Path, found: Members, change: Callable[[zipfile.ZipInfo], object] = lambda info: None) -> Path:
@@ -107,6 +108,7 @@ def test_links_and_devices_are_refused(tmp_path: Path, kind: int, words: str) ->
     [
         ({"run/metrics.json": b"[]"}, "is not what pack.json says"),
         ({"run/metrics.json": b"{} "}, "is not what pack.json says"),
+        ({LOCK: VERSIONS + b"--index-url http://evil\n"}, "lock.txt has other versions than pack.json"),
         ({"run/more.json": b"{}"}, "run/more.json is not in pack.json"),
         ({MANIFEST: b"{"}, "not a manifest"),
         ({MANIFEST: b"[" * 100_000}, "not a manifest"),
@@ -168,7 +170,7 @@ def test_what_is_packed_can_be_unpacked_however_well_it_compresses(
     (tmp_path / "text").write_bytes(text)
     with (tmp_path / "x.zip").open("wb") as out:
         packer = archive.Packer(out)
-        for name, data in ((MANIFEST, made), (LOCK, b""), ("inputs/run.yaml", CONFIG)):
+        for name, data in ((MANIFEST, made), (LOCK, VERSIONS), ("inputs/run.yaml", CONFIG)):
             packer.bytes(name, data)
         for each in read_manifest(made, "m").outputs:
             packer.file(f"run/{each.path}", tmp_path / "text", each)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from occlog.cli.main import run
@@ -17,7 +18,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
-from occlog.pipeline.pack.manifest import INPUTS, LOCK, MANIFEST, OUTPUTS
+from occlog.pipeline.pack.manifest import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, lock_text
 from occlog.pipeline.run.stages import Stage
 
 CONFIG = """
@@ -76,11 +77,10 @@ def verify(path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[
 def changed(source: Path, target: Path, **changes: object) -> Path:
     """An archive with other entries in its manifest."""
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        told = json.dumps({**json.loads(old.read(MANIFEST)), **changes}).encode()
+        others = {MANIFEST: told, LOCK: lock_text(msgspec.json.decode(told, type=Manifest))}
         for name in old.namelist():
-            data = old.read(name)
-            if name == MANIFEST:
-                data = json.dumps({**json.loads(data), **changes}).encode()
-            new.writestr(name, data)
+            new.writestr(name, others.get(name) or old.read(name))
     return target
 
 

@@ -9,7 +9,8 @@ import pytest
 from click.testing import CliRunner
 from sweep_scene import SCENE
 
-from occlog.errors import InputError, OutputExistsError, UsageError
+from occlog.errors import InputError, OutputError, OutputExistsError, UsageError
+from occlog.io.files.locks import alone_with
 from occlog.pipeline.sweep.command import command
 from occlog.pipeline.sweep.engine import TrialError
 
@@ -66,6 +67,24 @@ def test_another_sweep_is_not_overwritten_unless_asked(tmp_path):
     other = TEXT.replace("steps: 8", "steps: 9")
     assert isinstance(sweep(tmp_path, text=other).exception, OutputExistsError)
     assert sweep(tmp_path, "--overwrite", text=other).exception is None
+
+
+def test_a_folder_in_place_of_a_result_is_named(tmp_path):
+    (tmp_path / "out" / "trials.csv").mkdir(parents=True)
+    refused = sweep(tmp_path, "--overwrite").exception
+    assert isinstance(refused, OutputError)
+    assert "trials.csv: cannot be written: Is a directory" in str(refused)
+
+
+def test_two_commands_do_not_work_in_one_folder(tmp_path):
+    """With --overwrite the second took the trials of the first away, and results of either came after the other's."""
+    sweep(tmp_path)
+    store = (tmp_path / "out" / "trials.jsonl").read_bytes()
+    with alone_with(tmp_path / "out", "sweep"):
+        refused = sweep(tmp_path, "--overwrite", text=TEXT.replace("steps: 8", "steps: 9"))
+    assert isinstance(refused.exception, UsageError)
+    assert "another `occlog sweep` works with it" in str(refused.exception)
+    assert (tmp_path / "out" / "trials.jsonl").read_bytes() == store
 
 
 def test_unknown_figures_and_contradictions_are_told(tmp_path):

@@ -133,9 +133,10 @@ def test_a_line_that_was_cut_off_is_run_again(tmp_path):
     assert len(Store(store).results) == 2
 
 
-def test_a_store_that_is_none_is_refused(tmp_path):
+@pytest.mark.parametrize("text", ["a,b\n1,2\n", '{"key": "a", "result": {"rmse": "much"}}\n'])
+def test_a_store_that_is_none_is_refused(tmp_path, text):
     path = tmp_path / "trials.jsonl"
-    path.write_text("a,b\n1,2\n")
+    path.write_text(text)
     with pytest.raises(InputError, match="line 1: is no finished trial"):
         run_all(TRIALS[:1], store=path)
 
