@@ -27,6 +27,8 @@ HALVINGS = 12
 """A step of the search is halved at most so often."""
 CLOSE = 1e-6
 """The search ends where a step is shorter than this share of the standard deviation of the prediction."""
+LEAST_SHARE = 1e-13
+"""Variance of a row at least, as a share of what the state expects of it: less is lost in their sum's rounding."""
 STUCK, DISCARDED = "stuck", "discarded"
 """Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
 
@@ -65,7 +67,9 @@ def linear(state: Gaussian, at: Floats, rows: Rows, world: World) -> Updated:
     H = np.hstack([H2, np.zeros_like(H2)])
     # Innovation of the measurement that is linear about `at`
     off = residuals(expected[0], rows) - H2 @ (state.mean[:2] - at)
-    S = H @ state.covariance @ H.T + np.diag(R)
+    expected_spread = H @ state.covariance @ H.T
+    R = np.maximum(R, LEAST_SHARE * np.diagonal(expected_spread))
+    S = expected_spread + np.diag(R)
     K = np.linalg.solve(S, H @ state.covariance).T
     left = np.eye(4) - K @ H
     covariance = left @ state.covariance @ left.T + (K * R) @ K.T
