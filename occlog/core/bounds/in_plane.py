@@ -182,7 +182,7 @@ def told(A: Floats, J: Floats) -> Floats:
         if A[i, i] * J[i, i] > LARGE:
             less[i] = math.sqrt(LARGE / A[i, i] / J[i, i])
     A = A * np.outer(less, less)
-    return np.linalg.solve(np.eye(A.shape[0]) + A @ J, A)
+    return np.asarray(np.linalg.solve(np.eye(A.shape[0]) + A @ J, A))
 
 
 @kernel

@@ -274,8 +274,7 @@ def test_a_constant_velocity_after_a_gap_of_years_has_a_bound() -> None:
     information = np.zeros((5, 4, 4))
     information[:, :2, :2] = 1e4 * (np.diag([0.5, 1.0]) + 0.4 * one)
     P0 = np.diag([9.0, 9.0, 1.0, 1.0])
-    for bound in (crlb.posterior_bound, crlb.smoothing_bound):
-        found = bound(information, F, Q, P0)
+    place = np.linalg.inv(information[2, :2, :2])
+    for found in (crlb.posterior_bound(information, F, Q, P0), crlb.smoothing_bound(information, F, Q, P0)):
         assert (np.linalg.eigvalsh(found) > 0.0).all()
-        place = np.linalg.inv(information[2, :2, :2])
         assert (np.diagonal(found[2, :2, :2]) <= np.diagonal(place) * 1.001).all()
