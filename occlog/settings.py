@@ -43,7 +43,7 @@ class SettingError(InputError):
         self.owner, self.setting, self.value, self.limit = owner, setting, value, limit
 
 
-MOST, LEAST = 1e15, 1e-15
+MOST, LEAST = 1e12, 1e-15
 """Largest number of any setting, either way, and least of those above 0: their squares and quotients are numbers."""
 
 
