@@ -7,7 +7,7 @@ import pytest
 
 from occlog.errors import InputError, UsageError
 from occlog.plan.config import PlanConfig
-from occlog.settings import configure, declaration, json_schema
+from occlog.settings import SettingError, configure, declaration, json_schema
 from occlog.simulate.config import WorldConfig
 from occlog.track.apf.config import ApfConfig
 from occlog.track.catalogue import METHODS, settings_of
@@ -125,3 +125,17 @@ def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own()
     for unit in ("m", "ft", "unit"):
         plan, world = PlanConfig.in_unit(unit), WorldConfig.in_unit(unit)
         assert (plan.diameter, plan.speed, plan.sigma) == (world.diameter, world.speed, world.sigma)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("sigma_v", "1e300", "sigma_v is 1e+300, must be within 1e+12"),
+        ("clutter", "1e-300", "clutter is 1e-300, must be above 0, at least 1e-15"),
+        ("reference_s", "1e-9", "reference_s is 1e-09, must be at least 0.001"),
+    ],
+)
+def test_numbers_whose_squares_are_none_are_refused(name: str, value: str, message: str) -> None:
+    with pytest.raises(SettingError) as caught:
+        configure(ApfConfig(), {name: value})
+    assert message in str(caught.value)

@@ -28,6 +28,8 @@ WALKED = 480_000
 """Steps from which ways are taken, of all people together."""
 CROSSINGS = 2
 """Times in which one could cross the room that people walk before it counts, and at least after that."""
+MOST_PLACES = 10_000_000
+"""Steps that people take before they count, times the number of people, at most."""
 CHUNK = 4096
 """Steps for which random numbers are drawn at a time."""
 FINE = 2000
@@ -116,7 +118,13 @@ def people_walk(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: i
         state = populate(n, floor, world.diameter, rng)
     except ValueError as error:
         raise InputError(f"plan: {error}; use fewer or smaller people, or a larger room") from error
-    across = math.ceil(CROSSINGS * float(np.hypot(*np.ptp(floor.room, axis=0))) / (config.speed * dt))
+    crossing = CROSSINGS * float(np.hypot(*np.ptp(floor.room, axis=0))) / (config.speed * dt)
+    if crossing * n > MOST_PLACES:
+        raise InputError(
+            f"plan: at a speed of {config.speed:g} crossing the room takes {crossing:.2g} steps of {dt:g} s, must be "
+            f"at most {MOST_PLACES // n} with {n} people; state a higher speed, a lower rate, or fewer people"
+        )
+    across = math.ceil(crossing)
     count = across + steps - 1 + max(-(-WALKED // n), across)
     path = np.empty((count, n, 2))
     for first in range(0, count, CHUNK):

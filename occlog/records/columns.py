@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Self
@@ -21,8 +22,19 @@ ANY = -1
 """Width of a column whose rows are vectors of one length, whatever it is; 0 where nobody gave any."""
 
 
+MOST_LENGTH = 1e15
+"""Largest coordinate, length and speed, in whatever unit: beyond it 64 bits do not tell one unit from the next."""
+MOST_PX = 1e15
+"""Largest distance in an image: the tangent of a direction that is across to the last digit of an angle."""
 LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
 """Units in which m stands for the scene's unit of length, and the power of it."""
+
+
+def largest(unit: str) -> float:
+    """Largest value of a column in that unit, either way; infinite for what is no length."""
+    if unit in LENGTHS:
+        return MOST_LENGTH ** LENGTHS[unit]
+    return {"px": MOST_PX, "px^2": MOST_PX**2}.get(unit, math.inf)
 
 
 def in_length_unit(unit: str, length_unit: str) -> str:
@@ -205,6 +217,10 @@ def _check_finite(name: str, c: Column, values: NDArray[np.generic]) -> None:
         row = int(np.argwhere(bad)[0, 0])
         hint = "must be a finite number" if c.nan is None else "must not be infinite"
         raise InputError(f"{name}.{c.name}: row {row}: {values[row]} {hint}")
+    most = largest(c.unit)
+    if (bad := np.abs(values) > most).any():
+        row = int(np.argwhere(bad)[0, 0])
+        raise InputError(f"{name}.{c.name}: row {row}: {values[row]:g} {c.unit} must be within {most:g} {c.unit}")
 
 
 def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:

@@ -22,6 +22,13 @@ from .seen_ground import box_around, seen_region, view_prior
 HEIGHT_SLACK = 1e-6
 """A camera whose centre is nearer to z = 0, in the scene's unit, is there but for the rounding of its calibration."""
 
+FARTHEST = 1e12
+"""Largest coordinate and length of a scene: what is computed of it has room up to the limit of tables."""
+LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1e-13, 360.0
+"""Standard deviations of directions: an angle is not told to less, and beyond nothing is."""
+LEAST_FOCAL_PX, MOST_FOCAL_PX = 1e-3, 1e9
+"""No lens is beyond, and squares and quotients of sizes of images and of these are numbers."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:

@@ -11,6 +11,7 @@ import pytest
 from occlog.array_types import Bools, Floats
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.core.sight.visibility import behind_objects
+from occlog.errors import InputError
 from occlog.plan.config import PlanConfig
 from occlog.plan.filtering import Belief, Motion, Reports, errors_along
 from occlog.plan.hiding import hide_behind_crowd
@@ -169,3 +170,8 @@ def test_a_filter_of_these_moments_is_as_far_off_in_a_crowd_as_it_says():
     told = np.trace(found.covariance, axis1=-2, axis2=-1).mean(axis=0)
     for part in (slice(40, 50), slice(80, 100), slice(100)):
         assert math.sqrt(square[part].mean()) == pytest.approx(math.sqrt(told[part].mean()), rel=0.12)
+
+
+def test_people_who_would_walk_for_ever_are_refused() -> None:
+    with pytest.raises(InputError, match=r"at a speed of 1e-15 crossing the room takes .* state a higher speed"):
+        people_walk(SCENE, replace(CROWD, speed=1e-15), 0.1, 10, seed=4)

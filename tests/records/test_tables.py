@@ -43,6 +43,8 @@ def test_every_column_has_a_unit_and_a_meaning(table: type) -> None:
         ({"bearing": [4.0, np.nan]}, "must be in"),
         ({"bearing": [np.inf, np.nan]}, "must not be infinite"),
         ({"sigma": [0.0, np.nan]}, "above 0"),
+        ({"sigma_px": [1e-12, np.nan]}, "sigma_px 1e-12 px must be above 0, at least 1e-09"),
+        ({"sigma_px": [1e300, np.nan]}, r"Bearings.sigma_px: row 0: 1e\+300 px must be within 1e\+15 px"),
         ({"sensor": ["a"]}, "1 rows, want 2"),
         ({"target_id": [0.5, 0]}, "target_id"),
         ({"target_id": [0, 2**31]}, "target_id: row 1: 2147483648 must be -2147483648 to 2147483647"),

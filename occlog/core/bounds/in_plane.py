@@ -18,11 +18,16 @@ position is not counted.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 from occlog.core.sight.camera import noise_variance, planar_offsets
+
+LARGE = 1e10
+"""A sum of 1 and more than this has too few digits of the 1 left."""
 
 
 def gaussian_information(mean_gradient: Floats, variance: Floats, variance_gradient: Floats) -> Floats:
@@ -166,14 +171,27 @@ def posterior_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Fl
 
 
 @kernel
+def told(A: Floats, J: Floats) -> Floats:
+    """(A^-1 + J)^-1 of (n, n) positive semi-definite matrices, either of which may be singular.
+
+    It is (1 + A J)^-1 A.  Where A is so large that the 1 is lost in that sum, as after a gap of years, A is made
+    smaller: what is told of a coordinate hides the difference, and a bound that is too low is a bound.
+    """
+    less = np.ones(A.shape[0])
+    for i in range(A.shape[0]):
+        if A[i, i] * J[i, i] > LARGE:
+            less[i] = math.sqrt(LARGE / A[i, i] / J[i, i])
+    A = A * np.outer(less, less)
+    return np.asarray(np.linalg.solve(np.eye(A.shape[0]) + A @ J, A))
+
+
+@kernel
 def _recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
     bounds = np.empty_like(information)
-    eye = np.eye(P0.shape[0])
     P = P0
     for k in range(information.shape[0]):
         M = F[k] @ P @ F[k].T + Q[k]  # predicted covariance
-        # (M^-1 + I)^-1 = (1 + M I)^-1 M, which also holds where M is singular
-        P = np.linalg.solve(eye + M @ information[k], M)
+        P = told(M, information[k])
         P = 0.5 * (P + P.T)
         bounds[k] = P
     return bounds
@@ -222,16 +240,14 @@ def smoothing_bound_before(
 @kernel
 def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats, later: Floats) -> tuple[Floats, Floats]:
     smoothed = np.empty_like(bounds)
-    n = bounds.shape[1]
-    eye = np.eye(n)
     B = later
     for k in range(bounds.shape[0] - 1, -1, -1):
-        # Combine past and future: (P^-1 + B)^-1 = (1 + P B)^-1 P
-        P = np.linalg.solve(eye + bounds[k] @ B, bounds[k])
+        # Combine past and future: (P^-1 + B)^-1
+        P = told(bounds[k], B)
         smoothed[k] = 0.5 * (P + P.T)
         # Pass the information back: (Y^-1 + Q)^-1 = (1 + Y Q)^-1 Y
         Y = information[k] + B
-        Z = np.linalg.solve(eye + Y @ Q[k], Y)
+        Z = told(Y, Q[k])
         B = F[k].T @ (0.5 * (Z + Z.T)) @ F[k]
     return smoothed, B
 

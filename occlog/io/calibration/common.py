@@ -14,7 +14,7 @@ from occlog.errors import InputError
 from occlog.io.files.names.sensors import safe_name
 from occlog.io.files.texts.yaml_nodes import yaml_documents
 from occlog.io.files.untrusted.inputs import check_input
-from occlog.records.scene import Camera, camera_fov
+from occlog.records.scene import FARTHEST, LEAST_FOCAL_PX, MOST_FOCAL_PX, Camera, camera_fov
 
 from .lens import fit_rational
 
@@ -172,8 +172,12 @@ def build_camera(pose: Pose, where: str) -> Camera:
     focal = _vector(pose.focal_px, 2, "focal length", where)
     principal = _vector(pose.principal_px, 2, "principal point", where)
     centre = _vector(pose.centre, 3, "camera centre", where)
-    if not (focal > 0).all():
-        raise InputError(f"{where}: focal length {focal[0]:g}, {focal[1]:g} px; it must be above 0")
+    if not ((focal >= LEAST_FOCAL_PX) & (focal <= MOST_FOCAL_PX)).all():
+        raise InputError(
+            f"{where}: focal length {focal[0]:g}, {focal[1]:g} px; it must be {LEAST_FOCAL_PX:g} to {MOST_FOCAL_PX:g}"
+        )
+    if (far := np.abs(centre).max()) > FARTHEST:
+        raise InputError(f"{where}: a camera centre {far:g} away; it must be within {FARTHEST:g}")
     size = pose.image_size
     if size is None:
         raise InputError(f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT")

@@ -14,9 +14,9 @@ from occlog.errors import InputError
 from occlog.io.boxes.columns import both_sizes, disagree
 from occlog.io.files.texts.csv_rows import COARSEST
 from occlog.io.files.untrusted.promises import FREE_BYTES
-from occlog.records.columns import Table, first_row, key_of, repeated_rows
+from occlog.records.columns import Table, first_row, key_of, largest, repeated_rows
 from occlog.records.declared.measurements import VALUES, Measurements
-from occlog.records.declared.sensors import LEAST_SIGMA_RAD
+from occlog.records.declared.sensors import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 from occlog.records.tables import (
     TABLES,
     WIDER,
@@ -239,6 +239,8 @@ class ForeignTable:
             return values * SECONDS[s.unit]
         if c.unit in POWERS and s.unit and self.wanted_unit is not None:
             values = values * (METRES[s.unit] / METRES[self.wanted_unit]) ** POWERS[c.unit][0]
+        most = largest(c.unit)
+        _refuse(cells, values, np.abs(values) > most, f"{s.name} is", f"; it must be within {most:g}")
         return values
 
 
@@ -392,6 +394,7 @@ def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layo
         refuse(name, lambda v: v <= 0, "above 0")
     for name in ("sigma", "sigma_azimuth", "sigma_elevation"):
         refuse(name, lambda v: v < LEAST_SIGMA_RAD, f"at least {LEAST_SIGMA_RAD:g} rad")
+    refuse("sigma_px", lambda v: v < LEAST_SIGMA_PX, f"at least {LEAST_SIGMA_PX:g} px")
     for name in ("confidence", "score"):
         refuse(name, lambda v: (v < 0) | (v > 1), "0 to 1")
     refuse("elevation", lambda v: np.abs(v) > np.pi / 2, "within 90 degrees")

@@ -19,19 +19,43 @@ from shapely.validation import explain_validity
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.texts.yaml_file import parse_yaml, read_yaml
+from occlog.records.declared.sensors import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 from occlog.records.names import first_double
-from occlog.records.scene import Camera, Clock, MicrophoneArray, Occluder, Reader, Scene, camera_fov, camera_rotation
+from occlog.records.scene import (
+    FARTHEST,
+    LEAST_FOCAL_PX,
+    LEAST_SIGMA_DEG,
+    MOST_FOCAL_PX,
+    MOST_SIGMA_DEG,
+    Camera,
+    Clock,
+    MicrophoneArray,
+    Occluder,
+    Reader,
+    Scene,
+    camera_fov,
+    camera_rotation,
+)
 
 MOST_PX = 100_000
 """Width and height of an image at most [px]."""
 MOST_OFFSET_NS = 4 * 10**18
 """Of a clock at most, either way: 126 years, so that times and offsets together are whole numbers of 64 bits."""
-Positive = Annotated[float, Meta(gt=0)]
-FocalLength = Annotated[float, Meta(ge=1e-3, le=1e9)]
-"""[px]: no lens is beyond, and squares and quotients of sizes of images and of these are numbers."""
+Positive = Annotated[float, Meta(gt=0, le=FARTHEST)]
+Rate = Annotated[float, Meta(ge=1e-9, le=1e6)]
+"""[Hz]: periods from a microsecond to 32 years are whole nanoseconds that a time can hold."""
+Radians = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Degrees = Annotated[float, Meta(ge=-1e6, le=1e6)]
+"""Of larger angles rounding leaves no direction."""
+SigmaRadians = Annotated[float, Meta(ge=LEAST_SIGMA_RAD, le=6.2832)]
+SigmaDegrees = Annotated[float, Meta(ge=LEAST_SIGMA_DEG, le=MOST_SIGMA_DEG)]
+FocalLength = Annotated[float, Meta(ge=LEAST_FOCAL_PX, le=MOST_FOCAL_PX)]
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^(?!\.{1,2}$)[^\s,/=:\x00-\x1f\x7f]+$")]
-Point2 = tuple[float, float]
-Place = Annotated[list[float], Meta(min_length=2, max_length=3)]
+Coordinate = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
+Point2 = tuple[Coordinate, Coordinate]
+Point3 = Annotated[list[Coordinate], Meta(min_length=3, max_length=3)]
+Place = Annotated[list[Coordinate], Meta(min_length=2, max_length=3)]
+Pixel = Annotated[float, Meta(ge=-MOST_FOCAL_PX, le=MOST_FOCAL_PX)]
 Corners = Annotated[list[Point2], Meta(min_length=3)]
 
 
@@ -42,10 +66,12 @@ class Spec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 class NoiseSpec(Spec, kw_only=True):
     """Standard deviations of [Ercan] Eq. 2, and how reliable detection is."""
 
-    position: Annotated[float, Meta(ge=0, description="of the camera's position, in the length unit")] = 0.0
-    yaw: Annotated[float, Meta(ge=0, description="of the camera's yaw, in radians")] | None = None
-    yaw_deg: Annotated[float, Meta(ge=0, description="of the camera's yaw, in degrees")] | None = None
-    read_px: Annotated[float, Meta(gt=0, description="of a reading in the image, in pixels")] = 2.0
+    position: Annotated[float, Meta(ge=0, le=FARTHEST, description="of the camera's position, in the length unit")] = (
+        0.0
+    )
+    yaw: Annotated[float, Meta(ge=0, le=6.2832, description="of the camera's yaw, in radians")] | None = None
+    yaw_deg: Annotated[float, Meta(ge=0, le=360, description="of the camera's yaw, in degrees")] | None = None
+    read_px: Annotated[float, Meta(ge=LEAST_SIGMA_PX, le=1e9, description="of a reading in the image, in pixels")] = 2.0
     detection: (
         Annotated[float, Meta(gt=0, le=1, description="probability that a target in plain view is detected")] | None
     ) = None
@@ -67,12 +93,12 @@ class CameraSpec(Spec, kw_only=True):
 
     name: Name
     position: Annotated[Place, Meta(description="x, y and, where known, height z")] | None = None
-    yaw: Annotated[float, Meta(description="azimuth of the optical axis, radians from +x towards +y")] | None = None
-    yaw_deg: float | None = None
-    pitch: Annotated[float, Meta(description="upwards")] | None = None
-    pitch_deg: float | None = None
-    roll: Annotated[float, Meta(description="clockwise, seen from behind the camera")] | None = None
-    roll_deg: float | None = None
+    yaw: Annotated[Radians, Meta(description="azimuth of the optical axis, radians from +x towards +y")] | None = None
+    yaw_deg: Degrees | None = None
+    pitch: Annotated[Radians, Meta(description="upwards")] | None = None
+    pitch_deg: Degrees | None = None
+    roll: Annotated[Radians, Meta(description="clockwise, seen from behind the camera")] | None = None
+    roll_deg: Degrees | None = None
     rotation: (
         Annotated[
             list[Annotated[list[float], Meta(min_length=3, max_length=3)]],
@@ -84,7 +110,9 @@ class CameraSpec(Spec, kw_only=True):
         FocalLength | Annotated[list[FocalLength], Meta(min_length=2, max_length=2)],
         Meta(description="one, or x and y"),
     ]
-    principal_point_px: Annotated[Point2, Meta(description="default: the middle of the image")] | None = None
+    principal_point_px: Annotated[tuple[Pixel, Pixel], Meta(description="default: the middle of the image")] | None = (
+        None
+    )
     image_size_px: (
         Annotated[
             list[Annotated[int, Meta(gt=0, le=MOST_PX)]],
@@ -95,9 +123,9 @@ class CameraSpec(Spec, kw_only=True):
     distortion: DistortionSpec | None = None
     fov: Annotated[float, Meta(gt=0, le=6.2832, description="full horizontal field of view, radians")] | None = None
     fov_deg: Annotated[float, Meta(gt=0, le=360)] | None = None
-    range: Annotated[float, Meta(gt=0, description="farthest distance at which a target is seen")] | None = None
+    range: Annotated[Positive, Meta(description="farthest distance at which a target is seen")] | None = None
     noise: NoiseSpec = msgspec.field(default_factory=NoiseSpec)
-    rate_hz: Positive | None = None
+    rate_hz: Rate | None = None
     clock: Name | None = None
 
 
@@ -106,28 +134,28 @@ class ArraySpec(Spec, kw_only=True):
 
     name: Name
     position: Place
-    yaw: float | None = None
-    yaw_deg: float | None = None
-    pitch: float | None = None
-    pitch_deg: float | None = None
-    roll: float | None = None
-    roll_deg: float | None = None
-    microphones: Annotated[
-        list[Annotated[list[float], Meta(min_length=3, max_length=3)]],
-        Meta(description="positions in the array's frame"),
-    ] = []
-    sigma: Positive | None = None
-    sigma_deg: Positive | None = None
-    sigma_elevation: Positive | None = None
-    sigma_elevation_deg: Positive | None = None
+    yaw: Radians | None = None
+    yaw_deg: Degrees | None = None
+    pitch: Radians | None = None
+    pitch_deg: Degrees | None = None
+    roll: Radians | None = None
+    roll_deg: Degrees | None = None
+    microphones: Annotated[list[Point3], Meta(description="positions in the array's frame")] = []
+    sigma: SigmaRadians | None = None
+    sigma_deg: SigmaDegrees | None = None
+    sigma_elevation: SigmaRadians | None = None
+    sigma_elevation_deg: SigmaDegrees | None = None
     resolution: (
-        Annotated[float, Meta(ge=0, description="directions nearer to each other than this are heard as one, radians")]
+        Annotated[
+            float,
+            Meta(ge=0, le=6.2832, description="directions nearer to each other than this are heard as one, radians"),
+        ]
         | None
     ) = None
-    resolution_deg: Annotated[float, Meta(ge=0)] | None = None
+    resolution_deg: Annotated[float, Meta(ge=0, le=360)] | None = None
     planar: Annotated[bool, Meta(description="tells no elevation")] = False
     range: Positive | None = None
-    rate_hz: Positive | None = None
+    rate_hz: Rate | None = None
     clock: Name | None = None
 
 
@@ -136,14 +164,14 @@ class ReaderSpec(Spec, kw_only=True):
 
     name: Name
     position: Place
-    range: (
-        Annotated[float, Meta(gt=0, description="farthest distance on the ground at which it reads a tag")] | None
-    ) = None
+    range: Annotated[Positive, Meta(description="farthest distance on the ground at which it reads a tag")] | None = (
+        None
+    )
     power: (
         Annotated[float, Meta(ge=-200, le=100, description="strength of a tag's signal at a distance of 1 m, dBm")]
         | None
     ) = None
-    rate_hz: Positive | None = None
+    rate_hz: Rate | None = None
     clock: Name | None = None
 
 
@@ -160,7 +188,7 @@ class ClockSpec(Spec, kw_only=True):
 
     name: Name
     offset_ns: Annotated[int, Meta(ge=-MOST_OFFSET_NS, le=MOST_OFFSET_NS)] = 0
-    drift_ppm: float = 0.0
+    drift_ppm: Annotated[float, Meta(gt=-1e6, lt=1e6)] = 0.0
 
 
 class SceneSpec(Spec, kw_only=True):

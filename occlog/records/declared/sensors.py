@@ -21,6 +21,8 @@ UNLABELLED = -1
 
 LEAST_SIGMA_RAD = 1e-15
 """Smallest standard deviation of an angle: an angle of 1 rad is not told to less than this."""
+LEAST_SIGMA_PX = 1e-9
+"""Smallest standard deviation of a reading in an image."""
 MAX_FRAMES = 10**9
 """Frames that a camera can have: a year at 30 a second."""
 MAX_EDGE_PX = 1e6
@@ -110,9 +112,11 @@ class Bearings(Table):
         if (wrong := value != self.seen).any():
             row = first_row(wrong)
             raise InputError(f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}")
-        if (wrong := self.sigma_px <= 0).any():
+        if (wrong := self.sigma_px < LEAST_SIGMA_PX).any():
             row = first_row(wrong)
-            raise InputError(f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be above 0")
+            raise InputError(
+                f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be above 0, at least {LEAST_SIGMA_PX:g}"
+            )
         bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma >= LEAST_SIGMA_RAD))
         if bad.any():
             row = first_row(bad)

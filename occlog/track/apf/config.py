@@ -28,7 +28,7 @@ class ApfConfig(SmoothingConfig):
     start_factor: int = setting(10, "A filter starts with this many times its particles.", at_least=1)
 
     # Motion, [Ercan] Sec. 4.1; probabilities are those of one reference step.
-    reference_s: float = setting(1.0, "Length of the reference step.", unit="s", above=0)
+    reference_s: float = setting(1.0, "Length of the reference step.", unit="s", at_least=1e-3)
     # People stop, turn and hurry: their velocity changes at random, while the reference scene's objects jump aside.
     speed: float = setting(1.0, "Speed of new particles.", unit="length/s", at_least=0, people=1.0)
     speed_spread: float = setting(

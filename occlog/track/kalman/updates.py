@@ -31,6 +31,8 @@ BESIDE = 1.0
 """A place is beside a sensor if the standard deviation of its distance is larger than this share of it."""
 LEAST_SQUARE = 1e-30
 """The same of a squared distance, so that nothing is divided by 0."""
+LEAST_SHARE = 1e-13
+"""Variance of a row at least, as a share of what the state expects of it: less is lost in their sum's rounding."""
 STUCK, DISCARDED = "stuck", "discarded"
 """Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
 
@@ -76,7 +78,9 @@ def linear(state: Gaussian, at: Floats, rows: Rows, world: World) -> Updated:
 
 def _joseph(state: Gaussian, H: Floats, off: Floats, R: Floats) -> Updated:
     """Update by an innovation of linear measurements with independent noise."""
-    S = H @ state.covariance @ H.T + np.diag(R)
+    expected_spread = H @ state.covariance @ H.T
+    R = np.maximum(R, LEAST_SHARE * np.diagonal(expected_spread))
+    S = expected_spread + np.diag(R)
     K = np.linalg.solve(S, H @ state.covariance).T
     left = np.eye(4) - K @ H
     covariance = left @ state.covariance @ left.T + (K * R) @ K.T

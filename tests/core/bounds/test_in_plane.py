@@ -255,3 +255,26 @@ def test_a_target_that_stands_has_one_bound_at_all_steps_when_it_is_smoothed() -
     np.testing.assert_allclose(smoothed, np.tile(np.diag([1 / 21, 1 / 6]), (5, 1, 1)))
     # What is known for certain stays so
     np.testing.assert_allclose(crlb.smoothing_bound(told, F, none, np.diag([1.0, 0.0]))[:, 1, 1], 0.0)
+
+
+@pytest.mark.parametrize("size", [1e3, 1e18, 1e27])
+def test_one_sensor_after_a_gap_of_years_leaves_a_bound(size: float) -> None:
+    """A bearing tells one direction of a place that is hardly known; the other stays as it was."""
+    along = np.array([0.6, 0.8])
+    found = crlb.told(size * np.eye(2), 1e4 * np.outer(along, along))
+    across = np.array([-0.8, 0.6])
+    assert along @ found @ along == pytest.approx(1e-4, rel=1e-6)
+    assert min(size, 1e6) * 0.999 < across @ found @ across < size * 1.001
+
+
+def test_a_constant_velocity_after_a_gap_of_years_has_a_bound() -> None:
+    """What was seen before the gap tells nothing of the first place after it."""
+    dt, one = np.array([0.0, 0.1, 3e8, 0.1, 0.1]), np.outer([1.0, 1.0], [1.0, 1.0])
+    F, Q = crlb.constant_velocity_steps(dt, 1.0)
+    information = np.zeros((5, 4, 4))
+    information[:, :2, :2] = 1e4 * (np.diag([0.5, 1.0]) + 0.4 * one)
+    P0 = np.diag([9.0, 9.0, 1.0, 1.0])
+    place = np.linalg.inv(information[2, :2, :2])
+    for found in (crlb.posterior_bound(information, F, Q, P0), crlb.smoothing_bound(information, F, Q, P0)):
+        assert (np.linalg.eigvalsh(found) > 0.0).all()
+        assert (np.diagonal(found[2, :2, :2]) <= np.diagonal(place) * 1.001).all()

@@ -378,6 +378,7 @@ def test_the_echo_tells_format_unit_centres_and_where_the_axes_meet(shared_data:
 
 FAULTS = [
     ("a.toml", TOML.replace("[500.0, 0.0, 320.0]", "[-500.0, 0.0, 320.0]"), "focal length -500"),
+    ("a.toml", TOML.replace("[500.0, 0.0, 320.0]", "[5e10, 0.0, 320.0]"), r"must be 0.001 to 1e\+09"),
     ("a.toml", TOML.replace("320.0]", "nan]"), "finite"),
     ("a.toml", TOML.replace("rotation = [1.2, -0.3, 0.4]", "rotation = [[1,0,0],[0,1,0],[0,0,-1]]"), "mirrored"),
     ("a.toml", TOML.replace("rotation = [1.2, -0.3, 0.4]", "rotation = [[1,0,0],[0,2,0],[0,0,1]]"), "not orthonormal"),

@@ -227,6 +227,21 @@ def test_frames_are_numbered_on_from_part_to_part(tmp_path: Path, monkeypatch: p
         ),
         (Bearings, ("time,station,bearing_rad,sigma_rad", "0,e,190,1"), "line 2: bearing_rad is 190 rad; is it in"),
         (
+            Bearings,
+            ("time,station,bearing_rad,sigma_rad,u_px,sigma_px", "0,e,1,1,3,1e-12"),
+            "line 2: sigma_px is 1e-12; it must be at least 1e-09 px",
+        ),
+        (
+            Bearings,
+            ("time,station,bearing_rad,sigma_rad,u_px,sigma_px", "0,e,1,1,3,1e300"),
+            r"line 2: sigma_px is 1e\+300; it must be within 1e\+15",
+        ),
+        (
+            Occluders,
+            ("t,id,x,y,cov_xx,cov_xy,cov_yy", "0,1,1,1,1e300,0,1"),
+            r"line 2: cov_xx is 1e\+300; it must be within 1e\+30",
+        ),
+        (
             Doa,
             ("time,array,azimuth_deg,elevation_deg", "0,e,1,91"),
             "line 2: elevation_deg is 91; it must be",

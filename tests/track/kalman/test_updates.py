@@ -70,6 +70,16 @@ def test_the_extended_filter_is_its_information_form() -> None:
     np.testing.assert_allclose(found.mean, state.mean + covariance @ H4.T @ (off / R), rtol=1e-9)
 
 
+def test_readings_far_sharper_than_the_state_leave_a_covariance() -> None:
+    """Three rows tell two coordinates: what is stated is lost in rounding, and the innovation's covariance singular."""
+    state = Gaussian(np.array([20.0, 30.0, 0.5, 0.5]), COVARIANCE)
+    given = rows([0, 1, 3], (22.0, 29.0), [False, False, False])
+    found = updates.ekf(state, given._replace(variance=np.full(3, 1e-30)), WORLD)
+    assert np.isfinite(found.state.mean).all()
+    assert np.isfinite(found.score)
+    assert np.linalg.eigvalsh(found.state.covariance).min() > 0.0
+
+
 @pytest.mark.parametrize("pixel", [True, False])
 def test_sigma_points_of_the_place_are_those_of_the_whole_state(pixel: bool) -> None:
     """Julier and Uhlmann 1997: 2 n + 1 points of n = 4, kappa = 3 - n."""

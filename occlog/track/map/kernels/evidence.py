@@ -27,6 +27,8 @@ WORTH = 20.0
 
 STEP = 0.01
 """Of the finite difference of covariances."""
+BEYOND = 0.005
+"""Share by which that difference may be more than all of a covariance, or less than nothing: it stays one by far."""
 LEAST_SCALE, MOST_SCALE = 0.2, 20.0
 """Limits of what residuals are taken to say of variances."""
 
@@ -105,4 +107,23 @@ def sandwich(problem: Problem, X: Floats, spread: Floats) -> Floats:
     told = evidence(problem, X, spread)
     s2, m2 = min(max(told.lines_scale, LEAST_SCALE), MOST_SCALE), min(max(told.steps_scale, 1.0), MOST_SCALE)
     by_lines = (covariance(rescaled(problem, 1.0 + STEP, 1.0), X) - spread) / STEP
+    by_lines = between(by_lines, spread)
     return np.asarray(spread + (s2 - 1.0) * by_lines + (m2 - 1.0) * (spread - by_lines))
+
+
+def between(part: Floats, whole: Floats) -> Floats:
+    """(T, 4, 4) `part` of a covariance, brought between none and all of it where rounding has left that by `BEYOND`.
+
+    Steps of nanoseconds leave few digits of covariances, and their difference multiplies what is wrong with them.
+    """
+    size, axes = np.linalg.eigh(whole)
+    root = axes * np.sqrt(np.maximum(size, np.finfo(np.float64).tiny))[:, None, :]
+    back = np.linalg.pinv(root, rcond=0.0)
+    share, directions = np.linalg.eigh(back @ part @ back.transpose(0, 2, 1))
+    beyond = ((share < -BEYOND) | (share > 1.0 + BEYOND)).any(axis=1)
+    if not beyond.any():
+        return part
+    axes = root[beyond] @ directions[beyond]
+    out = part.copy()
+    out[beyond] = (axes * np.clip(share[beyond], 0.0, 1.0)[:, None, :]) @ axes.transpose(0, 2, 1)
+    return out

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, random_lines, random_steps
 
-from occlog.track.map.kernels.evidence import WORTH, Evidence, evidence, rescaled, sandwich
+from occlog.track.map.kernels.evidence import WORTH, Evidence, between, evidence, rescaled, sandwich
 from occlog.track.map.kernels.gauss_markov import constant_velocity
 from occlog.track.map.kernels.interior_point.newton_search import Options, covariance, derivatives, minimise
 from occlog.track.map.kernels.problem import NO_PLANES, Problem, SightLines, chain
@@ -116,3 +116,17 @@ def test_covariances_by_the_sandwich_are_honest_where_the_noise_is_not_as_stated
         away = (X - solved(true._replace(lines=true.lines._replace(c1=np.full(480, 1e-6)))))[:, ::2]
         nees += np.einsum("ti,tij,tj->t", away, np.linalg.inv(spread[:, ::2, ::2]), away).tolist()
     assert 1.5 < np.mean(nees) < 2.6
+
+
+def test_what_rounding_leaves_of_a_part_stays_within_the_whole() -> None:
+    """Steps of a nanosecond leave little but rounding of a difference; a sandwich of it had negative variances."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(3, 4, 4)) * np.array([1e-2, 1.0, 1e-2, 1.0])[:, None]
+    whole = root @ root.transpose(0, 2, 1)
+    part = root @ np.diag([0.1, 0.5, 0.9, 1.0]) @ root.transpose(0, 2, 1)
+    wrong = part + np.array([0.0, 0.2, -0.5])[:, None, None] * np.eye(4)
+    found = between(wrong, whole)
+    assert_allclose(found[0], part[0])
+    for one, limit in zip(found, whole, strict=True):
+        assert np.linalg.eigvalsh(one).min() > -1e-12
+        assert np.linalg.eigvalsh(limit - one).min() > -1e-12
