@@ -429,7 +429,8 @@ def _check_steps(cells: Cells, s: Spelling) -> None:
 def _refuse(cells: Cells, values: Floats, bad: Bools, before: str, after: str) -> None:
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise cells.fail(row, f"{before} {values[row]:g}{after}")
+        # All digits: 1.0000001 is above 1
+        raise cells.fail(row, f"{before} {str(float(values[row])).removesuffix('.0')}{after}")
 
 
 def _as_table(source: Source, table: type[T], values: Values, row: NDArray[np.generic]) -> T:

@@ -248,6 +248,11 @@ def test_frames_are_numbered_on_from_part_to_part(tmp_path: Path, monkeypatch: p
         ),
         (Boxes, ("time,camera,x1,y1,x2,y2", "0,a,3,3,3,4"), "line 2: x2 gives a width of 0; it must be above 0"),
         (Boxes, ("time,camera,left,top,width,height,score", "0,a,1,1,1,1,70"), "score is 70; it must be 0 to 1"),
+        (
+            Boxes,
+            ("time,camera,left,top,width,height,score", "0,a,1,1,1,1,1.0000001"),
+            "score is 1.0000001; it must be 0 to 1",
+        ),
         (Truth, ("t,id,x,y", "0,1,1,1", "0,1,2,2"), r"rows 0 and 1 \(from 0\): target_id 1 is twice at 0 ns"),
         (Truth, ("t,id,x,y", "0,1.5,1,1"), "line 2: id is '1.5'; a whole number was expected"),
         (Truth, ("t,id,x,y", "1e12,1,1,1"), "too large for seconds; name the column t_ms, t_us or t_ns"),
