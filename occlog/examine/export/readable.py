@@ -10,8 +10,7 @@ import numpy as np
 
 from occlog.errors import InputError
 from occlog.io.foreign.names import MAY_BE_EMPTY
-from occlog.records.columns import Table, first_row
-from occlog.records.times import MAX_NS
+from occlog.records.columns import Table
 
 T = TypeVar("T", bound=Table)
 BREAKS = ("\n", "\r", "\0")
@@ -27,15 +26,9 @@ def readable(chunks: Iterable[T], source: Path, *, text: bool) -> Iterator[T]:
         text: names are written as cells of a text, which readers take without blanks around them.
 
     Raises:
-        InputError: a time, or a name, that would not be read again.
+        InputError: a name that would not be read again.
     """
     for chunk in chunks:
-        t_ns = chunk.t_ns  # type: ignore[attr-defined]
-        far = (t_ns > MAX_NS) | (t_ns < -MAX_NS)
-        if far.any():
-            raise InputError(
-                f"{source}: time {t_ns[first_row(far)]} ns: out of range; times from 1824 to 2115 can be read again"
-            )
         if text:
             _check_names(chunk, source)
         yield chunk
