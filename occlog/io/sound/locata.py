@@ -20,6 +20,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
 from occlog.io.files.names.sensors import safe_name
 from occlog.io.files.texts.csv_rows import Rows, first_line, read_rows
+from occlog.io.files.untrusted.guard import naming
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Truth
 
@@ -90,7 +91,8 @@ def read_source(path: Path) -> Truth:
     x, y, z = np.concatenate(places)[first].T
     n = len(t_ns)
     target = np.full(n, int(number[1]) if number else 0)
-    return Truth.of(t_ns=t_ns, target_id=target, role=np.full(n, "target"), x=x.copy(), y=y.copy(), z=z.copy())
+    with naming(path):
+        return Truth.of(t_ns=t_ns, target_id=target, role=np.full(n, "target"), x=x.copy(), y=y.copy(), z=z.copy())
 
 
 def _rows(path: Path, columns: Sequence[str]) -> list[Rows]:

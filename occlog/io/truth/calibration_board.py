@@ -11,6 +11,7 @@ from occlog.array_types import Floats, Ints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.texts.csv_rows import read_rows
 from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.untrusted.guard import naming
 from occlog.records.tables import Truth
 
 COLUMNS = {
@@ -64,14 +65,15 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps")
     t_ns = np.array([sync_ns[int(s)] for s in kept], dtype=np.int64)
     n = len(kept)
-    return Truth.of(
-        t_ns=t_ns,
-        target_id=np.zeros(n, dtype=np.int32),
-        role=np.full(n, "target"),
-        x=middle[:, 0],
-        y=middle[:, 1],
-        z=middle[:, 2],
-    )
+    with naming(path):
+        return Truth.of(
+            t_ns=t_ns,
+            target_id=np.zeros(n, dtype=np.int32),
+            role=np.full(n, "target"),
+            x=middle[:, 0],
+            y=middle[:, 1],
+            z=middle[:, 2],
+        )
 
 
 def _read(path: Path) -> tuple[Ints, Ints, Floats]:

@@ -32,6 +32,7 @@ from occlog.io.boxes.wildtrack import frame_files, grid_places, read_people
 from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain, read_rows
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.untrusted.guard import naming
 from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.sound.locata import looks_like_locata, read_source
 from occlog.io.trajectories.reader import find_trajectories
@@ -145,7 +146,8 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
             f"{path}: lines {min(p.line[k : k + 2])} and {max(p.line[k : k + 2])}: target {p.target_id[k]} is twice at "
             f"{p.t_ns[k]} ns; remove one"
         )
-    return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
+    with naming(path):
+        return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
 
 
 def _mot_positions(rows: Rows, options: TruthOptions) -> Positions | None:

@@ -44,6 +44,15 @@ def guarded(where: Path | str, what: str) -> Iterator[None]:
         raise InputError(f"{where}: cannot be read ({reason}); {what} was expected") from error
 
 
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file before what a table that is made of its rows says of them."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
 def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_BYTES) -> str:
     """The text of a file of at most `limit` bytes; InputError for anything else; `what` was expected."""
     path = check_input(path, what)
