@@ -171,11 +171,11 @@ def posterior_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Fl
 
 
 @kernel
-def told(A: Floats, J: Floats) -> Floats:
+def inverse_of_sum(A: Floats, J: Floats) -> Floats:
     """(A^-1 + J)^-1 of (n, n) positive semi-definite matrices, either of which may be singular.
 
     It is (1 + A J)^-1 A.  Where A is so large that the 1 is lost in that sum, as after a gap of years, A is made
-    smaller: what is told of a coordinate hides the difference, and a bound that is too low is a bound.
+    smaller: J hides the difference, and a lower bound that is smaller still holds.
     """
     less = np.ones(A.shape[0])
     for i in range(A.shape[0]):
@@ -191,7 +191,7 @@ def _recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
     P = P0
     for k in range(information.shape[0]):
         M = F[k] @ P @ F[k].T + Q[k]  # predicted covariance
-        P = told(M, information[k])
+        P = inverse_of_sum(M, information[k])
         P = 0.5 * (P + P.T)
         bounds[k] = P
     return bounds
@@ -243,11 +243,11 @@ def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats, later:
     B = later
     for k in range(bounds.shape[0] - 1, -1, -1):
         # Combine past and future: (P^-1 + B)^-1
-        P = told(bounds[k], B)
+        P = inverse_of_sum(bounds[k], B)
         smoothed[k] = 0.5 * (P + P.T)
         # Pass the information back: (Y^-1 + Q)^-1 = (1 + Y Q)^-1 Y
         Y = information[k] + B
-        Z = told(Y, Q[k])
+        Z = inverse_of_sum(Y, Q[k])
         B = F[k].T @ (0.5 * (Z + Z.T)) @ F[k]
     return smoothed, B
 
