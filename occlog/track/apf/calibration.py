@@ -26,8 +26,8 @@ from occlog.core.filter.particles import mean_and_covariance
 from occlog.core.plane.polygons import inside_polygon
 from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
 from occlog.core.sight.visibility import Sensors
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Camera, Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.kernels.pose_errors import (
     Belief,
     LabelledBearings,

@@ -23,17 +23,17 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
+from occlog.consistency.particles import FEW
 from occlog.core.filter.likelihood import PackedScan, agreement
 from occlog.core.filter.particles import effective_size, mean_and_covariance
 from occlog.core.occlusion.priors import Priors, without_own
 from occlog.core.sight.distance_errors import direct
 from occlog.core.sight.distances import Distances, linearise, residuals
 from occlog.errors import InputError
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.kernels.waypoint import Particles
 from occlog.track.interface import Cloud, Estimate, Fit, OccluderTerms, Online, Prediction, Smoothing
-from occlog.track.plausibility.particles import FEW
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import FORMS, ApfConfig

@@ -25,8 +25,8 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.filter.backward import best_width, knot
 from occlog.core.filter.particles import effective_size, log_of, normalise
 from occlog.core.motion.in_space import moved
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.in_space.kernels.resampling import moments, redraw
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 

@@ -29,8 +29,8 @@ from occlog.core.filter.backward import best_width, root_of
 from occlog.core.filter.particles import effective_size, log_of
 from occlog.core.motion.in_space import AccelerationModel, moved, turn_jump
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.in_space.kernels.resampling import moments, redraw
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 

@@ -18,8 +18,8 @@ from occlog.core.filter.likelihood import PackedScan
 from occlog.core.plane.floor import make_floor, sample_floor
 from occlog.core.sight.view_prior import draw
 from occlog.errors import InputError
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
 from occlog.track.interface import Estimate, Online, Smoothing
 
