@@ -16,7 +16,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.filter.particles import effective_size
+from occlog.filtering.particles import effective_size
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.interface import Estimate, Joint, Smoothing

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE
 from occlog.errors import InputError
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import MeasuredFeed, Radio, make_stations, measurements_of_reads, pack
 from occlog.measure.scans.scan import Scan
