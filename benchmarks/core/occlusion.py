@@ -21,11 +21,11 @@ from occlog.core.sight.visibility import seen_from
 from occlog.filtering.likelihood.among_occluders import log_likelihood_among
 from occlog.io.scenes.scene import read_scene
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.measure.scans.grouping import Rows, scans_of
-from occlog.measure.scans.occluder_priors import OccluderFeed
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
+from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.occluder_priors import OccluderFeed
+from occlog.scans.scan import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

@@ -17,10 +17,10 @@ from occlog.core.plane.floor import on_floor
 from occlog.filtering.likelihood.directions import log_likelihood
 from occlog.filtering.motion import waypoint
 from occlog.io.scenes.scene import read_scene
-from occlog.measure.scans.grouping import Rows, scans_of
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
+from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.scan import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

@@ -6,8 +6,8 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from occlog.cli import options
-from occlog.details import threads_by_default
+from occlog import console
+from occlog.console.details import threads_by_default
 from occlog.errors import UsageError
 from occlog.measure.detect.config import DetectConfig
 from occlog.measure.fuse.config import FuseConfig
@@ -78,7 +78,7 @@ def detect(
     alien = [name for name, value in background.items() if value is not None] + ([] if learn else ["learn"])
     detector = detector_of(Network(onnx, classes, names, embed), bearings, settings, alien)
     home, threads = Folder(), workers or threads_by_default()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         path, place, only = inputs.rows(recording, "recording"), inputs.scene(scene), names_of(cameras)
         if detector is not None:
             where = Where(path, place, only, home, bearings)
@@ -141,7 +141,7 @@ def fuse(
 
     chosen = _of_fusion(settings)
     home = Folder()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         files = FuseFiles(
             bearings=inputs.rows(bearings, "bearings"),
             views=inputs.optional(views, "views"),
@@ -181,7 +181,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list")
     (chosen,) = settings_by_class("fuse_tracks", settings, [("", TrackFusionConfig)], ())
     home = Folder()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         paths = []
         for place, given in enumerate(tracks):
             of_result = given.tracks if isinstance(given, TrackResult) else given
@@ -235,7 +235,7 @@ def label(
 
     (chosen,) = settings_by_class("label", settings, [("", LabelConfig)], ("scene", "doa", "cameras", "without"))
     home = Folder()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         files = LabelFiles(
             bearings=inputs.rows(bearings, "bearings"),
             tracks=inputs.rows(tracks, "tracks"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import UsageError
 
 from .folders import Folder
@@ -97,7 +97,7 @@ def evaluate(
         if name not in OF_MANY:
             raise UsageError(f"also: there is no table {name!r} on request; there are: {', '.join(OF_MANY)}")
     home = Folder()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         files: dict[str, Any] = {name: inputs.optional(value, name) for name, value in given.items()}
         paths = Paths(scene=inputs.scene(scene), doa_labels=doa_labels, **files)
         azimuths = inputs.optional(truth_azimuths, "truth_azimuths")

@@ -15,8 +15,8 @@ from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError
 from occlog.filtering.motion.walkers import Walkers, first_seen, join, predict, take, update
-from occlog.measure.scans.occluder_priors import known_positions, none_at
 from occlog.records.tables import Occluders, Tracks, Truth
+from occlog.scans.occluder_priors import known_positions, none_at
 
 from .config import KalmanConfig
 

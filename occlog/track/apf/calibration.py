@@ -26,8 +26,8 @@ from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
 from occlog.core.sight.visibility import Sensors
 from occlog.filtering.likelihood.directions import Noise, PackedScan
 from occlog.filtering.particles import mean_and_covariance
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Camera, Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.kernels.pose_errors import (
     Belief,
     LabelledBearings,

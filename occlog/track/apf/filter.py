@@ -23,6 +23,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
+from occlog.consistency.particles import FEW
 from occlog.core.occlusion.priors import Priors, without_own
 from occlog.errors import InputError
 from occlog.filtering.likelihood.directions import PackedScan, agreement
@@ -31,10 +32,9 @@ from occlog.filtering.likelihood.distances import Distances, linearise, residual
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import Particles
 from occlog.filtering.particles import effective_size, mean_and_covariance
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.interface import Cloud, Estimate, Fit, OccluderTerms, Online, Prediction, Smoothing
-from occlog.track.plausibility.particles import FEW
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import FORMS, ApfConfig

@@ -18,8 +18,8 @@ from numpy.random import Generator
 from occlog.array_types import Floats, Ints
 from occlog.errors import UsageError
 from occlog.filtering.likelihood.distances import Distances
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.interface import Estimate, Fit, Online
 
 from .config import BENDS, MIXTURE, FixConfig

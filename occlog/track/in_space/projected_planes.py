@@ -30,8 +30,8 @@ from occlog.filtering.backward_simulation import best_width, root_of
 from occlog.filtering.kernel_density import moments, redraw
 from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, turn_jump
 from occlog.filtering.particles import effective_size, log_of
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
 from .config import PpsConfig

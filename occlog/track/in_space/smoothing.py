@@ -2,8 +2,9 @@
 
 `direct3d` draws trajectories back through the kernel densities of its particles
 (`occlog.filtering.backward_simulation`), the same densities from which its particles were drawn.
-`pps` has no density in space; its combined estimates are smoothed as Gaussians (Rauch,
-Tung and Striebel 1965).  A filter that began anew forgot what it knew before: states before such a time are smoothed with what follows up to it alone.
+`pps` has no density in space; its combined estimates are smoothed as Gaussians (Rauch, Tung and Striebel 1965).
+A filter that began anew forgot what it knew before: states before such a time are smoothed with what follows up to it
+alone.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from occlog.core.sight.view_prior import draw
 from occlog.errors import InputError
 from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.likelihood.linearised import Rows, World, azimuths, linearised, measured, residuals, rows_of
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
 from occlog.track.interface import Estimate, Online, Smoothing
 

@@ -9,14 +9,14 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.array_types import Floats
+from occlog.consistency.places import Places, meetings
+from occlog.consistency.sight import whole
+from occlog.consistency.verdict import DOUBTED, FEWEST, Evidence
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.plausibility.places import Places, meetings
-from occlog.track.plausibility.sight import whole
-from occlog.track.plausibility.verdict import DOUBTED, FEWEST, Evidence
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 SIGMA = 0.01

@@ -16,7 +16,7 @@ from occlog.records.tables import UNLABELLED
 
 
 class Measured(NamedTuple):
-    """What stations measured beside directions at one time; see `occlog.measure.scans.measured`."""
+    """What stations measured beside directions at one time; see `occlog.scans.measured`."""
 
     target_id: Ints32  # (m,) >= 0
     distances: Distances  # m measurements

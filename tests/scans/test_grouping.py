@@ -5,9 +5,9 @@ import pytest
 from tracker_scenes import SECOND, camera, room100, with_array
 
 from occlog.errors import InputError
-from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
+from occlog.scans.grouping import Rows, scans_of
 
 SCENE = room100()
 ALL = Rows(frozenset(c.name for c in SCENE.cameras))

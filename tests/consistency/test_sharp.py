@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from occlog.consistency.sharp import LEAST_RAD, Sharp
 from occlog.records.tables import Bearings
-from occlog.track.plausibility.sharp import LEAST_RAD, Sharp
 
 
 def bearings(sigma: float, u_px: float = np.nan) -> Bearings:

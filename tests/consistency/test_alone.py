@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.track.sparse_false_bearings import solve
 from occlog.array_types import NS
+from occlog.consistency.alone import OVERLAP, TOGETHER_S, Alone, near_another
 from occlog.records.tables import Residuals
-from occlog.track.plausibility.alone import OVERLAP, TOGETHER_S, Alone, near_another
 
 
 def rows(times: list[float], sensors: list[str], target: int = 0) -> Residuals:

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from occlog.consistency.agreement import Agreement, Agreements, pose_shares
+from occlog.consistency.sight import SURE
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Residuals, Tracks
-from occlog.track.plausibility.agreement import Agreement, Agreements, pose_shares
-from occlog.track.plausibility.sight import SURE
 
 
 def rows(n: int, doubted: int = 0, residual: float = 1.0, sensor: str = "cam1", expected: float = 1.0) -> Residuals:

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from tracker_scenes import SECOND, room100, with_array
 
 from occlog.errors import InputError
-from occlog.measure.scans.sources import bearings_of_doa, in_time, in_turn
 from occlog.records.tables import UNLABELLED, Bearings, Doa
+from occlog.scans.sources import bearings_of_doa, in_time, in_turn
 
 SCENE = with_array(room100(), (5.0, 5.0), sigma=0.05)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from occlog.consistency.doubts import WORDS, Doubts, near_edge, outside_view, without_distance
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Diagnostics, Tracks
-from occlog.track.plausibility.doubts import WORDS, Doubts, near_edge, outside_view, without_distance
 
 SECOND = 1_000_000_000
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])

@@ -12,9 +12,9 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats
 from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.view_prior import ViewPrior
-from occlog.measure.scans.scan import sensor_names
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks
+from occlog.scans.scan import sensor_names
 
 EDGE, ONE_SENSOR, OUT_OF_VIEW, DISAGREES = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
 """Values of the column `doubt`, in the order in which they stand there."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from occlog.consistency.disagreement import Disagreement
 from occlog.records.tables import Diagnostics, Residuals
-from occlog.track.plausibility.disagreement import Disagreement
 
 STEP = 100_000_000
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS, Floats
+from occlog.consistency.sight import GATE, Sight, Witness, at_estimates, whole
 from occlog.core.sight.camera import azimuth_to_u
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
-from occlog.track.plausibility.sight import GATE, Sight, Witness, at_estimates, whole
 
 F = 200.0
 

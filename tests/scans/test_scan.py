@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from tracker_scenes import room100, with_array
 
-from occlog.measure.scans.scan import COLUMNS, Scan, concat, in_vain, sensor_names
 from occlog.records.tables import UNLABELLED, Bearings
+from occlog.scans.scan import COLUMNS, Scan, concat, in_vain, sensor_names
 
 
 def made(*rows):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from occlog.cli.main import run
+from occlog.consistency.compass import FEWEST, Compass, misfit
 from occlog.errors import ExitCode
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings
-from occlog.track.plausibility.compass import FEWEST, Compass, misfit
 
 PLACES = np.array([[0.0, 0.0], [100.0, 10.0], [30.0, 80.0]])
 NAMES = ["a", "b", "c"]

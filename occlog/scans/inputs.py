@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, UsageError
-from occlog.io.open import Opened, check_unit, losses_of, open_input
+from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Truth
@@ -66,10 +66,10 @@ class Inputs:
         if not alone and (doa is None or measured.recording is None):
             more: tuple[type[Table], ...] = (Measurements,) if distances else ()
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
-        self.scene: Scene = options.load_scene(scene, measured.scene, bearings)
+        self.scene: Scene = load_scene(scene, measured.scene, bearings)
         if measured.foreign is not None and measured.table == Doa.NAME:
             labels = "labels of targets" if doa_labels else "those of sources, not of targets (doa_labels: they are)"
-            options.note(
+            console.note(
                 f"{bearings}: has no column sigma, so that it is read as directions of arrival; standard deviations "
                 f"are those of the scene, and identities are {labels}"
             )

@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.core.metrics.consistency import Ratio
-from occlog.records.scene import Scene
-from occlog.records.tables import Diagnostics, Residuals, Tracks
-from occlog.track.plausibility.particles import FEW
-from occlog.track.plausibility.sight import Compared, Frames
-from occlog.track.plausibility.verdict import (
+from occlog.consistency.particles import FEW
+from occlog.consistency.sight import Compared, Frames
+from occlog.consistency.verdict import (
     BLIND,
     CONTEST,
     CROWDED,
@@ -31,6 +28,9 @@ from occlog.track.plausibility.verdict import (
     off,
     plausible,
 )
+from occlog.core.metrics.consistency import Ratio
+from occlog.records.scene import Scene
+from occlog.records.tables import Diagnostics, Residuals, Tracks
 
 N = 2000
 

@@ -18,10 +18,10 @@ import numpy as np
 from scipy.special import bdtrc
 
 from occlog.array_types import NS
+from occlog.console.text import counted
 from occlog.core.metrics.consistency import Ratio
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
-from occlog.words import counted
 
 from .agreement import Agreements, pose_shares
 from .alone import Alone
