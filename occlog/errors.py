@@ -4,8 +4,27 @@ Every error message is one line that names the file, the place in it, the value 
 the limit it breaks, and what to do.
 """
 
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
+from contextvars import ContextVar
 from enum import IntEnum
+
+_OPTION = re.compile("\ue000([\\w.]+)\ue001")
+SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=str)
+"""How the surface in use spells the name of something that a request takes: `--fused-views`, `fused_views`."""
+
+
+def option(name: str) -> str:
+    """The name of something that a request takes, for a message: each surface spells it in its own way.
+
+    A setting without an option of its own is called `set.NAME`.
+    """
+    return f"\ue000{name}\ue001"
+
+
+def spelled(text: str) -> str:
+    """A message with the names of `option` as the surface in use spells them."""
+    return _OPTION.sub(lambda found: SPELLING.get()(found[1]), text)
 
 
 class ExitCode(IntEnum):
@@ -30,6 +49,15 @@ class OcclogError(Exception):
     """Base of all errors that occlog raises on purpose; `exit_code` is what the command returns."""
 
     exit_code: ExitCode = ExitCode.BAD_INPUT
+
+    def __str__(self) -> str:
+        """The message, with options as the surface in use spells them."""
+        return spelled(super().__str__())
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The names of what a request takes that the message is about; the first is the one that is wrong."""
+        return tuple(_OPTION.findall(super().__str__()))
 
 
 class InputError(OcclogError):

@@ -9,6 +9,7 @@ from contextvars import ContextVar
 from typing import TextIO
 
 from occlog.console.text import told
+from occlog.errors import spelled
 
 ALIASES: dict[str, str] = {}
 """Paths of temporary files and the names to report in their place, such as that which holds standard input."""
@@ -42,11 +43,11 @@ def notes_kept() -> Iterator[list[str]]:
 
 def note(message: str, quiet: bool = False) -> None:
     """Write a line to standard error, or append it to the list of `notes_kept`."""
-    kept = _KEPT.get()
+    text, kept = spelled(message), _KEPT.get()
     if kept is not None:
-        kept.append(message)
+        kept.append(text)
     elif not quiet:
-        write_line(f"occlog: {told(named(message))}", sys.stderr)
+        write_line(f"occlog: {told(named(text))}", sys.stderr)
 
 
 def note_findings(findings: Iterable[tuple[str, str, str]], quiet: bool = False) -> None:
