@@ -14,8 +14,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats
-from occlog.core.filter.particles import normalise, systematic_ancestors
 from occlog.core.numerics.jit import kernel
+from occlog.filtering.particles import normalise, systematic_ancestors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
 from occlog.scans.grouping import Rows, scans_of

@@ -13,10 +13,10 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.core.sight.distances import at_own, information
 from occlog.core.sight.path_loss import received_power
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
+from occlog.filtering.likelihood.distances import at_own, information
 from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances
 from occlog.errors import InputError
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances
 from occlog.records.declared.measurements import Measurements
 
 BELOW = 5.0

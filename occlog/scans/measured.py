@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, concat, nothing
 from occlog.core.sight.path_loss import log_distance
 from occlog.errors import InputError
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, concat, nothing
 from occlog.records.declared.measurements import DIFFERENCES, Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Reads

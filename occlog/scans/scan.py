@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.occlusion.priors import Priors
-from occlog.core.sight.distances import Distances
+from occlog.filtering.likelihood.distances import Distances
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED
 

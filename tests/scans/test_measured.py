@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE
 from occlog.errors import InputError
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE
 from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene, camera_rotation
 from occlog.records.tables import Reads

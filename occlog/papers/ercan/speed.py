@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.filter.likelihood import PackedScan, log_likelihood
-from occlog.core.filter.likelihood_occluded import log_likelihood_among
 from occlog.core.occlusion.priors import Priors
+from occlog.filtering.likelihood.among_occluders import log_likelihood_among
+from occlog.filtering.likelihood.directions import PackedScan, log_likelihood
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.papers.verdicts import verdicts as v

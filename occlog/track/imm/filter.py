@@ -17,7 +17,7 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.consistency.particles import FEW
-from occlog.core.filter.particles import effective_size
+from occlog.filtering.particles import effective_size
 from occlog.records.scene import Scene
 from occlog.scans.scan import Scan
 from occlog.track.interface import Estimate, Joint, Smoothing

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.core.motion.turns import acceleration_root
+from occlog.filtering.motion.coordinated_turn import acceleration_root
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.scan import Scan
 from occlog.track.in_space import direct3d

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, log_likelihood
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, log_likelihood
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.scan import Measured, Scan
 from occlog.track.map import mixed

@@ -15,10 +15,10 @@ import pytest
 import union_reference as union
 from tracker_scenes import PILLAR, ROOM, camera, scan, true_u
 
-from occlog.core.filter.likelihood import Detection
-from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
 from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
+from occlog.filtering.likelihood.among_occluders import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
+from occlog.filtering.likelihood.directions import Detection
 from occlog.records.scene import Occluder, Scene
 from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
 

@@ -1,7 +1,7 @@
 """Likelihood of a scan for a target at given places among moving occluders with priors: [Ercan] Sec. 4.2-4.3.
 
 A camera sees a place in its view with probability P (`occlog.core.occlusion.hidden`).  Let a be
-its factor for a place that it sees (A in `occlog.core.filter.likelihood`) and b that for a place
+its factor for a place that it sees (A in `occlog.filtering.likelihood.directions`) and b that for a place
 hidden by an occluder: the floor of a reading, and 1 where it reports nothing or
 candidates.  Cameras then count, by `Occlusion.probability`, with
 
@@ -27,7 +27,7 @@ from occlog.core.occlusion.hidden_together import add_joint
 from occlog.core.occlusion.priors import Priors
 from occlog.core.sight.visibility import Sensors, seen_from
 
-from .likelihood import Detection, Noise, PackedScan, factors, multiply_into
+from .directions import Detection, Noise, PackedScan, factors, multiply_into
 
 
 class Occlusion(NamedTuple):

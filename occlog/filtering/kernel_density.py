@@ -12,10 +12,10 @@ import math
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.filter.backward import root_of
-from occlog.core.filter.particles import effective_size, normalise, systematic_ancestors
-from occlog.core.motion.in_space import half_normals
 from occlog.core.numerics.jit import array_kernel
+from occlog.filtering.backward_simulation import root_of
+from occlog.filtering.motion.white_acceleration import half_normals
+from occlog.filtering.particles import effective_size, normalise, systematic_ancestors
 
 
 def weigh(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floats, float]:

@@ -11,7 +11,8 @@ Distances are in space, |x - p|^2 = (x - p_x)^2 + (y - p_y)^2 + h^2, with h the 
 A signal strength P - 10 n log10(d) [dBm] has the mean (ln 10 / 10 n) (P - rssi) of log d, and a standard deviation
 scaled alike (`occlog.core.sight.path_loss.log_distance`), so that its likelihood is exact.
 
-Residuals r = (z - m(x)) / sigma have the density of `occlog.core.sight.distance_errors`: Gaussian, late, or false.
+Residuals r = (z - m(x)) / sigma have the density of `occlog.filtering.likelihood.distance_errors`: Gaussian, late, or
+false.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.sight.usual_radio import DETOUR
 
 from .distance_errors import LOG_ROOT_2PI, Errors, log_density
-from .usual_radio import DETOUR
 
 RANGE, LOGARITHM, DIFFERENCE = 0, 1, 2
 """Kinds of measurements."""

@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import array_kernel, kernel
 
-from .turns import _turned, acceleration_root
+from .coordinated_turn import _turned, acceleration_root
 
 
 class AccelerationModel(NamedTuple):

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.sight.distance_errors import direct
-from occlog.core.sight.distances import (
+from occlog.core.sight.path_loss import log_distance, received_power
+from occlog.filtering.likelihood.distance_errors import direct
+from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
     RANGE,
@@ -20,7 +21,6 @@ from occlog.core.sight.distances import (
     nothing,
     residuals,
 )
-from occlog.core.sight.path_loss import log_distance, received_power
 
 STEP = 1e-6
 

@@ -26,8 +26,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import array_kernel
-
-from .particles import systematic_ancestors
+from occlog.filtering.particles import systematic_ancestors
 
 KEPT = 200
 """Particles that are kept of each time at most."""

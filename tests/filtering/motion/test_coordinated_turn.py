@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from occlog.core.motion.turns import acceleration_root, move, move_under_all, three_models, turn_matrix
+from occlog.filtering.motion.coordinated_turn import acceleration_root, move, move_under_all, three_models, turn_matrix
 
 NONE = np.zeros((2, 2))
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 
-from occlog.core.filter.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
+from occlog.filtering.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
 
 
 @pytest.mark.parametrize("shift", [-5000.0, 0.0, 700.0])

@@ -181,7 +181,7 @@ def log_likelihood(
 ) -> Floats:
     """(L,) log-likelihoods of a scan for targets at (L, 2) places; -inf where it is impossible.
 
-    Nothing is known about moving occluders; with priors of them: `occlog.core.filter.likelihood_occluded`.
+    Nothing is known about moving occluders; with priors of them: `occlog.filtering.likelihood.among_occluders`.
 
     Args:
         xy: (L, 2) places.

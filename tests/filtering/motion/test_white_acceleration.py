@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.core.motion.in_space import (
+from occlog.filtering.motion.coordinated_turn import move
+from occlog.filtering.motion.white_acceleration import (
     AccelerationModel,
     drift,
     half_normals,
@@ -15,7 +16,6 @@ from occlog.core.motion.in_space import (
     moved,
     turn_jump,
 )
-from occlog.core.motion.turns import move
 
 
 def cloud(rng: np.random.Generator, particles: int, axes: int = 3) -> Floats:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.filter.likelihood import NEAR, NEAREST, Noise, PackedScan
 from occlog.core.plane.floor import Floor, on_floor
 from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.visibility import Sensors, seen_from
+from occlog.filtering.likelihood.directions import NEAR, NEAREST, Noise, PackedScan
 
 
 class World(NamedTuple):
