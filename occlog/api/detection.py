@@ -100,7 +100,7 @@ def detect(
             summary, losses = run_detect(request, *files, False, not progress)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     tables = tables_in(home, ("bearings", "views"))
     return DetectResult(home.without_paths(summary), tables, tuple(losses), told, rest)
 
@@ -153,7 +153,7 @@ def fuse(
         summary, losses = run_fuse(files, chosen, True)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return DetectResult(home.without_paths(summary), tables_in(home, ("bearings", "views")), tuple(losses), told, rest)
 
 
@@ -191,7 +191,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         summary, losses = run_fuse_tracks(files, chosen, True)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     shown = home.without_paths(summary)
     called = [Path(t).name if isinstance(t, str | os.PathLike) else f"tracks[{k}]" for k, t in enumerate(tracks)]
     if len(set(called)) == len(called):
@@ -249,5 +249,5 @@ def label(
         summary, losses = run_label(files, use, configure(LabelConfig(), chosen), True)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return DetectResult(home.without_paths(summary), tables_in(home, ("bearings",)), tuple(losses), told, rest)

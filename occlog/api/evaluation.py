@@ -122,7 +122,7 @@ def evaluate(
         lines += [inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in found]
         losses = provenance_of(paths, {}).losses
     said, rest = sentences(lines)
-    warn(said, losses, stacklevel=2)
+    warn(said, losses)
     tables = {name: table for name, table in tables_in(home, (*TABLES, *OF_MANY)).items() if len(table)}
     figures: Mapping[str, Any] = result.figures
     return EvaluateResult(
@@ -138,7 +138,7 @@ def _of_directions(paths: Paths, truth: Path, gate_deg: float | None, max_gap_s:
     if not 0.0 <= gate <= 180.0:
         raise UsageError(f"doa_gate_deg: {gate}: must be from 0 to 180")
     figures, losses = run_evaluate_doa(paths, truth, gate, max_gap_s)
-    warn((), losses, stacklevel=3)
+    warn((), losses)
     return EvaluateResult(summary=figures, losses=losses, metrics=figures)
 
 

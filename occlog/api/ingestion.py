@@ -140,7 +140,7 @@ def ingest(
         check_outputs(plan.inputs(), [path], overwrite)
         summary, losses = run_ingest(plan, overwrite=overwrite, quiet=not progress)
         told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     shown = {**(home.without_paths(summary) if output is None else summary), "notes": rest}
     return Recording(path, shown, None if output is not None else home)
 

@@ -93,7 +93,7 @@ def report(
         data, _ = run_report(paths, title)
         findings = data.findings or ()
         told, rest = sentences(inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in findings)
-    warn(told, data.losses, stacklevel=2)
+    warn(told, data.losses)
     shown = {} if data.findings is None else figures(data.findings)
     return ReportResult(
         summary={"targets": len(data.targets), **shown},
@@ -201,7 +201,7 @@ def overlay(
         )
         summary, losses = run_overlay(asked, quiet=not progress)
         told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return OverlayResult(
         summary=home.without_paths(summary),
         losses=losses,

@@ -119,6 +119,7 @@ def track(
     Warns:
         OcclogWarning: the estimates are not plausible, or input was lost.
     """
+    entry(method)
     sources = {
         "measurements": measurements,
         "doa": doa,
@@ -175,7 +176,7 @@ def track(
         where = open_input(measured_path).scene if scene_path is None else scene_in(scene_path)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return TrackResult(
         summary=home.without_paths(summary),
         tables=tables_in(home, [tracks.stem, *wanted]),
