@@ -9,9 +9,17 @@ from collections.abc import Callable, Iterable
 from contextvars import ContextVar
 from enum import IntEnum
 
-_OPTION = re.compile("\ue000([\\w.]+)\ue001")
-SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=str)
-"""How the surface in use spells the name of something that a request takes: `--fused-views`, `fused_views`."""
+_OPTION = re.compile(r"(?:\ue000|\\ue000)([\w.]+)(?:\ue001|\\ue001)")
+
+
+def as_flag(name: str) -> str:
+    """The name of something that a request takes as it is typed: `--fused-views`, `--set height=`."""
+    free = name.removeprefix("set.")
+    return f"--{name.replace('_', '-')}" if free == name else f"--set {free}="
+
+
+SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=as_flag)
+"""How the surface in use spells the name of something that a request takes."""
 
 
 def option(name: str) -> str:
@@ -23,7 +31,7 @@ def option(name: str) -> str:
 
 
 def spelled(text: str) -> str:
-    """A message with the names of `option` as the surface in use spells them."""
+    """A message, or JSON with one, with the names of `option` as the surface in use spells them."""
     return _OPTION.sub(lambda found: SPELLING.get()(found[1]), text)
 
 
@@ -93,7 +101,7 @@ class NoSceneError(UsageError):
 
     def __init__(self, where: object) -> None:
         """Name the file."""
-        super().__init__(f"{where}: holds no scene; give one with --scene")
+        super().__init__(f"{where}: holds no scene; give one with {option('scene')}")
         self.where = where
 
 

@@ -296,7 +296,7 @@ class Verb:
         """The help of the command: the docstring of the class that all requests of the verb derive from."""
         of = self.shared
         while of.__base__ not in (Request, None):
-            of = of.__base__  # type: ignore[assignment]
+            of = of.__base__
         return of.__doc__
 
     def kind(self, name: str) -> Kind | None:

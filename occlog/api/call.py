@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from occlog import console
-from occlog.errors import SPELLING
 from occlog.request import Entry, File, Form
 from occlog.runner import run
 from occlog.settings import Settings, kind_of
@@ -37,16 +36,12 @@ def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: obje
     """
     home = Folder()
     arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
-    spelling = SPELLING.set(lambda key: arguments_of.get(key, key.removeprefix("set.")))
-    try:
-        with Inputs() as inputs, console.notes_kept() as notes:
-            outputs = _outputs(form, arguments, home)
-            given = {entry.name: _value(entry, arguments, inputs) for entry in form.entries() if entry.group is None}
-            request = form.build({**given, **outputs}, _groups(form, arguments))
-            done = run(request, quiet=not arguments.get("progress", False))
-            said = [inputs.in_words_of_python(text) for text in notes]
-    finally:
-        SPELLING.reset(spelling)
+    with Inputs(arguments_of) as inputs, console.notes_kept() as notes:
+        outputs = _outputs(form, arguments, home)
+        given = {entry.name: _value(entry, arguments, inputs) for entry in form.entries() if entry.group is None}
+        request = form.build({**given, **outputs}, _groups(form, arguments))
+        done = run(request, quiet=not arguments.get("progress", False))
+        said = [inputs.named(text) for text in notes]
     told, rest = sentences(said)
     warn(told, done.losses)
     tables = tables_in(home, [path.stem for path in outputs.values()])

@@ -101,7 +101,7 @@ def detect(
             )
             files = home.file("bearings.parquet"), home.file("views.parquet")
             summary, losses = run_detect(request, *files, False, not progress)
-        said = [inputs.in_words_of_python(text) for text in notes]
+        said = [inputs.named(text) for text in notes]
     told, rest = sentences(said)
     warn(told, losses)
     tables = tables_in(home, ("bearings", "views"))

@@ -117,9 +117,9 @@ def evaluate(
             result = run_evaluate_many(paths, config.box_overlap, {**many, **of_frames})
         else:
             result, _ = run_evaluate(paths, chosen, many, frames, plugged)
-        lines = [inputs.in_words_of_python(text) for text in (*notes, *result.notes)]
+        lines = [inputs.named(text) for text in (*notes, *result.notes)]
         found = result.findings or ()
-        lines += [inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in found]
+        lines += [inputs.named(f"{f.severity}: {f.sentence}") for f in found]
         losses = provenance_of(paths, {}).losses
     said, rest = sentences(lines)
     warn(said, losses)

@@ -92,7 +92,7 @@ def report(
         )
         data, _ = run_report(paths, title)
         findings = data.findings or ()
-        told, rest = sentences(inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in findings)
+        told, rest = sentences(inputs.named(f"{f.severity}: {f.sentence}") for f in findings)
     warn(told, data.losses)
     shown = {} if data.findings is None else figures(data.findings)
     return ReportResult(
@@ -200,7 +200,7 @@ def overlay(
             overwrite=overwrite,
         )
         summary, losses = run_overlay(asked, quiet=not progress)
-        told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
+        told, rest = sentences(inputs.named(text) for text in notes)
     warn(told, losses)
     return OverlayResult(
         summary=home.without_paths(summary),

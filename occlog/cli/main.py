@@ -16,7 +16,7 @@ import click
 from occlog import __version__
 from occlog.console.details import DRY_RUN, NothingIsWritten, Plan
 from occlog.console.interrupts import INTERRUPTS
-from occlog.errors import SPELLING, ExitCode, OcclogError, OutputExistsError
+from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 from . import streams
 from .open_files import allow_open_files, open_files_limit
@@ -199,14 +199,6 @@ def _only_own_lines() -> None:
 def run(args: list[str] | None = None) -> int:
     """Run the command line; the exit code."""
     words = sys.argv[1:] if args is None else args
-    spelling = SPELLING.set(_as_flag)
-    try:
-        return _run(args, words)
-    finally:
-        SPELLING.reset(spelling)
-
-
-def _run(args: list[str] | None, words: Sequence[str]) -> int:
     try:
         try:
             result: object = cli.main(args=args, prog_name="occlog", standalone_mode=False)
@@ -231,12 +223,6 @@ def _run(args: list[str] | None, words: Sequence[str]) -> int:
         if explained.code == ExitCode.BUG and os.environ.get(DEBUG):
             raise
         return _fail(explained.message, explained.code, words)
-
-
-def _as_flag(name: str) -> str:
-    """What a request takes as it is typed: `--fused-views`, `--set height=`."""
-    free = name.removeprefix("set.")
-    return f"--{name.replace('_', '-')}" if free == name else f"--set {free}="
 
 
 class Explained(NamedTuple):

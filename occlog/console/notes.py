@@ -19,7 +19,7 @@ _KEPT: ContextVar[list[str] | None] = ContextVar("_KEPT", default=None)
 def write_line(text: str, stream: TextIO | None) -> None:
     """Write a line to a standard stream at once; nothing where the stream is closed (None)."""
     if stream is not None:
-        stream.write(f"{text}\n")
+        stream.write(f"{spelled(text)}\n")
         stream.flush()
 
 
@@ -43,11 +43,11 @@ def notes_kept() -> Iterator[list[str]]:
 
 def note(message: str, quiet: bool = False) -> None:
     """Write a line to standard error, or append it to the list of `notes_kept`."""
-    text, kept = spelled(message), _KEPT.get()
+    kept = _KEPT.get()
     if kept is not None:
-        kept.append(text)
+        kept.append(spelled(message))
     elif not quiet:
-        write_line(f"occlog: {told(named(text))}", sys.stderr)
+        write_line(f"occlog: {told(named(spelled(message)))}", sys.stderr)
 
 
 def note_findings(findings: Iterable[tuple[str, str, str]], quiet: bool = False) -> None:

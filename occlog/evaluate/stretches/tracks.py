@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.consistency.verdict import Evidence
+from occlog.errors import option
 from occlog.evaluate.bearings.known_places import MeasuredNoise, figures_of, notes_of
 from occlog.evaluate.errors.streamed import Beside, CompareStreams, PairSums, Stretch, stretches
 from occlog.evaluate.errors.survey import Survey, survey
@@ -32,7 +33,7 @@ from occlog.track.images.run.provenance import own_notes
 
 BOUND_WITHOUT_DISTANCES = (
     "the bound knows nothing of the ranges, signal strengths or time differences of the tracks, so that no ratio to it "
-    "means anything; give --measurements"
+    f"means anything; give {option('measurements')}"
 )
 """What is said of tracks that were made with measurements of distances, where these are not given."""
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from occlog import __version__
-from occlog.errors import InputError
+from occlog.errors import InputError, spelled
 from occlog.records.losses import Loss
 
 from .stated_units import STATED
@@ -69,7 +69,7 @@ class Provenance:
 
     def json(self) -> str:
         """The record as one line of JSON with sorted keys."""
-        return json.dumps(self.as_dict(), sort_keys=True, default=str)
+        return spelled(json.dumps(self.as_dict(), sort_keys=True, default=str))
 
 
 UNKNOWN = Provenance("unknown", input_units=(), readers=(), version="", versions={})
