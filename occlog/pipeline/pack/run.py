@@ -109,7 +109,7 @@ def inputs_of(config: Config, folder: Path) -> list[Path]:
     found, own = {path: None}, folder.resolve()
     for stage in plan(config, own):
         with inside(path.parent):
-            for text in stage.args:
+            for text in stage.texts():
                 if text in stage.output_paths:
                     continue
                 for file in files_of(text):
