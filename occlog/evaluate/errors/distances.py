@@ -13,7 +13,7 @@ from occlog.measure.scans.shadowing import LastReads
 from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import Scene
 
-from .bound import Measured
+from .information import Measured
 
 
 class DistancesOfTargets:
