@@ -7,14 +7,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.put_aside.table import Aside
-from occlog.io.open import Opened, check_unit, common_unit, losses_of, open_if_ours, open_input
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import Radio, measurements_of_reads
-from occlog.measure.scans.shadowing import Shadowing
+from occlog.io.open import Opened, check_unit, common_unit, load_scene, losses_of, open_if_ours, open_input
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import Measurements
 from occlog.records.declared.people import PeopleTracks
@@ -30,6 +26,9 @@ from occlog.records.tables import (
     TruthBoxes,
     Views,
 )
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Radio, measurements_of_reads
+from occlog.scans.shadowing import Shadowing
 
 from .sources import MeasuredSource, Sources, opened_rows, streamed_bearings
 from .verdict import Made
@@ -164,7 +163,7 @@ def _scene(paths: Paths, tracks: Opened | None, truth: Opened | None) -> Scene:
     for path in (paths.bearings, paths.doa, paths.views):
         if recorded is None and paths.scene is None and path is not None:
             recorded = open_input(path).scene
-    return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
+    return load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
 
 
 def provenance_of(paths: Paths, parameters: Mapping[str, object]) -> Provenance:

@@ -9,11 +9,11 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
+from occlog.consistency.verdict import Finding, figures
 from occlog.errors import UsageError
 from occlog.evaluate.figures import UNITS
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Bound, Errors
-from occlog.track.plausibility.verdict import Finding, figures
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,

@@ -14,14 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.cli import options
-from occlog.details import begin_work
+from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.azimuths import doa_metrics
 from occlog.evaluate.bearings.known_places import MeasuredNoise, comment, scene_with
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig, many_config, own_targets_by
-from occlog.io.files.atomic import write_bytes
+from occlog.io.files.atomic import check_outputs, write_bytes
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import write_json
@@ -62,7 +61,7 @@ def run_evaluate(
     """
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
-    options.check_outputs(paths.inputs, written, paths.overwrite)
+    check_outputs(paths.inputs, written, paths.overwrite)
     held_boxes = bool(given.get("held_out")) and paths.views is not None
     sources, scene, tracks = open_sources(paths, frames, held_boxes=held_boxes)
     unit = scene.length_unit
@@ -221,7 +220,7 @@ def run_evaluate_doa(
         raise UsageError("--truth-azimuths goes with --doa and nothing else to compare; leave TRACKS out")
     if doa is None:
         raise UsageError("--truth-azimuths wants directions to compare; give them with --doa")
-    options.check_outputs([doa, truth], [output], paths.overwrite)
+    check_outputs([doa, truth], [output], paths.overwrite)
     found = open_input(doa).read(Doa)
     if not len(found):
         raise InputError(f"{doa}: has no directions; nothing can be compared")

@@ -14,9 +14,6 @@ from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.put_aside.table import Aside
 from occlog.io.open import Opened, open_input
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import Radio
-from occlog.measure.scans.sources import bearings_of_doa, in_time
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import Measurements
 from occlog.records.pieces import times, whole_times
@@ -32,6 +29,9 @@ from occlog.records.tables import (
     TruthBoxes,
     Views,
 )
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Radio
+from occlog.scans.sources import bearings_of_doa, in_time
 
 from .verdict import Made
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from occlog.consistency.verdict import Evidence
 from occlog.errors import InputError
 from occlog.evaluate.bearings.against import AgainstBearings
 from occlog.evaluate.bearings.boxes import ViewFigures
@@ -28,8 +29,6 @@ from occlog.evaluate.mot.apart import line_of_errors_apart
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.on_ground import GroundFigures, GroundPart, places_of
 from occlog.evaluate.results import Evaluation
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import Radio
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import Measurements
 from occlog.records.declared.people import PeopleTracks
@@ -47,7 +46,8 @@ from occlog.records.tables import (
     TruthBoxes,
     Views,
 )
-from occlog.track.plausibility.verdict import Evidence
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Radio
 
 from .sources import Chunks, MeasuredSource, Sources, in_memory, no_true_box, rows_of
 from .verdict import AgainstTruth, Made, with_truth

@@ -22,13 +22,13 @@ from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import MeasuredSource, Sources
 from occlog.evaluate.stage import Evaluator
 from occlog.evaluate.verdict import Made
-from occlog.measure.scans.config import MeasuredConfig
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import Measurements
 from occlog.records.declared.views import Failures
 from occlog.records.pieces import windows
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Cooperation, Truth, TruthBoxes
+from occlog.scans.config import MeasuredConfig
 
 T = TypeVar("T", bound=Table)
 WHOLE = 10**6

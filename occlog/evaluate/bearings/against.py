@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import Bools
+from occlog.consistency.verdict import Evidence
 from occlog.evaluate.bearings.detections import DetectionFigures
 from occlog.evaluate.bearings.held_out import HeldOutFigures
 from occlog.evaluate.bearings.known_places import KnownPlaces, MeasuredNoise
@@ -29,7 +30,6 @@ from occlog.records.declared.measurements import Measurements
 from occlog.records.pieces import LAST, Side
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors
-from occlog.track.plausibility.verdict import Evidence
 
 Metrics = dict[str, float]
 

@@ -15,12 +15,12 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
 from occlog.core.bounds import in_space as bounds3d
-from occlog.core.sight.distances import Distances
-from occlog.core.sight.distances import information as distance_information
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import Looks
 from occlog.evaluate.matching.paths import Path, Sensor
+from occlog.filtering.likelihood.distances import Distances
+from occlog.filtering.likelihood.distances import information as distance_information
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound
 
