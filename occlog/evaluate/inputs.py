@@ -81,9 +81,9 @@ def open_sources(
         held_boxes: views, or boxes, are not compared with true boxes, but predicted in cameras that are held out.
     """
     tracks, truth, scene = open_tables(paths)
-    views = _opened(paths.views, *((Boxes, Views) if held_boxes else (Views,)))
-    if views is not None and truth is not None and not held_boxes:
+    if paths.views is not None and truth is not None and not held_boxes:
         truth.require(TruthBoxes)
+    views = _opened(paths.views, *((Boxes, Views) if held_boxes else (Views,)))
     boxes: Any = None
     if held_boxes and views is not None:
         # Of a recording with both those of the detector
