@@ -103,7 +103,8 @@ def run_evaluate(
         if plugged and sources.tracks is not None and sources.truth is not None:
             whole = Tracks.concat(sources.tracks()), Truth.concat(sources.truth())
             result = with_plugins(replace(result, errors=Errors.concat(kept)), plugged, *whole, unit)
-    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
+    how = f"{option('match')} optimal"
+    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance ({how})"
     more = () if unknown is None else (unknown,)
     other = other_video(paths.tracks, [paths.truth])
     result = replace(result, notes=(*((told,) if own_numbers else ()), *result.notes, *more, *other))
@@ -159,9 +160,9 @@ def _check_request(paths: Paths, given: Mapping[str, object]) -> None:
     _check_used(paths, given)
 
 
-LOOKS = "bearings against the truth", "--bearings (or --doa) and --truth"
+LOOKS = "bearings against the truth", f"{option('bearings')} (or {option('doa')}) and {option('truth')}"
 BOUND = "the bound", "--bearings (or --doa, --measurements) and --truth"
-LINES = "sight lines", "--bearings (or --doa)"
+LINES = "sight lines", f"{option('bearings')} (or {option('doa')})"
 OF_WHAT = {
     **dict.fromkeys(("gate_sigma", "gate_px", "occluder_diameter"), LOOKS),
     **dict.fromkeys(("motion", "sigma_v", "prior_cov", "prior_z", "bound_in"), BOUND),
