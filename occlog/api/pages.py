@@ -9,7 +9,7 @@ from typing import Any
 
 from occlog.cli import options
 from occlog.errors import UsageError
-from occlog.track.plausibility.verdict import figures
+from occlog.records.verdicts import summary_of, texts_of
 
 from .folders import Folder
 from .keywords import names_of
@@ -91,10 +91,9 @@ def report(
             **tables,
         )
         data, _ = run_report(paths, title)
-        findings = data.findings or ()
-        told, rest = sentences(inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in findings)
+        told, rest = sentences(inputs.in_words_of_python(text) for text in texts_of(data.verdicts, "report"))
     warn(told, data.losses, stacklevel=2)
-    shown = {} if data.findings is None else figures(data.findings)
+    shown = summary_of(data.verdicts)
     return ReportResult(
         summary={"targets": len(data.targets), **shown},
         losses=data.losses,

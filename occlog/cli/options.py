@@ -15,7 +15,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -34,6 +34,7 @@ from .interrupts import INTERRUPTS
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
+    from occlog.records.verdicts import Verdict
 
 F = TypeVar("F", bound=Callable[..., object])
 T = TypeVar("T")
@@ -172,23 +173,40 @@ def _plain(value: object) -> object:
 
 
 def plausible_in_words(summary: Mapping[str, object]) -> str:
-    """The verdict of a summary in a few words: yes, or no with the codes of its warnings."""
+    """The verdict of a summary in a few words: yes, or no with the ids of its warnings, stage by stage."""
+    if summary["plausible"] is None:
+        return "not known (no check could be made)"
     if summary["plausible"]:
         return "yes"
     warnings = summary.get("warnings")
-    codes = [w["code"] for w in warnings if isinstance(w, Mapping)] if isinstance(warnings, list) else []
-    return f"no ({', '.join(dict.fromkeys(codes))})"
+    by_stage: dict[str, dict[str, dict[str, None]]] = {}
+    for each in warnings if isinstance(warnings, list) else []:
+        sensors = by_stage.setdefault(each.get("stage", ""), {}).setdefault(each["code"], {})
+        sensors.update(dict.fromkeys(each.get("sensors", ())))
+    parts = []
+    for stage, codes in by_stage.items():
+        said = ", ".join(" ".join([code, *sensors]) for code, sensors in codes.items())
+        parts.append(f"{stage}: {said}" if stage else said)
+    return f"no ({'; '.join(parts)})"
 
 
-def note_findings(findings: Iterable[tuple[str, str, str]], quiet: bool = False) -> None:
-    """What speaks against estimates (code, severity, sentence), each in a line on standard error."""
-    for _, severity, sentence in findings:
-        note(f"{severity}: {sentence}", quiet)
+def note_verdicts(verdicts: Sequence[Verdict], own: str, quiet: bool = False) -> None:
+    """What was found against estimates, in a line each on standard error.
+
+    Args:
+        verdicts: of a stage and of those before it.
+        own: the command that runs now; see `texts_of`.
+        quiet: print nothing.
+    """
+    from occlog.records.verdicts import texts_of
+
+    for text in texts_of(verdicts, own):
+        note(text, quiet)
 
 
-def strict_code(code: int, plausible: bool, strict: bool) -> int:
-    """The exit code, or 6 where estimates are not plausible and --strict was given."""
-    return ExitCode.THRESHOLD if strict and not plausible else code
+def strict_code(code: int, plausible: object, strict: bool) -> int:
+    """The exit code, or 6 where estimates are not plausible and --strict was given; None: not known."""
+    return ExitCode.THRESHOLD if strict and plausible is False else code
 
 
 def note_losses(losses: Iterable[Loss]) -> None:

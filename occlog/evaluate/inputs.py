@@ -34,6 +34,7 @@ from occlog.records.tables import (
     TruthBoxes,
     Views,
 )
+from occlog.records.verdicts import Check
 
 from .verdict import Made
 
@@ -254,9 +255,12 @@ def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scen
     return None if rows is None else Bearings.concat(rows())
 
 
-def provenance_of(paths: Paths, parameters: Mapping[str, object]) -> Provenance:
-    """Parameters, inputs, and what was lost in making the inputs."""
-    return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), lost_earlier(paths.inputs))
+def provenance_of(
+    paths: Paths, parameters: Mapping[str, object], checks: tuple[Check, ...] | None = None
+) -> Provenance:
+    """Parameters, inputs, what was lost in making the inputs, and what was checked of the tracks; None: nothing."""
+    made = Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), lost_earlier(paths.inputs))
+    return made if checks is None else made.with_checks(checks)
 
 
 def lost_earlier(paths: Iterable[Path]) -> tuple[Loss, ...]:

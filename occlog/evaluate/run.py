@@ -110,7 +110,7 @@ def run_evaluate(
         metrics, notes = {**result.metrics, **figures_of(noise)}, (*result.notes, *notes_of(t.scene, noise))
         result = replace(result, metrics=metrics, notes=notes)
         _write_scene(paths.write_scene, t.scene, noise, overwrite=paths.overwrite)
-    findings = judge(
+    checks = judge(
         t.tracks,
         t.scene,
         t.made,
@@ -122,11 +122,10 @@ def run_evaluate(
     )
     if t.made.measured and paths.measurements is None and len(result.bound):
         result = replace(result, notes=(*result.notes, BOUND_WITHOUT_DISTANCES))
-    result = replace(result, notes=_notes(paths, own_numbers, result.notes), findings=findings)
+    result = replace(result, notes=_notes(paths, own_numbers, result.notes), checks=checks)
     told_of = {"metrics": [each.provenance(unit) for each in plugged]} if plugged else {}
     parameters = {**parameters_of(paths, config, many), **told_of}
-    _write(paths, result, unit, parameters)
-    return result, unit
+    return _written(paths, result, unit, parameters), unit
 
 
 def _configured(paths: Paths, given: Mapping[str, object], unit: str) -> tuple[EvaluateConfig, bool, bool]:
@@ -213,8 +212,7 @@ def run_in_stretches(
     result = replace(result, notes=_notes(paths, own_numbers, notes))
     rest = paths if compared is None else replace(paths, errors=None, bound=None)
     rest = rest if many is None else replace(rest, failures=None, counts=None)  # the others are written already
-    _write(rest, result, unit, parameters)
-    return result, unit
+    return _written(rest, result, unit, parameters), unit
 
 
 def _times_of_frames(sources: Sources) -> Iterator[Iterator[Ints]]:
@@ -306,8 +304,10 @@ def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
         raise InputError(f"{tracks}: was made with {names}; make it again with `occlog track --without {names}`")
 
 
-def _write(paths: Paths, result: Evaluation, unit: str, parameters: Mapping[str, object]) -> None:
-    provenance = provenance_of(paths, parameters)
+def _written(paths: Paths, result: Evaluation, unit: str, parameters: Mapping[str, object]) -> Evaluation:
+    """The evaluation with its verdicts, after its tables and figures are written."""
+    provenance = provenance_of(paths, parameters, result.checks)
+    result = replace(result, verdicts=provenance.judged)
     made = (
         (paths.errors, result.errors),
         (paths.bound, result.bound),
@@ -320,6 +320,7 @@ def _write(paths: Paths, result: Evaluation, unit: str, parameters: Mapping[str,
     if paths.output is not None:
         values = {**result.figures, "_provenance": provenance.as_dict()}
         write_json(paths.output, values, overwrite=paths.overwrite)
+    return result
 
 
 def run_evaluate_doa(

@@ -37,7 +37,7 @@ from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Boxes, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
-from occlog.track.plausibility.verdict import Finding, figures
+from occlog.records.verdicts import Check, Verdict, summary_of
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -61,7 +61,8 @@ class Evaluation:
         failures: of trackers.
         counts: of targets and tracks on the ground, over time.
         notes: lines that the user must know of.
-        findings: what speaks against the tracks; None: nobody has judged them.
+        checks: what was checked of the tracks; None: nothing could be.
+        verdicts: that of this evaluation, after those of the stages before it.
         looks: of every sensor at targets whose place is known.
         plugged: names of the metrics that are of plug-ins.
     """
@@ -72,14 +73,15 @@ class Evaluation:
     failures: Failures = field(default_factory=Failures.empty)
     counts: Counts = field(default_factory=Counts.empty)
     notes: tuple[str, ...] = ()
-    findings: tuple[Finding, ...] | None = None
+    checks: tuple[Check, ...] | None = None
+    verdicts: tuple[Verdict, ...] = ()
     looks: Mapping[str, SensorLooks] = field(default_factory=dict)
     plugged: tuple[str, ...] = ()
 
     @property
     def figures(self) -> dict[str, object]:
         """The metrics with the verdict."""
-        return {**self.metrics, **({} if self.findings is None else figures(self.findings))}
+        return {**self.metrics, **summary_of(self.verdicts)}
 
 
 @dataclass(frozen=True)

@@ -80,8 +80,7 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
     result = _with_notes(evaluate_views(compared, config), paths, config, given)
     if paths.mot is not None and paths.tracks is not None:
         write_layout(paths.mot, paths.tracks.stem, _sequences(compared, scene), overwrite=paths.overwrite)
-    _write(paths, result, config)
-    return result
+    return _written(paths, result, config)
 
 
 def box_streams(paths: Paths, overlap: float, given: Mapping[str, object]) -> tuple[BoxStreams, ManyConfig] | None:
@@ -125,8 +124,7 @@ def _in_stretches(paths: Paths, overlap: float, given: Mapping[str, object]) -> 
 
         result = streams.evaluate(take)
     result = _with_notes(result, paths, config, given)
-    _write(replace(paths, failures=None), result, config)
-    return result
+    return _written(replace(paths, failures=None), result, config)
 
 
 def _with_notes(result: Evaluation, paths: Paths, config: ManyConfig, given: Mapping[str, object]) -> Evaluation:
@@ -294,13 +292,16 @@ def _read_text(
     return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
 
 
-def _write(paths: Paths, result: Evaluation, config: ManyConfig) -> None:
+def _written(paths: Paths, result: Evaluation, config: ManyConfig) -> Evaluation:
+    """The evaluation with the verdicts of the stages before it, after its table and figures are written."""
     provenance = provenance_of(paths, asdict(config))
+    result = replace(result, verdicts=provenance.judged)
     if paths.failures is not None:
         write_table(paths.failures, result.failures, provenance, overwrite=paths.overwrite)
     if paths.output is not None:
-        values = {**result.metrics, "_provenance": provenance.as_dict()}
+        values = {**result.figures, "_provenance": provenance.as_dict()}
         write_json(paths.output, values, overwrite=paths.overwrite)
+    return result
 
 
 def _sequences(compared: TruthAndTracks, scene: Scene | None) -> list[MotSequence]:

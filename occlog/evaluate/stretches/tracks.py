@@ -27,6 +27,7 @@ from occlog.records.columns import Table
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors, Tracks
+from occlog.records.verdicts import Check
 from occlog.track.images.run.provenance import own_notes
 from occlog.track.plausibility.verdict import Evidence
 
@@ -153,12 +154,14 @@ class InStretches:
                 self.noise = seen.noise_at_known_places()
                 metrics |= figures_of(self.noise)
                 notes = (*notes, *(notes_of(self._scene, self.noise) if self.noise else ()))
-            findings = None
+            checks = None
             if against.rows or sources.diagnostics is not None or (seen is not None and seen.rows):
-                findings = with_truth(evidence, made, against, unknown=known.unknown, metrics=metrics)
+                checks = with_truth(evidence, made, against, unknown=known.unknown, metrics=metrics)
             if made.measured and sources.measured is None and seen is not None and seen.bound_rows:
                 notes = (*notes, BOUND_WITHOUT_DISTANCES)
-        return Evaluation(metrics, notes=notes, findings=None if sources.tracks is None else findings)
+            checks = None if sources.tracks is None else checks
+            out.annotate(checks)
+        return Evaluation(metrics, notes=notes, checks=checks)
 
     def _figures(
         self, streams: CompareStreams, seen: WithBearings | None, *, smoothed: bool
@@ -204,6 +207,7 @@ class Written:
     def __init__(self, stack: ExitStack, paths: Paths, parameters: Mapping[str, object], unit: str) -> None:
         """Tables are complete when the stack is left."""
         self._stack, self._paths, self._parameters, self._unit = stack, paths, parameters, unit
+        self._writers: list[TableWriter] = []
 
     def table(self, path: Path | None, table: type[Table]) -> TableWriter | None:
         """A table; None without a path."""
@@ -211,7 +215,15 @@ class Written:
             return None
         provenance = provenance_of(self._paths, self._parameters)
         writer = TableWriter(path, table, provenance, overwrite=self._paths.overwrite, length_unit=self._unit)
-        return self._stack.enter_context(writer)
+        self._writers.append(self._stack.enter_context(writer))
+        return writer
+
+    def annotate(self, checks: tuple[Check, ...] | None) -> None:
+        """Store with every table what was checked of the tracks; None: nothing."""
+        if self._writers and checks is not None:
+            made = provenance_of(self._paths, self._parameters, checks)
+            for writer in self._writers:
+                writer.annotate(made)
 
 
 def parameters_of(paths: Paths, config: EvaluateConfig, many: ManyConfig | None) -> dict[str, object]:

@@ -14,10 +14,10 @@ from occlog.io.gathered.runs import write_metrics, write_runs
 from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
 
-from .recording import FAILED, METRICS, Outcome
+from .recording import FAILED, Outcome
 
 RUNS_TABLE, METRICS_TABLE = "runs.parquet", "metrics.parquet"
-METRICS_FILES = (METRICS, "metrics_in_images.json")
+METRICS_FILES = ("metrics.json", "metrics_in_images.json")
 MOST_LOSSES = 20
 """Losses of a recording that the provenance of each table has; the table of runs has all."""
 WHOLE = "the whole recording"
