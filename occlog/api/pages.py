@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import UsageError
 from occlog.records.verdicts import summary_of, texts_of
 
@@ -77,7 +77,7 @@ def report(
     given = (tracks, truth, bearings, errors, bound, diagnostics, events, occluders)
     home = Folder()
     page = home.file("report.html") if output is None else Path(output)
-    with Inputs() as inputs, options.notes_kept():
+    with Inputs() as inputs, console.notes_kept():
         tables: dict[str, Any] = {n: inputs.optional(value, n) for n, value in zip(SOURCES, given, strict=True)}
         paths = Paths(
             output=page,
@@ -92,7 +92,7 @@ def report(
         )
         data, _ = run_report(paths, title)
         told, rest = sentences(inputs.in_words_of_python(text) for text in texts_of(data.verdicts, "report"))
-    warn(told, data.losses, stacklevel=2)
+    warn(told, data.losses)
     shown = summary_of(data.verdicts)
     return ReportResult(
         summary={"targets": len(data.targets), **shown},
@@ -177,7 +177,7 @@ def overlay(
         raise UsageError("no output: give video (a file to make), frame (a number), or both")
     home = Folder()
     picture = None if frame is None else home.file("frame.png")
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         asked = Asked(
             recording=inputs.rows(recording, "recording"),
             tracks=inputs.optional(tracks.tracks if isinstance(tracks, TrackResult) else tracks, "tracks"),
@@ -200,7 +200,7 @@ def overlay(
         )
         summary, losses = run_overlay(asked, quiet=not progress)
         told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return OverlayResult(
         summary=home.without_paths(summary),
         losses=losses,

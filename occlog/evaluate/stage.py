@@ -30,14 +30,14 @@ from occlog.evaluate.errors.sums import error_metrics
 from occlog.evaluate.figures import UNITS
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import Radio
 from occlog.records.declared.measurements import Measurements
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Boxes, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
 from occlog.records.verdicts import Check, Verdict, summary_of
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Radio
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import check_outputs
 
 
 @click.command(name="recover", short_help="Salvage what is whole in a file that was cut off or damaged.")
@@ -37,7 +39,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
     from occlog.io.files.untrusted.content import Content, content_of, mistaken_for
 
     given = dict(map(_named, videos))
-    options.check_outputs([file, *given.values()], [output], overwrite)
+    check_outputs([file, *given.values()], [output], overwrite)
     content = content_of(file)
     if content is Content.OTHER:
         what = mistaken_for(file) or content.value
@@ -48,13 +50,13 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
         from occlog.io.files.tables.salvage.table import recover_table
 
         table = recover_table(file, output, overwrite=overwrite)
-        return options.finish({"table": str(output), "rows": table.rows, **_times(table.span)}, table.losses, as_json)
+        return console.finish({"table": str(output), "rows": table.rows, **_times(table.span)}, table.losses, as_json)
     from occlog.io.recording.salvage.recover import recover_recording
 
     found = recover_recording(file, output, given, overwrite=overwrite)
     summary = {"recording": str(output), "messages": sum(found.messages.values()), **_times(found.span)}
     summary |= {f"messages of {topic}": count for topic, count in found.messages.items()}
-    return options.finish(summary, found.losses, as_json)
+    return console.finish(summary, found.losses, as_json)
 
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:

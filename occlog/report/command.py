@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import VariantCommand
-from occlog.details import begin_work
+from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import check_outputs
 
 from .options import PAGE, VARIANTS, chosen
 
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
     from occlog.records.tables import Bearings, Hulls, Occluders
-    from occlog.records.verdicts import Verdict
+    from occlog.records.verdicts import Verdict, texts_of
     from occlog.report.content.model import ReportInput
 
     from .long_tables import LongTables
@@ -80,7 +82,7 @@ def command(**given: Any) -> int:
         from occlog.report.overlay.command import run_overlay
         from occlog.report.overlay.pictures import Asked
 
-        return options.finish(*run_overlay(Asked(**given), quiet=quiet), as_json)
+        return console.finish(*run_overlay(Asked(**given), quiet=quiet), as_json)
     if "other" in given:
         return _beside(given, quiet=quiet, as_json=as_json)
     title, strict = given.pop("title"), given.pop("strict")
@@ -90,14 +92,14 @@ def command(**given: Any) -> int:
     data, unseen = run_report(paths, title)
     for loss in data.losses:
         if loss not in unseen:
-            options.note(f"lost earlier: {loss}", quiet)
+            console.note(f"lost earlier: {loss}", quiet)
     if data.strangers:
-        options.note(
+        console.note(
             f"warning: bearings of {', '.join(map(repr, data.strangers[:4]))}, not in the scene, are counted and not "
             "drawn; give the scene that they were made in",
             quiet,
         )
-    options.note_verdicts(data.verdicts, "report", quiet)
+    console.note_findings(texts_of(data.verdicts, "report"), quiet)
     summary: dict[str, object] = {
         "page": paths.output,
         "png": paths.png,
@@ -107,8 +109,8 @@ def command(**given: Any) -> int:
     summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {"not_in_scene": list(data.strangers)} if data.strangers else {}
     summary |= summary_of(data.verdicts)
-    code = options.finish({k: v for k, v in summary.items() if v is not None}, unseen, as_json)
-    return options.strict_code(code, data.plausible, strict)
+    code = console.finish({k: v for k, v in summary.items() if v is not None}, unseen, as_json)
+    return console.strict_code(code, data.plausible, strict)
 
 
 def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
@@ -128,12 +130,12 @@ def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
     asked = Asked(**{name: value for name, value in given.items() if not hasattr(config, name)}, config=config)
     found = run_beside(asked)
     for whose, loss in found.losses:
-        options.note(f"lost earlier in {whose}: {loss}", quiet)
+        console.note(f"lost earlier in {whose}: {loss}", quiet)
     for letter, side in found.sides:
         for stage, check in side.data.findings:
-            options.note(f"{letter}: {check.severity}: {stage}: {check.text}", quiet)
+            console.note(f"{letter}: {check.severity}: {stage}: {check.text}", quiet)
     summary = summary_of(found, asked)
-    return options.strict_code(options.finish(summary, (), as_json), summary.get("plausible"), strict)
+    return console.strict_code(console.finish(summary, (), as_json), summary.get("plausible"), strict)
 
 
 TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "events", "occluders")
@@ -199,9 +201,9 @@ def _has_truth(recording: Path) -> bool:
 
 def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]:
     """Read everything, draw, write the page and the picture; what was shown, and which images were lost now."""
+    from occlog.console.text import as_bytes
     from occlog.io.files.atomic import Together, open_output
     from occlog.io.files.untrusted.content import Content, content_of
-    from occlog.words import as_bytes
 
     from .markdown import build_markdown
     from .page import build_page
@@ -211,7 +213,7 @@ def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]
         raise UsageError("nothing to show: give TRACKS, a run folder, or --scene")
     if paths.tracks is not None and paths.scene is None and content_of(paths.tracks) is Content.RECORDING:
         raise UsageError(f"{paths.tracks}: is a recording, not tracks; show it by --scene, beside tracks or alone")
-    options.check_outputs(paths.inputs, paths.outputs, paths.overwrite)
+    check_outputs(paths.inputs, paths.outputs, paths.overwrite)
     data = read_input(paths, title)
     begin_work()
     images = _images(paths, data)
@@ -297,10 +299,10 @@ def _made_tracks(tracks: Path | None) -> Made:
 
 
 def _scene(paths: Paths) -> Scene | None:
-    from occlog.io.open import open_input
+    from occlog.io.open import load_scene, open_input
 
     if paths.scene is not None:
-        return options.load_scene(paths.scene, None, paths.scene)
+        return load_scene(paths.scene, None, paths.scene)
     opened = (open_input(path) for path in (paths.truth, paths.bearings) if path is not None)
     return next((each.scene for each in opened if each.recording is not None), None)
 

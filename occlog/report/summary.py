@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from occlog.console.text import noun
 from occlog.records.tables import Errors
 from occlog.records.verdicts import Check, Verdict, all_plausible, made_checks
 from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import Figure, number
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.content.people import People
-from occlog.words import noun
 
 
 def plural(count: int, what: str) -> str:

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import click
 
-from occlog import __version__
-from occlog.cli import options
+from occlog import __version__, console
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL, no_links_out_of
@@ -28,7 +27,7 @@ from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions
 from occlog.records.losses import Loss
-from occlog.records.verdicts import Verdict, distinct, summary_of
+from occlog.records.verdicts import Verdict, distinct, summary_of, texts_of
 
 from .inputs import files_of, name_of, places_of
 from .stages import Config, Stage, check_settings, plan, read_config, refused_in
@@ -101,18 +100,18 @@ def run_stages(
     if steps and steps[-1].code not in GOING_ON:
         return steps[-1].code
     if dry_run and (others := other_versions(folder)):
-        options.note(f"{folder} was made with other packages: {others}", quiet)
+        console.note(f"{folder} was made with other packages: {others}", quiet)
     # What is lost in a stage that is done stands there when it is
     kept = [step for step in steps if step.what == UP_TO_DATE and step.code == ExitCode.LOSSY]
-    options.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
+    console.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
     verdicts = verdicts_of(folder / name for step in steps for name in step.outputs)
     summary = {**_summary(folder, {step.stage: step.what for step in steps}, as_json), **summary_of(verdicts)}
     if as_json:
         lost = losses_of(folder / name for step in steps for name in step.outputs)
         summary["losses"] = [loss.as_dict() for loss in lost]
-    options.note_verdicts(verdicts, "run", quiet)
-    options.echo_summary(summary, as_json)
-    return options.strict_code(worst(step.code for step in steps), summary.get("plausible"), strict)
+    console.note_findings(texts_of(verdicts, "run"), quiet)
+    console.echo_summary(summary, as_json)
+    return console.strict_code(worst(step.code for step in steps), summary.get("plausible"), strict)
 
 
 def do_stages(
@@ -193,7 +192,7 @@ def _remove_outputs(folder: Path, older: Outcome, made: Collection[str]) -> None
 
 
 def _note_begin(stage: str, quiet: bool) -> None:
-    options.note(f"{stage} ...", quiet)
+    console.note(f"{stage} ...", quiet)
 
 
 def verdicts_of(files: Iterable[Path]) -> tuple[Verdict, ...]:

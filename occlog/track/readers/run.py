@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -17,7 +17,7 @@ from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.losses import Loss
 from occlog.records.tables import TagTracks
 from occlog.records.tables import VirtualSensors as RegionTable
-from occlog.records.verdicts import Check, finding, outcome, summary_of
+from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 
 from .config import VirtualConfig
 from .inputs import ReadsInput, ReadsRequest
@@ -106,7 +106,7 @@ def run_track_reads(
 ) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Track tags and write; return the summary, and what had been lost before."""
     inputs = ReadsInput(request)
-    windows = options.progress(inputs.windows(), "track", quiet=quiet)
+    windows = console.progress(inputs.windows(), "track", quiet=quiet)
     config, regions = None, None
     if request.method == VirtualConfig.OWNER:
         config, regions, thresholds = inputs.virtual()
@@ -150,7 +150,7 @@ def run_track_reads(
         for each in (writer, table):
             if each is not None:
                 each.annotate(made)
-    options.note_verdicts(made.judged, "track", quiet)
+    console.note_findings(texts_of(made.judged, "track"), quiet)
     more = {} if regions is None else {"virtual_sensors": len(regions.area)}
     figures = {**more, **summary.figures(), **summary_of(made.judged)}
     return {"tracks": str(wanted.tracks), "method": request.method, **figures}, inputs.losses
