@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
     from occlog.records.tables import Bearings, Hulls, Occluders
-    from occlog.records.verdicts import Verdict, texts_of
+    from occlog.records.verdicts import Verdict
     from occlog.report.content.model import ReportInput
 
     from .long_tables import LongTables
@@ -75,7 +75,7 @@ def command(**given: Any) -> int:
 
     With --recording no page is made: TRACKS, in images or of the world, and true boxes are drawn over the frames.
     """
-    from occlog.records.verdicts import summary_of
+    from occlog.records.verdicts import summary_of, texts_of
 
     as_json, quiet = given.pop("as_json"), given.pop("quiet")
     if "recording" in given:

@@ -12,7 +12,6 @@ import pytest
 from bearing_scenes import CASES, Case, hand_made, simulated
 
 from occlog.cli.main import run
-from occlog.consistency.verdict import Finding
 from occlog.errors import ExitCode
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import Evaluation, evaluate
@@ -25,6 +24,7 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import Bearings, Bound, Errors, Tracks
+from occlog.records.verdicts import Check, Verdict, summary_of
 
 MADE = Provenance("track", {"method": "apf", "sensors": ["a", "b", "c", "ear"], "window_ns": 40_000_000})
 WHOLE = 10**6
@@ -45,9 +45,7 @@ WAYS: tuple[tuple[EvaluateConfig, str], ...] = (
 )
 
 
-def whole_of(
-    case: Case, config: EvaluateConfig, given: frozenset[str]
-) -> tuple[Evaluation, tuple[Finding, ...] | None]:
+def whole_of(case: Case, config: EvaluateConfig, given: frozenset[str]) -> tuple[Evaluation, tuple[Check, ...] | None]:
     """Figures and findings of whole tables."""
     mine, true = (getattr(case, n) if n in given else None for n in ("tracks", "truth"))
     found = evaluate(mine, true, case.bearings, case.place, config)
@@ -103,8 +101,7 @@ def test_the_command_gives_what_whole_tables_give(
     assert {n: found[n] for n in exact} == pytest.approx(
         {n: whole.metrics[n] for n in exact}, rel=0, abs=0, nan_ok=True
     )
-    warnings = [{"code": f.code, "sentence": f.sentence} for f in said or () if f.severity == "warning"]
-    assert found["warnings"] == warnings
+    assert found["warnings"] == summary_of([Verdict.of("evaluate", said or ())])["warnings"]
     for kind, table in ((Errors, whole.errors), (Bound, whole.bound)):
         again = read_table(tmp_path / f"{kind.NAME}.parquet", kind)
         for c in kind.columns():
