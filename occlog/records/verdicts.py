@@ -145,11 +145,17 @@ def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 
 def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
     """Findings with their stages; what a later stage found again of the same sensors and targets is said once."""
-    latest: dict[tuple[str, tuple[str, ...], tuple[int, ...], str], tuple[str, Check]] = {}
+    kept: list[tuple[str, Check]] = []
     for verdict in verdicts:
-        for check in findings(verdict.checks):
-            latest[check.id, check.sensors, check.targets, check.status] = (verdict.stage, check)
-    return tuple(latest.values())
+        found = findings(verdict.checks)
+        again = {_subject(check) for check in found}
+        kept = [each for each in kept if _subject(each[1]) not in again] + [(verdict.stage, check) for check in found]
+    return tuple(kept)
+
+
+def _subject(check: Check) -> tuple[str, Status, tuple[str, ...], tuple[int, ...]]:
+    """What was found, and of whom."""
+    return check.id, check.status, check.sensors, check.targets
 
 
 def texts_of(verdicts: Sequence[Verdict], own: str) -> tuple[str, ...]:
