@@ -1,4 +1,4 @@
-"""The verdict of `track` in every later stage: three cameras, one turned by 6 degrees, boxes without a truth and with it."""
+"""The verdict of `track` in every later stage: three cameras, one turned by 6 degrees, without a truth and with it."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, caps
     assert run([*args, "--strict", "--workers", "1"]) == ExitCode.THRESHOLD
     told = capsys.readouterr()
     assert "not plausible: 1" in " ".join(told.out.split())
-    assert f"track: camera-leans: camera {CROOKED} " in told.err
+    assert f"plausible: no (track: camera-leans {CROOKED}" in told.err
     (row,) = pq.read_table(out / "runs.parquet").to_pylist()
     assert row["plausible"] is False
     assert any(text.startswith(f"track: camera-leans: camera {CROOKED} ") for text in row["warnings"])
