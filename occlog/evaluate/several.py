@@ -1,11 +1,13 @@
 """Work of `occlog evaluate --also`: several recordings in one table, and all of them together.
 
 The figures of all together are those of one long recording in which the recordings follow one another, and in which no
-target or track of one is in another: counts are added up before rates are made of them, as TrackEval's COMBINED does.
+target or track of one is in another: those of each recording are merged.  Counts are added up before rates are made of
+them, as TrackEval's COMBINED does.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,18 +15,22 @@ from typing import NamedTuple
 
 from occlog.console.details import begin_work
 from occlog.errors import UsageError
-from occlog.evaluate.inputs import Paths, lost_earlier
+from occlog.evaluate.inputs import Paths, lost_earlier, open_sources
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.run import in_images
+from occlog.evaluate.mot.config import ManyConfig, own_targets_by
+from occlog.evaluate.mot.run import compared_boxes, in_images
 from occlog.io.files.atomic import check_outputs
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.texts.json_file import write_json
+from occlog.io.open import of_others
 from occlog.records.losses import Loss
 from occlog.records.verdicts import Verdict, summary_of
+from occlog.settings import configure
+from occlog.track.images.run.provenance import born_from_detections
 
-from .in_images import figures_in_images
-from .on_ground import figures_on_ground
+from .stage import Evaluator
 
+Metrics = dict[str, float]
 NOT_COMBINED = ("ospa2_window",)
 """Beginnings of names of figures that are of one recording only."""
 
@@ -78,9 +84,9 @@ def run_evaluate_several(
     sides = [Paths(tracks=each.tracks, truth=each.truth, scene=paths.scene) for each in recordings]
     if kinds.pop():
         told = {**given} if frames is None else {**given, "frames": frames}
-        each, whole, unit = *figures_in_images(sides, chosen.box_overlap, told), "px"
+        each, whole, unit = *_in_images(sides, chosen.box_overlap, told), "px"
     else:
-        each, whole, unit = figures_on_ground(sides, chosen, given, frames)
+        each, whole, unit = _on_ground(sides, chosen, given, frames)
     combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}
     provenance = Provenance("evaluate", {**asdict(chosen), **given}, None, hash_inputs(files), lost_earlier(files))
     named = dict(zip(_names(recordings), each, strict=True))
@@ -89,6 +95,49 @@ def run_evaluate_several(
         values = {**found.metrics, **summary_of(found.verdicts), "_provenance": provenance.as_dict()}
         write_json(paths.output, values, overwrite=paths.overwrite)
     return found
+
+
+def _in_images(sides: Sequence[Paths], overlap: float, given: Mapping[str, object]) -> tuple[list[Metrics], Metrics]:
+    """Figures of each recording, and of all together, in which every view of a recording is a view of its own."""
+    each, whole = list[Metrics](), None
+    views, counts = list[int](), Counter[str]()
+    for paths in sides:
+        compared, _, _ = compared_boxes(paths, overlap, given)
+        figures = compared.figures()
+        each.append(figures.result(compared.frames, compared.counts))
+        views += compared.frames
+        counts.update(compared.counts)
+        if whole is None:
+            whole = figures
+        else:
+            whole.merge(figures)
+    assert whole is not None
+    return each, whole.result(views, dict(counts))
+
+
+def _on_ground(
+    sides: Sequence[Paths], chosen: EvaluateConfig, given: Mapping[str, object], frames: tuple[int, int] | None
+) -> tuple[list[Metrics], Metrics, str]:
+    """Figures of each recording, of all together, and the unit of lengths."""
+    opened = [open_sources(paths, frames, held_boxes=False) for paths in sides]
+    units = [scene.length_unit for _, scene, _ in opened]
+    if len(set(units)) > 1:
+        raise UsageError(f"also: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together")
+    each, whole = list[Metrics](), None
+    for paths, (sources, scene, _) in zip(sides, opened, strict=True):
+        if sources.truth is None:
+            raise UsageError(f"also: {paths.truth} holds no true positions")
+        born = born_from_detections(paths.tracks) or of_others(paths.tracks)
+        own = "start" if born else own_targets_by(chosen, numbered_itself=False)
+        config = configure(ManyConfig.in_unit(scene.length_unit), {"own": own, **given})
+        figures = Evaluator(sources, scene, chosen).of_many(config)
+        each.append(figures.result())
+        if whole is None:
+            whole = figures
+        else:
+            whole.merge(figures)
+    assert whole is not None
+    return each, whole.result(), units[0]
 
 
 def _names(recordings: Sequence[Recording]) -> list[str]:

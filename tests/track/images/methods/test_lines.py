@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from view_states import BLIND, BLUE, RED, ROWS, changed, disc, frames_at, painted, state_of
 
-from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import MODES
-from occlog.track.images.methods.cmct import adapt_colours, propose_on_lines, weigh_cmct
 from occlog.track.images.methods.config import CmctConfig
-from occlog.track.images.methods.restart import APART
-from occlog.track.images.methods.step import Scheme, Weighed, local_weights
-from occlog.track.images.methods.weigh import weigh_mipf
+from occlog.track.images.methods.lines import adapt_colours, propose_on_lines
+from occlog.track.images.methods.local import arrival_of, local_weights
+from occlog.track.images.methods.loop_check import APART
+from occlog.track.images.methods.step import advance
+from occlog.track.images.methods.weigh import weigh
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))
@@ -35,7 +35,7 @@ def pair(config=CONFIG, distance=40.0, geometry=ROWS):
 def drawn(state, gap=None):
     """How many particles of each tracker are drawn on lines."""
     particles = state.trackers.particles + 100.0
-    out = propose_on_lines(state, particles, np.ones(len(particles)) if gap is None else gap, rng())
+    out = propose_on_lines(state, state.config, particles, np.ones(len(particles)) if gap is None else gap, rng())
     np.testing.assert_array_equal(out[..., 2:], particles[..., 2:])
     return (out != particles).any(axis=2).sum(axis=1).tolist()
 
@@ -89,7 +89,7 @@ def test_particles_are_spread_along_and_across_the_line_about_the_expected_place
     velocity = np.tile([1.0, 1.5], (4, 1))
     velocity[2] = 0.0
     state = changed(state, counterpart=counterpart, velocity=velocity)
-    out = propose_on_lines(state, state.trackers.particles, gap, rng())[0]
+    out = propose_on_lines(state, config, state.trackers.particles, gap, rng())[0]
     # 4 standard errors of the means and of the standard deviations
     assert out[:, 0].mean() == pytest.approx(42.0, abs=4 * 6.0 / np.sqrt(4000))
     assert out[:, 1].mean() == pytest.approx(40.0, abs=4 * 2.0 / np.sqrt(4000))
@@ -99,19 +99,19 @@ def test_particles_are_spread_along_and_across_the_line_about_the_expected_place
 
 def test_weights_are_those_of_the_colours():
     state = pair()
-    local = local_weights(Scheme(weigh_cmct), state, frames_at(1, BOTH, BOTH), rng())
-    weighed, plain = weigh_cmct(state, local, rng()), weigh_mipf(state, local, rng())
-    np.testing.assert_array_equal(weighed.weights, plain.weights)
+    arrival = arrival_of(state, frames_at(1, BOTH, BOTH))
+    local = local_weights(state, frames_at(1, BOTH, BOTH), arrival, rng())
+    weighed = weigh(state, arrival, local, rng())
+    want = np.exp(local.log_local - local.log_local.max(axis=1, keepdims=True))
+    np.testing.assert_allclose(weighed.weights, want / want.sum(axis=1, keepdims=True), rtol=1e-12)
     assert (weighed.mode == MODES.index("cmct")).all()
 
 
 def adapted(state, likeness, here=None, estimate=None):
     """The colours after estimates on the other target."""
     t = state.trackers
-    n = len(t.view)
-    where = t.estimate if estimate is None else estimate
-    weighed = Weighed(np.ones((n, 1)), where, np.zeros((n, n), bool), np.zeros((n, 2), bool), np.zeros(n, int))
-    return adapt_colours(state, weighed, likeness, np.ones(n, dtype=bool) if here is None else here).colours
+    state = changed(state, likeness=likeness, estimate=t.estimate if estimate is None else estimate)
+    return adapt_colours(state, state.config, np.ones(len(t.view), dtype=bool) if here is None else here).colours
 
 
 def swapped():
@@ -144,7 +144,7 @@ def test_colours_keep_their_sum_at_the_edge_of_the_image():
 
 def test_the_step_of_cmct_does_all_of_that():
     state = pair(distance=40.0)
-    after, outlines = VISUAL["cmct"].step(state, frames_at(1, BOTH, BOTH), rng())
+    after, outlines = advance(state, frames_at(1, BOTH, BOTH), rng())
     assert (outlines.mode == MODES.index("cmct")).all()
     assert not outlines.touching.any()
     assert outlines.counterpart.all()

@@ -9,10 +9,13 @@ from view_reference import bins_of
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.interface import LEFT, LOST, MODES, Birth, FrameSet
-from occlog.track.images.kernels.ellipse_colour import likenesses
+from occlog.track.images.kernels.ellipse_colour import colour_likeness
 from occlog.track.images.kernels.joint_samples import overlap
 from occlog.track.images.methods.config import McmcConfig
-from occlog.track.images.methods.mcmc import MCMC, run_mcmc, run_sir, step, view_frame
+from occlog.track.images.methods.joint import ViewFrame, run_mcmc, run_sir
+from occlog.track.images.methods.local import arrival_of
+from occlog.track.images.methods.state import end_trackers, initial_state
+from occlog.track.images.methods.step import advance, initiate_trackers
 
 W, H, R = 120, 90, 9.0
 VIEWS = (View("left", W, H), View("right", W, H))
@@ -41,10 +44,10 @@ def disc(place):
 
 def begin(places, views=(0, 1), image=None, **settings):
     config = McmcConfig(**{"particles": 100, **settings})
-    state = MCMC.init(VIEWS, NOWHERE, config, np.random.default_rng(0))
+    state = initial_state(VIEWS, NOWHERE, config)
     births = [Birth(v, 10 + i, disc(p)) for v in views for i, p in enumerate(places)]
     image = picture(places) if image is None else image
-    return MCMC.born(state, frame_set(0, image, image), births)
+    return initiate_trackers(state, frame_set(0, image, image), births)
 
 
 def paths(frames):
@@ -62,7 +65,7 @@ def test_two_targets_are_followed_through_each_other(sampler):
     errors = []
     for t in range(1, 36):
         image = picture(way[t], t)
-        state, o = step(state, frame_set(t, image, image), rng)
+        state, o = advance(state, frame_set(t, image, image), rng)
         assert o.view.tolist() == [0, 0, 1, 1]
         assert o.target_id.tolist() == [10, 11, 10, 11]
         assert (o.mode == MODES.index("mcmc")).all()
@@ -76,9 +79,8 @@ def test_two_targets_are_followed_through_each_other(sampler):
 
 
 def first_frame(state, image):
-    t = state.trackers
-    own = type(t)._make(field[t.view == 0] for field in t)
-    return view_frame(state, frame_set(1, image, None), 0, image, own, 1.0)
+    frames, rows = frame_set(1, image, None), np.flatnonzero(state.trackers.view == 0)
+    return ViewFrame(state, state.config, frames, arrival_of(state, frames), rows)
 
 
 def test_sir_weighs_by_the_product_over_targets_and_the_prior():
@@ -87,10 +89,10 @@ def test_sir_weighs_by_the_product_over_targets_and_the_prior():
     state = begin(way, image=image, sampler="sir", particles=30, overlap=1.5)
     frame = first_frame(state, image)
     samples = run_sir(frame, np.random.default_rng(3))
-    whole = bins_of(image)
+    whole, t = bins_of(image), state.trackers
     for k in range(30):
         sample, want = samples.particles[:, k], 0.0
-        bc = likenesses(whole, sample, np.arange(3), frame.trackers.colours, 2)
+        bc = colour_likeness(whole, sample, np.arange(3), t.colours, t.split, 2)
         want = sum((b - 1.0) / (2 * 0.1**2) for b in bc)
         want -= 1.5 * sum(overlap(sample[i], sample[j]) for i in range(3) for j in range(i))
         assert samples.log_weights[k] == pytest.approx(want, rel=1e-9)
@@ -128,7 +130,7 @@ def test_equal_seeds_give_equal_estimates_and_inputs_stay(sampler):
         state = begin(way[0], sampler=sampler)
         before, kept = copy.deepcopy(state.trackers), image.copy()
         for _ in range(2):
-            after, o = step(state, frame_set(1, image, image), np.random.default_rng(5))
+            after, o = advance(state, frame_set(1, image, image), np.random.default_rng(5))
             results.append(o)
         assert all(np.array_equal(a, b) for a, b in zip(before, state.trackers, strict=True))
         assert np.array_equal(image, kept)
@@ -141,17 +143,17 @@ def test_views_without_a_frame_wait():
     way = paths(8)
     state, rng = begin(way[0]), np.random.default_rng(2)
     for t in range(1, 4):
-        state, _ = step(state, frame_set(t, picture(way[t], t), picture(way[t], t)), rng)
+        state, _ = advance(state, frame_set(t, picture(way[t], t), picture(way[t], t)), rng)
     old = state.trackers
     for t in range(4, 7):
-        state, o = step(state, frame_set(t, picture(way[t], t), None), rng)
+        state, o = advance(state, frame_set(t, picture(way[t], t), None), rng)
         assert o.view.tolist() == [0, 0]
         assert o.touching.shape == (2, 2)
     assert np.array_equal(state.trackers.particles[2:], old.particles[2:])
-    state, o = step(state, frame_set(7, None, picture(way[7], 7)), rng)
+    state, o = advance(state, frame_set(7, None, picture(way[7], 7)), rng)
     assert o.view.tolist() == [1, 1]
     assert np.hypot(*(o.ellipse[:, :2] - way[7]).T).max() < R
-    state, o = step(state, frame_set(8, None, None), rng)
+    state, o = advance(state, frame_set(8, None, None), rng)
     assert len(o.view) == 0
     assert o.helpers.shape == (0, 2)
 
@@ -161,12 +163,12 @@ def test_targets_leave_the_image_or_are_lost():
     out = np.stack([np.column_stack([20 - 3.0 * np.arange(20), np.full(20, 40)])], axis=1)
     state, rng, events = begin(out[0], views=(0,)), np.random.default_rng(3), []
     for t in range(1, 20):
-        state, o = step(state, frame_set(t, picture(out[t], t), None), rng)
+        state, o = advance(state, frame_set(t, picture(out[t], t), None), rng)
         events += o.event[o.event > 0].tolist()
     assert events == [LEFT]
     state, events = begin([(60, 45)], views=(0,), lost_after=4), []
     for t in range(1, 8):
-        state, o = step(state, frame_set(t, picture([], t), None), rng)
+        state, o = advance(state, frame_set(t, picture([], t), None), rng)
         events.append(o.event.tolist())
     assert events == [[0], [0], [0], [LOST], [], [], []]
 
@@ -175,13 +177,13 @@ def test_targets_are_born_later_and_ended_from_outside():
     way = paths(3)
     state, rng = begin(way[0][:1], views=(0,)), np.random.default_rng(4)
     second = frame_set(1, picture(way[1], 1), None)
-    state, _ = step(state, second, rng)
-    state = MCMC.born(state, second, [Birth(0, 3, disc(way[1][1]))])
-    state, o = step(state, frame_set(2, picture(way[2], 2), None), rng)
+    state, _ = advance(state, second, rng)
+    state = initiate_trackers(state, second, [Birth(0, 3, disc(way[1][1]))])
+    state, o = advance(state, frame_set(2, picture(way[2], 2), None), rng)
     assert o.target_id.tolist() == [3, 10]
     assert np.hypot(*(o.ellipse[:, :2] - way[2][::-1]).T).max() < R
-    state = MCMC.ended(state, [(0, 10)])
-    assert step(state, frame_set(3, picture(way[2], 2), None), rng)[1].target_id.tolist() == [3]
+    state = end_trackers(state, [(0, 10)])
+    assert advance(state, frame_set(3, picture(way[2], 2), None), rng)[1].target_id.tolist() == [3]
 
 
 @pytest.mark.jit
@@ -191,7 +193,7 @@ def test_overlap_keeps_two_targets_of_one_colour_apart():
     for strength in (0.0, 6.0):
         state, rng, gaps = begin([(60, 45), (60, 45)], views=(0,), overlap=strength), np.random.default_rng(6), []
         for t in range(1, 12):
-            state, o = step(state, frame_set(t, picture([(60, 45)], t, colours), None), rng)
+            state, o = advance(state, frame_set(t, picture([(60, 45)], t, colours), None), rng)
             gaps.append(np.hypot(*(o.ellipse[0, :2] - o.ellipse[1, :2])))
         apart[strength] = np.mean(gaps[4:])
     assert apart[6.0] > 2.0 * apart[0.0]
@@ -210,9 +212,9 @@ def test_regions_of_a_detector_hold_targets():
     way = paths(12)
     frames = [frame_set(t, picture([], t), None) for t in range(len(way))]
     frames = [f._replace(regions=(np.array([disc(p) for p in way[t]]), None)) for t, f in enumerate(frames)]
-    state = MCMC.init(VIEWS, NOWHERE, McmcConfig(particles=100), np.random.default_rng(0))
-    state = MCMC.born(state, frames[0], [Birth(0, i, disc(p)) for i, p in enumerate(way[0])])
+    state = initial_state(VIEWS, NOWHERE, McmcConfig(particles=100))
+    state = initiate_trackers(state, frames[0], [Birth(0, i, disc(p)) for i, p in enumerate(way[0])])
     rng = np.random.default_rng(7)
     for f in frames[1:]:
-        state, o = step(state, f, rng)
+        state, o = advance(state, f, rng)
     assert np.hypot(*(o.ellipse[:, :2] - way[-1]).T).max() < 0.5 * R

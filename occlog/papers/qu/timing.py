@@ -12,17 +12,14 @@ from numpy.random import Generator
 from occlog.array_types import Ints
 from occlog.track.images.interface import FrameSet
 from occlog.track.images.kernels.collaboration import Neighbours, reweighted
-
-from .config import BmctConfig
-from .state import VisualState
-from .step import Scheme, local_weights
-from .weigh import collaboration_of, weigh_bmct
-
-LOCAL_ONLY: Scheme[BmctConfig] = Scheme(weigh_bmct)
+from occlog.track.images.methods.config import BmctConfig
+from occlog.track.images.methods.local import LocalWeights, arrival_of, local_weights
+from occlog.track.images.methods.state import VisualState
+from occlog.track.images.methods.weigh import weighing_model
 
 
 def likelihood_seconds(
-    state: VisualState[BmctConfig], frames: FrameSet, rng: Generator, repeats: int = 5
+    state: VisualState, config: BmctConfig, frames: FrameSet, rng: Generator, repeats: int = 5
 ) -> tuple[float, float, float]:
     """CPU seconds of the local, the interaction and the collaboration likelihood of all particles in one frame.
 
@@ -30,24 +27,29 @@ def likelihood_seconds(
     time that weighing takes longer with neighbours than without, and with helpers than without.
 
     Args:
-        state: of method `bmct` before the frame; it is not changed.
+        state: before the frame; it is not changed.
+        config: its settings.
         frames: the frame.
         rng: a copy of it is drawn from.
         repeats: of each part, of which the median counts.
     """
-    local = local_weights(LOCAL_ONLY, state, frames, copy.deepcopy(rng))
-    model = collaboration_of(state, local)
-    order, sweeps = np.arange(len(state.views)), state.config.sweeps
+
+    def locally() -> LocalWeights:
+        return local_weights(state, frames, arrival_of(state, frames), copy.deepcopy(rng))
+
+    local, arrival = locally(), arrival_of(state, frames)
+    model = weighing_model(state, arrival, local)
+    order, sweeps = np.arange(len(state.views)), config.sweeps
     near = model.near
     apart = Neighbours(busy=np.zeros_like(near.busy), touching=np.zeros_like(near.touching), ratio=near.ratio)
 
     def weigh(close: Neighbours, helper: Ints) -> Callable[[], object]:
         trial = model._replace(near=close, cameras=model.cameras._replace(helper=helper))
-        return lambda: reweighted(local.particles, local.log_local, local.here, trial, order, sweeps)
+        return lambda: reweighted(local.particles, local.log_local, arrival.here, trial, order, sweeps)
 
     nobody = np.full_like(model.cameras.helper, -1)
     parts = [
-        lambda: local_weights(LOCAL_ONLY, state, frames, copy.deepcopy(rng)),
+        locally,
         weigh(apart, nobody),
         weigh(near, nobody),
         weigh(near, model.cameras.helper),

@@ -1,4 +1,4 @@
-"""What bearings say for and against tracks, in stretches of time: the evidence that `judge` gathers of whole tables."""
+"""What bearings say for and against tracks."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
 
 
-class SightStreams:
-    """Compares bearings with tracks, stretch by stretch."""
+class SightEvidence:
+    """What bearings say for and against tracks."""
 
     def __init__(
         self, evidence: Evidence, scene: Scene, made: Made, held_out: tuple[str, ...], in_memory: int = IN_MEMORY
@@ -38,7 +38,7 @@ class SightStreams:
         """
         self._evidence, self._scene, self._made, self._held_out = evidence, scene, made, held_out
         self._of_estimates, self._of_frames = (Sight(scene, made.window_ns) for _ in range(2))
-        self._alone = _AloneStreams(evidence)
+        self._alone = _Alone(evidence)
         unsure = [c for c in scene.cameras if c.sigma_yaw > 0.0 or c.sigma_position > 0.0]
         self._distances = {c.name: Spool(in_memory // len(unsure)) for c in unsure}
 
@@ -47,7 +47,7 @@ class SightStreams:
         """How far about a stretch tracks and bearings must be there."""
         return self._made.window_ns + 1
 
-    def add(
+    def update(
         self, limits: Limits, tracks: Side[Tracks], bearings: Side[Bearings], diagnostics: Side[Diagnostics] | None
     ) -> None:
         """Another stretch; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
@@ -82,7 +82,7 @@ class SightStreams:
                 found.pose = pose_share(camera, median_of(self._distances[camera.name])) * found.means.expected
 
 
-class _AloneStreams:
+class _Alone:
     """Counts bearings near to one of another sensor, once all about them have come."""
 
     def __init__(self, evidence: Evidence) -> None:
@@ -101,7 +101,7 @@ class _AloneStreams:
         for target in np.unique(rows.target_id).tolist():
             mine = rows.target_id == target
             own = rows.take(mine)
-            # Seconds since the first bearing of all, so that rounding is that of whole tables
+            # Seconds since the first bearing of all, so that chunks change no rounding
             seconds = (own.t_ns - self._first.setdefault(target, int(own.t_ns[0]))) / NS
             new = ~done[mine] & (np.flatnonzero(mine) < ready)
             alone.bearings += int(np.count_nonzero(new))
