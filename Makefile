@@ -31,7 +31,7 @@ test: $(VENV)/installed-dev
 
 # Kernels as plain Python, which checks bounds: the tests of the rooms that have kernels, and of the metrics, which give
 # them what users have. Elsewhere the same code would run twice.
-KERNELS = core measure/clusters measure/regions simulate/balls simulate/render simulate/world \
+KERNELS = core filtering measure/clusters measure/regions simulate/balls simulate/render simulate/world \
 	track/apf track/drivers track/images/births track/images/kernels track/images/methods track/imm track/in_space \
 	track/jipda track/map track/people evaluate/bearings evaluate/errors evaluate/mot
 test-fast: $(VENV)/installed-dev

@@ -4,13 +4,41 @@ The names of `occlog.api` are names of this package, too: `occlog.open`, `occlog
 They are loaded when one of them is first used, so that `import occlog` and the command line start quickly.
 """
 
+from importlib import import_module
+from types import ModuleType
+
 __version__ = "0.1.0"
 
-# Folders that are called like functions of the API: Python makes a folder an attribute of its package when it is loaded
-# first, here, so that it cannot replace the function later
+
+class _Verb(ModuleType):
+    """A sub-package that can be called as the function of its name in `occlog.api`.
+
+    `occlog.track(...)` tracks, and `import occlog.track.catalogue` imports; signature and docstring are those of the
+    function.
+    """
+
+    def __call__(self, *args: object, **values: object) -> object:
+        return self._function()(*args, **values)
+
+    def __getattr__(self, name: str) -> object:
+        if name not in ("__signature__", "__wrapped__"):
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        return self._function() if name == "__wrapped__" else import_module("inspect").signature(self._function())
+
+    @property
+    def __doc__(self) -> str | None:  # type: ignore[override]
+        doc: str | None = self._function().__doc__
+        return doc
+
+    def __reduce__(self) -> object:
+        return import_module, (self.__name__,)
+
+    def _function(self):  # type: ignore[no-untyped-def]
+        return getattr(import_module("occlog.api"), self.__name__.rpartition(".")[2])
+
+
 for _name in ("evaluate", "ingest", "report", "simulate", "track"):
-    __import__(f"{__name__}.{_name}")
-    del globals()[_name]
+    import_module(f"{__name__}.{_name}").__class__ = _Verb
 del _name
 
 
@@ -18,8 +46,6 @@ def __getattr__(name: str) -> object:
     """A name of the API, which is loaded here."""
     if name.startswith("_"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
     api = import_module("occlog.api")
     if name not in api.__all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}; it has {', '.join(api.__all__)}")
@@ -30,6 +56,4 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     """The names of the API."""
-    from importlib import import_module
-
     return sorted({*globals(), *import_module("occlog.api").__all__})

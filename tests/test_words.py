@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occlog.words import LONGEST, counted, noun, told
+from occlog.console.text import LONGEST, counted, noun, told
 
 
 def test_one_is_not_many() -> None:

@@ -13,19 +13,19 @@ import numpy as np
 from benchmarks.references import reference
 from benchmarks.track.track import PARTICLES, ROOT, SEED, per_call
 from occlog.array_types import Floats
-from occlog.core.filter.likelihood_occluded import log_likelihood_among
 from occlog.core.numerics.special_functions import fast_erf
 from occlog.core.occlusion.hidden import extent, rays_to
 from occlog.core.occlusion.hidden_grid import WORTH, make_grid
 from occlog.core.plane.floor import on_floor
 from occlog.core.sight.visibility import seen_from
+from occlog.filtering.likelihood.among_occluders import log_likelihood_among
 from occlog.io.scenes.scene import read_scene
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.measure.scans.grouping import Rows, scans_of
-from occlog.measure.scans.occluder_priors import OccluderFeed
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
+from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.occluder_priors import OccluderFeed
+from occlog.scans.scan import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

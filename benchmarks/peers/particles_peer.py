@@ -18,10 +18,10 @@ from benchmarks.peers._environments import environment, output_of
 from benchmarks.references import FORMS
 from occlog.array_types import Floats
 from occlog.io.scenes.scene import read_scene
-from occlog.measure.scans.grouping import Rows, scans_of
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
+from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.scan import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

@@ -24,12 +24,12 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 from occlog.core.sight.camera import rotation_from_angles
-from occlog.measure.scans.sources import bearings_of_doa
 from occlog.plan.config import PlanConfig
 from occlog.plan.filtering import Reports, errors_along, square_error_in_room
 from occlog.plan.stage import Planned, belief_of, expected_error, plan_map, prepare
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
 from occlog.records.tables import Bearings, Tracks, Truth
+from occlog.scans.sources import bearings_of_doa
 from occlog.simulate.config import ObserveConfig, SoundConfig, WorldConfig
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe

@@ -42,7 +42,7 @@ def recording() -> Recording:
 
 
 def root(dt: float) -> Floats:
-    """Noise of a step; see `occlog.core.motion.turns.acceleration_root`."""
+    """Noise of a step; see `occlog.filtering.motion.coordinated_turn.acceleration_root`."""
     s = math.sqrt(SIGMA_V**2 * dt)
     return np.array([[s * dt / math.sqrt(3.0), 0.0], [s * math.sqrt(0.75), 0.5 * s]])
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats
-from occlog.core.filter.particles import normalise, systematic_ancestors
 from occlog.core.numerics.jit import kernel
-from occlog.measure.scans.grouping import Rows, scans_of
+from occlog.filtering.particles import normalise, systematic_ancestors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
+from occlog.scans.grouping import Rows, scans_of
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import ground, motion_in_a_step
 from occlog.simulate.world.waypoints import Ground, WaypointMotion, walk_into

@@ -27,9 +27,9 @@ from benchmarks.track._imm_problem import (
     numpy_step,
 )
 from occlog.array_types import Floats
-from occlog.core.motion.turns import acceleration_root, three_models
+from occlog.filtering.motion.coordinated_turn import acceleration_root, three_models
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.measure.scans.scan import Scan
+from occlog.scans.scan import Scan
 from occlog.track.imm import filter as imm_filter
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig

@@ -13,15 +13,15 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.core.sight.distances import at_own, information
 from occlog.core.sight.path_loss import received_power
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import MeasuredFeed, make_stations, pack
+from occlog.filtering.likelihood.distances import at_own, information
 from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import MeasuredFeed, make_stations, pack
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track

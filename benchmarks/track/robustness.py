@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.track.simulated import Recording, follow, record, rmse, room100
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.records.scene import Scene
+from occlog.scans.occluder_priors import OccluderFeed
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.track.apf.config import ApfConfig
 

@@ -11,10 +11,10 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.io.scenes.scene import read_scene
-from occlog.measure.scans.grouping import Rows, scans_of
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
+from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.scan import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

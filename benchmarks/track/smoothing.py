@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 from benchmarks.track._metric_rooms import record
 from benchmarks.track.simulated import ROOT
 from occlog.cli.main import run as occlog
-from occlog.measure.scans.inputs import Inputs
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
+from occlog.scans.inputs import Inputs
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track

@@ -13,13 +13,13 @@ import numpy as np
 from benchmarks.track import _space_problem as problem
 from benchmarks.track._space_problem import Plain, Recording, numba_step, numpy_step, scan_of
 from occlog.array_types import Floats
-from occlog.core.filter.backward import best_width
-from occlog.core.filter.particles import effective_size, normalise
-from occlog.core.motion.in_space import moved
 from occlog.core.sight.projected_planes import XY
+from occlog.filtering.backward_simulation import best_width
+from occlog.filtering.kernel_density import moments, redraw
+from occlog.filtering.motion.white_acceleration import moved
+from occlog.filtering.particles import effective_size, normalise
 from occlog.track.in_space import direct3d, projected_planes
 from occlog.track.in_space.config import Direct3dConfig, PpsConfig
-from occlog.track.in_space.kernels.resampling import moments, redraw
 from occlog.track.in_space.planes import log_likelihood, plane_angles, sights_in_plane
 from occlog.track.in_space.sensing import pack_directions
 from occlog.track.in_space.start import make_space

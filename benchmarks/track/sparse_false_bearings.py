@@ -14,13 +14,13 @@ import numpy as np
 
 from benchmarks.track._batch_problem import sparse_config
 from occlog.array_types import Floats
+from occlog.consistency.doubts import covariances
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.papers.rahimi.example import example, sparse_scene
 from occlog.records.tables import Tracks
 from occlog.settings import configure
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.plausibility.doubts import covariances
 from occlog.track.run import TrackSummary
 
 NAME = "sparse-false-bearings"

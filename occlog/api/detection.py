@@ -6,8 +6,8 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from occlog.cli import options
-from occlog.details import threads_by_default
+from occlog import console
+from occlog.console.details import threads_by_default
 from occlog.errors import UsageError
 from occlog.measure.detect.config import DetectConfig
 from occlog.measure.fuse.config import FuseConfig
@@ -78,7 +78,7 @@ def detect(
     alien = [name for name, value in background.items() if value is not None] + ([] if learn else ["learn"])
     detector = detector_of(Network(onnx, classes, names, embed), bearings, settings, alien)
     home, threads = Folder(), workers or threads_by_default()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         path, place, only = inputs.rows(recording, "recording"), inputs.scene(scene), names_of(cameras)
         if detector is not None:
             where = Where(path, place, only, home, bearings)
@@ -100,7 +100,7 @@ def detect(
             summary, losses = run_detect(request, *files, False, not progress)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     tables = tables_in(home, ("bearings", "views"))
     return DetectResult(home.without_paths(summary), tables, tuple(losses), told, rest)
 
@@ -141,7 +141,7 @@ def fuse(
 
     chosen = _of_fusion(settings)
     home = Folder()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         files = FuseFiles(
             bearings=inputs.rows(bearings, "bearings"),
             views=inputs.optional(views, "views"),
@@ -153,7 +153,7 @@ def fuse(
         summary, losses = run_fuse(files, chosen, True)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return DetectResult(home.without_paths(summary), tables_in(home, ("bearings", "views")), tuple(losses), told, rest)
 
 
@@ -181,7 +181,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list")
     (chosen,) = settings_by_class("fuse_tracks", settings, [("", TrackFusionConfig)], ())
     home = Folder()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         paths = []
         for place, given in enumerate(tracks):
             of_result = given.tracks if isinstance(given, TrackResult) else given
@@ -191,7 +191,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         summary, losses = run_fuse_tracks(files, chosen, True)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     shown = home.without_paths(summary)
     called = [Path(t).name if isinstance(t, str | os.PathLike) else f"tracks[{k}]" for k, t in enumerate(tracks)]
     if len(set(called)) == len(called):
@@ -235,7 +235,7 @@ def label(
 
     (chosen,) = settings_by_class("label", settings, [("", LabelConfig)], ("scene", "doa", "cameras", "without"))
     home = Folder()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         files = LabelFiles(
             bearings=inputs.rows(bearings, "bearings"),
             tracks=inputs.rows(tracks, "tracks"),
@@ -249,5 +249,5 @@ def label(
         summary, losses = run_label(files, use, configure(LabelConfig(), chosen), True)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return DetectResult(home.without_paths(summary), tables_in(home, ("bearings",)), tuple(losses), told, rest)

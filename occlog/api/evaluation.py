@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import UsageError
 
 from .folders import Folder
@@ -97,7 +97,7 @@ def evaluate(
         if name not in OF_MANY:
             raise UsageError(f"also: there is no table {name!r} on request; there are: {', '.join(OF_MANY)}")
     home = Folder()
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         files: dict[str, Any] = {name: inputs.optional(value, name) for name, value in given.items()}
         paths = Paths(scene=inputs.scene(scene), doa_labels=doa_labels, **files)
         azimuths = inputs.optional(truth_azimuths, "truth_azimuths")
@@ -122,7 +122,7 @@ def evaluate(
         lines += [inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in found]
         losses = provenance_of(paths, {}).losses
     said, rest = sentences(lines)
-    warn(said, losses, stacklevel=2)
+    warn(said, losses)
     tables = {name: table for name, table in tables_in(home, (*TABLES, *OF_MANY)).items() if len(table)}
     figures: Mapping[str, Any] = result.figures
     return EvaluateResult(
@@ -138,7 +138,7 @@ def _of_directions(paths: Paths, truth: Path, gate_deg: float | None, max_gap_s:
     if not 0.0 <= gate <= 180.0:
         raise UsageError(f"doa_gate_deg: {gate}: must be from 0 to 180")
     figures, losses = run_evaluate_doa(paths, truth, gate, max_gap_s)
-    warn((), losses, stacklevel=3)
+    warn((), losses)
     return EvaluateResult(summary=figures, losses=losses, metrics=figures)
 
 

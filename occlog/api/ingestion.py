@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import UsageError
+from occlog.io.files.atomic import check_outputs
 
 from .folders import Folder
 from .keywords import Setting, names_of, settings_by_class
@@ -118,7 +119,7 @@ def ingest(
     of_topics = {n: [t] if isinstance(t, str) else t for n, t in (topic or {}).items()}
     home = Folder()
     path = home.file("recording.mcap") if output is None else Path(output)
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         values: dict[str, object] = {
             "bags": _paths(bags),
             "topics": _paths(topics),
@@ -136,10 +137,10 @@ def ingest(
             **own,
         }
         plan = IngestPlan.of(path, values)
-        options.check_outputs(plan.inputs(), [path], overwrite)
+        check_outputs(plan.inputs(), [path], overwrite)
         summary, losses = run_ingest(plan, overwrite=overwrite, quiet=not progress)
         told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     shown = {**(home.without_paths(summary) if output is None else summary), "notes": rest}
     return Recording(path, shown, None if output is not None else home)
 

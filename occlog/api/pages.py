@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from occlog.cli import options
+from occlog import console
+from occlog.consistency.verdict import figures
 from occlog.errors import UsageError
-from occlog.track.plausibility.verdict import figures
 
 from .folders import Folder
 from .keywords import names_of
@@ -77,7 +77,7 @@ def report(
     given = (tracks, truth, bearings, errors, bound, diagnostics, events, occluders)
     home = Folder()
     page = home.file("report.html") if output is None else Path(output)
-    with Inputs() as inputs, options.notes_kept():
+    with Inputs() as inputs, console.notes_kept():
         tables: dict[str, Any] = {n: inputs.optional(value, n) for n, value in zip(SOURCES, given, strict=True)}
         paths = Paths(
             output=page,
@@ -93,7 +93,7 @@ def report(
         data, _ = run_report(paths, title)
         findings = data.findings or ()
         told, rest = sentences(inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in findings)
-    warn(told, data.losses, stacklevel=2)
+    warn(told, data.losses)
     shown = {} if data.findings is None else figures(data.findings)
     return ReportResult(
         summary={"targets": len(data.targets), **shown},
@@ -178,7 +178,7 @@ def overlay(
         raise UsageError("no output: give video (a file to make), frame (a number), or both")
     home = Folder()
     picture = None if frame is None else home.file("frame.png")
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         asked = Asked(
             recording=inputs.rows(recording, "recording"),
             tracks=inputs.optional(tracks.tracks if isinstance(tracks, TrackResult) else tracks, "tracks"),
@@ -201,7 +201,7 @@ def overlay(
         )
         summary, losses = run_overlay(asked, quiet=not progress)
         told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return OverlayResult(
         summary=home.without_paths(summary),
         losses=losses,

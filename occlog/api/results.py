@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import warnings
 from base64 import b64encode
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from html import escape
+from types import FrameType
 from typing import Any
 
+import occlog
 from occlog.errors import InputError, OcclogError
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
 from .folders import Folder
 from .tables import Table, in_words
+
+PACKAGE = os.path.dirname(occlog.__file__) + os.sep  # noqa: PTH120
+"""Begin of the names of all files of this package."""
 
 
 class OcclogWarning(UserWarning):
@@ -209,11 +216,16 @@ def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     )
 
 
-def warn(told: Iterable[str], losses: Iterable[Loss], stacklevel: int) -> None:
-    """Say what speaks against a result by Python warnings, one a sentence; what was lost in one."""
+def warn(told: Iterable[str], losses: Iterable[Loss]) -> None:
+    """Say what speaks against a result by Python warnings of the caller's line, one a sentence; losses in one."""
+    level = 1
+    frame: FrameType | None = sys._getframe()
+    while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        level += 1
+        frame = frame.f_back
     for text in told:
-        warnings.warn(text, OcclogWarning, stacklevel=stacklevel + 1)
+        warnings.warn(text, OcclogWarning, stacklevel=level)
     lost = [str(loss) for loss in losses]
     if lost:
         more = f", and {len(lost) - 1} more; see losses" if len(lost) > 1 else ""
-        warnings.warn(f"input was lost: {lost[0]}{more}", OcclogWarning, stacklevel=stacklevel + 1)
+        warnings.warn(f"input was lost: {lost[0]}{more}", OcclogWarning, stacklevel=level)

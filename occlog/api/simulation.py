@@ -6,8 +6,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import UsageError
+from occlog.io.files.atomic import check_outputs
 
 from .folders import Folder
 from .keywords import Setting, settings_by_class
@@ -71,7 +72,7 @@ def simulate(
         raise UsageError("no scene: give one, or kind='balls' or 'people'")
     home = Folder()
     path = home.file("recording.mcap") if output is None else Path(output)
-    with Inputs() as inputs, options.notes_kept():
+    with Inputs() as inputs, console.notes_kept():
         if kind == "balls":
             summary = _balls(
                 path, settings, seed=seed, fps=fps, workers=workers, overwrite=overwrite, quiet=not progress
@@ -124,9 +125,9 @@ def simulate(
                 fps=fps,
                 workers=workers,
             )
-            options.check_outputs(request.inputs, [path], overwrite)
+            check_outputs(request.inputs, [path], overwrite)
             setup = people_setup(people[0], request) if people else scene_setup(request)
-            options.check_outputs(request.inputs, [path, *video_paths(setup, path).values()], overwrite)
+            check_outputs(request.inputs, [path, *video_paths(setup, path).values()], overwrite)
             summary = run_simulate(request.inputs, setup, path, seed, overwrite=overwrite, quiet=not progress)
     shown = home.without_paths(summary) if output is None else summary
     return Recording(path, shown, None if output is not None else home)
@@ -148,7 +149,7 @@ def _balls(
     from occlog.simulate.config import StoreConfig
 
     balls, store = settings_by_class("simulate", settings, [("", BallsConfig), ("", StoreConfig)], ARGUMENTS)
-    options.check_outputs([], [path], overwrite)
+    check_outputs([], [path], overwrite)
     setup = balls_setup(balls, store, fps, workers)
-    options.check_outputs([], [path, *balls_videos(setup, path).values()], overwrite)
+    check_outputs([], [path, *balls_videos(setup, path).values()], overwrite)
     return run_balls(setup, path, seed, overwrite=overwrite, quiet=quiet)

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from occlog.console.text import counted, noun
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_writable, write_bytes
 from occlog.io.files.tables.header import describe
 from occlog.records.losses import Loss
-from occlog.words import counted, noun
 
 from .folders import Folder
 

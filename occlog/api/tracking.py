@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from occlog.cli import options
+from occlog import console
 from occlog.cli.values import parse_window
 from occlog.errors import UsageError
 from occlog.io.open import open_input, scene_in
-from occlog.measure.scans.config import MeasuredConfig
 from occlog.records.losses import Loss
+from occlog.scans.config import MeasuredConfig
 from occlog.settings import Settings
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import BEARINGS, BOXES, IMAGES, METHODS, READS, VIEW, entry, settings_of
@@ -119,6 +119,7 @@ def track(
     Warns:
         OcclogWarning: the estimates are not plausible, or input was lost.
     """
+    entry(method)
     sources = {
         "measurements": measurements,
         "doa": doa,
@@ -149,7 +150,7 @@ def track(
     values, *of_distances = settings_by_class(method, settings, classes, ARGUMENTS)
     home = Folder()
     wanted = {name: home.file(f"{name}.parquet") for name in (*WRITTEN, *also) if name in entry(method).takes}
-    with Inputs() as inputs, options.notes_kept() as notes:
+    with Inputs() as inputs, console.notes_kept() as notes:
         measured_path, scene_path = inputs.rows(bearings, "bearings"), inputs.scene(scene)
         files = {name: inputs.optional(value, name) for name, value in sources.items()}
         if answer_delay is not None and not isinstance(answer_delay, float | int):
@@ -175,7 +176,7 @@ def track(
         where = open_input(measured_path).scene if scene_path is None else scene_in(scene_path)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
-    warn(told, losses, stacklevel=2)
+    warn(told, losses)
     return TrackResult(
         summary=home.without_paths(summary),
         tables=tables_in(home, [tracks.stem, *wanted]),

@@ -10,10 +10,11 @@ from typing import Any
 
 import click
 
-from occlog.details import dry_run, told_to
-from occlog.words import told
+from occlog.console.details import dry_run, told_to
+from occlog.console.notes import named
+from occlog.console.text import told
 
-from .input_paths import Input, check_there, named
+from .input_paths import Input, check_there
 from .setting_options import SettingOption, value_after
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import click
 
-from occlog.details import COMPILING
+from occlog.console.details import COMPILING
 
 QUIET = "occlog.quiet"
 """Key of `--quiet` in the metadata of click's context."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from occlog.console.notes import ALIASES
 from occlog.errors import InputError, OutputError
 from occlog.io.files.untrusted.inputs import STANDARD_INPUT
 
@@ -102,7 +103,7 @@ def _keep(root: click.Context) -> Path:
     folder = tempfile.mkdtemp(prefix="occlog-")
     root.call_on_close(lambda: shutil.rmtree(folder, ignore_errors=True))
     path = Path(folder) / STANDARD_INPUT
-    _KEPT_AS.append(str(path))
+    ALIASES[str(path)] = NAME
     try:
         with path.open("wb") as file:
             shutil.copyfileobj(sys.stdin.buffer, file, 1 << 20)
@@ -113,13 +114,3 @@ def _keep(root: click.Context) -> Path:
     if not path.stat().st_size:
         raise InputError(f"{NAME}: is empty; the command before the pipe wrote nothing")
     return path
-
-
-_KEPT_AS: list[str] = []
-
-
-def named(text: str) -> str:
-    """A text for the user, with `standard input` for the name of the temporary file."""
-    for path in _KEPT_AS:
-        text = text.replace(path, NAME)
-    return text

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import click
 
 from occlog import __version__
-from occlog.details import DRY_RUN, NothingIsWritten, Plan
+from occlog.console.details import DRY_RUN, NothingIsWritten, Plan
+from occlog.console.interrupts import INTERRUPTS
 from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 from . import streams
-from .interrupts import INTERRUPTS
 from .open_files import allow_open_files, open_files_limit
 
 
@@ -87,7 +87,7 @@ def load_command(name: str) -> click.Command:
 
 DEBUG = "OCCLOG_DEBUG"
 """Variable of the environment that shows the traceback of a bug."""
-WORDS = "occlog.words"
+WORDS = "occlog.console.text"
 """Key of the words of the command line in the metadata of click's context."""
 EPILOG = """\b
 Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is listed);
@@ -260,8 +260,8 @@ def _bug(error: Exception) -> str:
 
 def _show_plan(as_json: bool) -> None:
     """Say what a dry run would have done."""
-    from .input_paths import named
-    from .options import echo_summary
+    from occlog.console.notes import named
+    from occlog.console.summary import echo_summary
 
     plan = DRY_RUN.get() or Plan()
     replaced = [path for path in plan.writes if path.exists()]
@@ -271,9 +271,8 @@ def _show_plan(as_json: bool) -> None:
 
 def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
     """Say on standard error what went wrong: in a line, or where `--json` was given as one JSON object."""
-    from occlog.words import told
-
-    from .input_paths import named
+    from occlog.console.notes import named
+    from occlog.console.text import told
 
     one_line = told(named(" ".join(message.split())))
     if "--json" in words:

@@ -11,32 +11,16 @@
 
 from __future__ import annotations
 
-import json
-import os
-import sys
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeGuard, TypeVar
+from typing import TypeVar
 
 import click
 
-from occlog.details import begin_work, note_files, tell
-from occlog.errors import ExitCode, NoSceneError, UsageError
-from occlog.words import told
-
 from .first_run import note_quiet
-from .input_paths import Input, named
-from .interrupts import INTERRUPTS
-
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Scene
+from .input_paths import Input
 
 F = TypeVar("F", bound=Callable[..., object])
-T = TypeVar("T")
 PATH = click.Path(path_type=Path)
 """Of an output, a folder or a configuration."""
 INPUT = Input()
@@ -72,164 +56,3 @@ def set_opt(example: str) -> Callable[[F], F]:
 def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
     """`-o/--output` with its meaning for this command."""
     return click.option("-o", "--output", type=PATH, required=required, help=help_text)
-
-
-_KEPT: ContextVar[list[str] | None] = ContextVar("kept", default=None)
-
-
-@contextmanager
-def notes_kept() -> Iterator[list[str]]:
-    """Keep notes in a list inside the block, those that `quiet` would drop too, and write none on standard error."""
-    kept: list[str] = []
-    token = _KEPT.set(kept)
-    try:
-        yield kept
-    finally:
-        _KEPT.reset(token)
-
-
-def note(message: str, quiet: bool = False) -> None:
-    """A line on standard error, or in the list of `notes_kept`."""
-    kept = _KEPT.get()
-    if kept is not None:
-        kept.append(message)
-    elif not quiet:
-        click.echo(f"occlog: {told(named(message))}", err=True)
-
-
-def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
-    """The items, with a progress bar on standard error when that is a terminal.
-
-    Raises:
-        KeyboardInterrupt: there was an interrupt that got lost.
-    """
-    begin_work()
-    start, count = time.perf_counter(), 0
-    if not quiet and sys.stderr.isatty():
-        from tqdm import tqdm
-
-        items = tqdm(items, desc=label, total=total, file=sys.stderr, leave=False)
-    for item in items:
-        INTERRUPTS.check()
-        count += 1
-        yield item
-    tell(f"{label}: {count} parts in {time.perf_counter() - start:.2f} s")
-
-
-FROM_WHOLE, TO_WHOLE = 1e4, 1e15
-"""Numbers of this size are told as whole ones: four digits of them would need a power of ten."""
-
-
-def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
-    """The result on standard output: one JSON object, or `key: value` lines for a person."""
-    if as_json:
-        click.echo(json.dumps(_plain(summary), sort_keys=True))
-        return
-    shown = {k: v for k, v in summary.items() if k not in ("plausible", "warnings")}
-    if "plausible" in summary:
-        shown["plausible"] = plausible_in_words(summary)
-    width = max((len(k) for k in shown), default=0)
-    for key, value in shown.items():
-        if isinstance(value, list | tuple | dict) and not value:
-            continue
-        # Mappings of mappings, of each camera for instance, take a line each
-        lines = [f"{k}: {_in_words(v)}".rstrip() for k, v in value.items()] if _nested(value) else [_shown(value)]
-        for n, line in enumerate(lines):
-            head = "" if n else f"{key.replace('_', ' ')}:"
-            click.echo(f"{head:<{width + 2}}{line}")
-
-
-def _nested(value: object) -> TypeGuard[dict[object, object]]:
-    return isinstance(value, dict) and any(isinstance(each, dict) for each in value.values())
-
-
-def _in_words(figures: object) -> str:
-    """What is said of one of many; the keys are our words."""
-    if not isinstance(figures, dict):
-        return _shown(figures)
-    return ", ".join(f"{str(key).replace('_', ' ')} {_shown(value)}" for key, value in figures.items())
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}" if not FROM_WHOLE <= abs(value) < TO_WHOLE else f"{value:.0f}"
-    if isinstance(value, dict):
-        return ", ".join(f"{k} {_shown(v)}" for k, v in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(_shown(v) for v in value)
-    return str(value)
-
-
-def _plain(value: object) -> object:
-    """JSON-ready: paths as text, NaN as null."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
-        return None
-    return value if isinstance(value, str | int | float | bool | type(None)) else str(value)
-
-
-def plausible_in_words(summary: Mapping[str, object]) -> str:
-    """The verdict of a summary in a few words: yes, or no with the codes of its warnings."""
-    if summary["plausible"]:
-        return "yes"
-    warnings = summary.get("warnings")
-    codes = [w["code"] for w in warnings if isinstance(w, Mapping)] if isinstance(warnings, list) else []
-    return f"no ({', '.join(dict.fromkeys(codes))})"
-
-
-def note_findings(findings: Iterable[tuple[str, str, str]], quiet: bool = False) -> None:
-    """What speaks against estimates (code, severity, sentence), each in a line on standard error."""
-    for _, severity, sentence in findings:
-        note(f"{severity}: {sentence}", quiet)
-
-
-def strict_code(code: int, plausible: bool, strict: bool) -> int:
-    """The exit code, or 6 where estimates are not plausible and --strict was given."""
-    return ExitCode.THRESHOLD if strict and not plausible else code
-
-
-def note_losses(losses: Iterable[Loss]) -> None:
-    """What was lost, in a line each on standard error."""
-    for loss in losses:
-        click.echo(told(named(" ".join(f"occlog: lost: {loss}".split()))), err=True)
-
-
-def finish(summary: Mapping[str, object], losses: Iterable[Loss], as_json: bool) -> int:
-    """Print the summary and list what was lost; exit code 0, or 3 if anything was."""
-    lost = list(losses)
-    echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)
-    note_losses(lost)
-    return ExitCode.LOSSY if lost else ExitCode.DONE
-
-
-def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool) -> None:
-    """Refuse outputs that exist, that are also inputs, or that are named twice, before any work is done."""
-    from occlog.io.files.atomic import check_writable
-
-    wanted = [Path(p) for p in outputs if p is not None]
-    read = [Path(p) for p in inputs if p is not None]
-    used = {os.path.realpath(p) for p in read}  # Path.resolve fails on a link to itself
-    for n, path in enumerate(wanted):
-        if os.path.realpath(path) in used:
-            raise UsageError(f"{path}: is an input too; give the output another name")
-        if os.path.realpath(path) in {os.path.realpath(p) for p in wanted[:n]}:
-            raise UsageError(f"{path}: is named for two outputs; give each its own name")
-        check_writable(path, overwrite)
-    note_files(read, wanted)
-
-
-def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scene:
-    """The scene of `--scene` (YAML, or a recording that holds one), or else `recording`, that of the input."""
-    if scene is not None:
-        from occlog.io.open import scene_in
-
-        found = scene_in(scene)
-        if found is None:
-            raise NoSceneError(scene)
-        return found
-    if recording is None:
-        raise NoSceneError(where)
-    return recording

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.errors import ExitCode
 
@@ -42,7 +43,7 @@ def list_plugins(as_json: bool) -> int:
         told.append((plugin, summary))
     if as_json:
         rows = [{"name": p.name, "kind": p.kind, "package": p.origin, "summary": said} for p, said in told]
-        options.echo_summary({"plugins": rows}, True)
+        console.echo_summary({"plugins": rows}, True)
         return ExitCode.DONE
     if not told:
         click.echo("no plug-in is installed; see docs/how-to/plugins.md")
@@ -80,5 +81,5 @@ def check_plugin(name: str, sample: Path | None, as_json: bool) -> int:
                 click.echo(f"{fault.check}: {fault.sentence}")
             click.echo(f"{plugin.label}, {plugin.kind}: {len(checks)} checks, {len(faults)} faults")
     if as_json:
-        options.echo_summary(told[0] if len(told) == 1 else {"plugins": told}, True)
+        console.echo_summary(told[0] if len(told) == 1 else {"plugins": told}, True)
     return ExitCode.THRESHOLD if broken else ExitCode.DONE

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.plugged import PluggedCommand, chosen_in
 from occlog.cli.setting_options import given, with_options
+from occlog.console.summary import plausible_in_words
 from occlog.errors import ExitCode, UsageError
 from occlog.plugins.loading import METRIC
 from occlog.settings import configure
@@ -77,8 +79,8 @@ def command(**values: Any) -> int:
       occlog evaluate test.txt --truth gt.txt --fail-if 'mota<0.5'
       occlog evaluate a.txt --truth gt_a.txt --also b.txt gt_b.txt
     """
+    from occlog.consistency.verdict import plausible
     from occlog.evaluate.mot.run import in_images, run_evaluate_many
-    from occlog.track.plausibility.verdict import plausible
 
     from .by_plugin import names_of_figures
     from .inputs import Paths, lost_earlier
@@ -99,7 +101,7 @@ def command(**values: Any) -> int:
     if azimuths is not None:
         figures, losses = run_evaluate_doa(paths, azimuths, values["doa_gate_deg"], config.bridge_s)
         _note_losses(losses, quiet)
-        options.echo_summary(figures, as_json)
+        console.echo_summary(figures, as_json)
         return _judged(figures, thresholds)
     if values["also"]:
         return _several(paths, values, config, many, thresholds)
@@ -109,16 +111,16 @@ def command(**values: Any) -> int:
     else:
         result, unit = run_evaluate(paths, chosen, many, values["frames"], plugged)
     for line in result.notes:
-        options.note(line, quiet)
+        console.note(line, quiet)
     _note_losses(lost_earlier(paths.inputs), quiet)
-    options.note_findings(result.findings or (), quiet)
+    console.note_findings(result.findings or (), quiet)
     _show(result, unit, as_json)
     code = _judged(result.metrics, thresholds)
     if result.findings is not None:
-        code = options.strict_code(code, plausible(result.findings), values["strict"])
+        code = console.strict_code(code, plausible(result.findings), values["strict"])
     for path in (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts, paths.mot):
         if path is not None:
-            options.note(f"wrote {path}", quiet)
+            console.note(f"wrote {path}", quiet)
     return code
 
 
@@ -156,30 +158,30 @@ def _several(
     found = run_evaluate_several(recordings, paths, config, many, values["frames"])
     _note_losses(found.losses, values["quiet"])
     if values["as_json"]:
-        options.echo_summary(dict(found.metrics), True)
+        console.echo_summary(dict(found.metrics), True)
     else:
         click.echo("\n".join(recording_lines(found.each, found.combined, found.unit)))
     if paths.output is not None:
-        options.note(f"wrote {paths.output}", values["quiet"])
+        console.note(f"wrote {paths.output}", values["quiet"])
     return _judged(found.metrics, thresholds)
 
 
 def _note_losses(losses: Iterable[Loss], quiet: bool) -> None:
     for loss in losses:
-        options.note(f"lost earlier: {loss}", quiet)
+        console.note(f"lost earlier: {loss}", quiet)
 
 
 def _show(result: Evaluation, unit: str, as_json: bool) -> None:
     from .text import LABEL, number, summary_lines, thinned
 
     if as_json:
-        options.echo_summary(thinned(result.figures), True)
+        console.echo_summary(thinned(result.figures), True)
         return
     lines = summary_lines(result.metrics, unit)
     if result.plugged:
         lines += ["", "plug-ins", *(f"  {name:<{LABEL}}{number(result.metrics[name]):>12}" for name in result.plugged)]
     if result.findings is not None:
-        lines += ["", f"plausible: {options.plausible_in_words(result.figures)}"]
+        lines += ["", f"plausible: {plausible_in_words(result.figures)}"]
     click.echo("\n".join(lines))
 
 

@@ -10,14 +10,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.stretches.sources import MeasuredSource, no_frames, no_true_box, streamed_bearings
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.open import Opened, check_unit, common_unit, losses_of, open_if_ours, open_input
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import Radio, measurements_of_reads
-from occlog.measure.scans.shadowing import Shadowing
+from occlog.io.open import Opened, check_unit, common_unit, load_scene, losses_of, open_if_ours, open_input
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import Measurements
 from occlog.records.declared.people import PeopleTracks
@@ -34,6 +30,9 @@ from occlog.records.tables import (
     TruthBoxes,
     Views,
 )
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Radio, measurements_of_reads
+from occlog.scans.shadowing import Shadowing
 
 from .verdict import Made
 
@@ -235,7 +234,7 @@ def _scene(paths: Paths, tracks: Opened | None, truth: Opened | None) -> Scene:
     for path in (paths.bearings, paths.doa, paths.views):
         if recorded is None and paths.scene is None and path is not None:
             recorded = open_input(path).scene
-    return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
+    return load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
 
 
 def _boxes_or_views(opened: Opened) -> Boxes | Views:

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS, Ints
-from occlog.cli import options
-from occlog.details import begin_work
+from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.azimuths import doa_metrics
 from occlog.evaluate.bearings.held_out import few_held_out
@@ -31,7 +30,7 @@ from occlog.evaluate.mot.run import ground_figures, many_config
 from occlog.evaluate.stretches.sources import Sources, any_long, span_of_frames, streamed_bearings
 from occlog.evaluate.stretches.tracks import BOUND_WITHOUT_DISTANCES, InStretches, parameters_of
 from occlog.evaluate.stretches.views import BesideTracks
-from occlog.io.files.atomic import write_bytes
+from occlog.io.files.atomic import check_outputs, write_bytes
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.files.texts.json_file import write_json
@@ -70,7 +69,7 @@ def run_evaluate(
     """
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
-    options.check_outputs(paths.inputs, written, paths.overwrite)
+    check_outputs(paths.inputs, written, paths.overwrite)
     if not plugged:
         found = run_in_stretches(paths, given, many_given, frames)
         if found is not None:
@@ -338,7 +337,7 @@ def run_evaluate_doa(
         raise UsageError("--truth-azimuths goes with --doa and nothing else to compare; leave TRACKS out")
     if doa is None:
         raise UsageError("--truth-azimuths wants directions to compare; give them with --doa")
-    options.check_outputs([doa, truth], [output], paths.overwrite)
+    check_outputs([doa, truth], [output], paths.overwrite)
     found = open_input(doa).read(Doa)
     if not len(found):
         raise InputError(f"{doa}: has no directions; nothing can be compared")

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import NS
+from occlog.consistency.verdict import Finding, figures
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.boxes import view_metrics
 from occlog.evaluate.bearings.detections import detection_metrics, looks_of
@@ -30,14 +31,13 @@ from occlog.evaluate.errors.sums import error_metrics
 from occlog.evaluate.figures import UNITS
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import Radio
 from occlog.records.declared.measurements import Measurements
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Boxes, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
-from occlog.track.plausibility.verdict import Finding, figures
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Radio
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,

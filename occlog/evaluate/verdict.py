@@ -1,6 +1,6 @@
 """The verdict on finished tracks: what their diagnostics, bearings, truth and bound say against them.
 
-`occlog.track.plausibility.verdict` judges what the tracks themselves and their bearings say, here as there; this file
+`occlog.consistency.verdict` judges what the tracks themselves and their bearings say, here as there; this file
 adds what only a comparison with the truth can say.
 """
 
@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.consistency.sight import whole
+from occlog.consistency.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, Finding, beyond
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
 from occlog.io.files.provenance import Provenance
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Tracks
 from occlog.track.catalogue import smooths
-from occlog.track.plausibility.sight import whole
-from occlog.track.plausibility.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, Finding, beyond
 
 from .errors.on_ground import in_space
 from .mot.config import ManyConfig

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from itertools import islice
 from pathlib import Path
 
+from occlog.console.text import counted
 from occlog.errors import InputError
-from occlog.words import counted
 
 MOST = 1000
 """Entries of a folder that are looked at."""

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from occlog import console
 from occlog.cli import options
+from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.files.times.utc import utc
 from occlog.records.losses import Loss
-from occlog.words import counted
 
 if TYPE_CHECKING:
     from occlog.io.foreign.names import Spelling
@@ -47,7 +48,7 @@ def command(path: Path, rows: int, as_json: bool) -> None:
     """
     described = describe(path, rows)
     if as_json:
-        options.echo_summary(described.values, True)
+        console.echo_summary(described.values, True)
     else:
         click.echo("\n".join(described.lines))
 

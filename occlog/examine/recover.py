@@ -6,8 +6,10 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import check_outputs
 
 
 @click.command(name="recover", short_help="Salvage what is whole in a recording that was cut off or damaged.")
@@ -36,7 +38,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
     from occlog.io.files.untrusted.content import Content, content_of, mistaken_for
 
     given = dict(map(_named, videos))
-    options.check_outputs([file, *given.values()], [output], overwrite)
+    check_outputs([file, *given.values()], [output], overwrite)
     content = content_of(file)
     if content is Content.OTHER:
         what = mistaken_for(file) or content.value
@@ -48,7 +50,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
     found = recover_recording(file, output, given, overwrite=overwrite)
     summary = {"recording": str(output), "messages": sum(found.messages.values()), **_times(found.span)}
     summary |= {f"messages of {topic}": count for topic, count in found.messages.items()}
-    return options.finish(summary, found.losses, as_json)
+    return console.finish(summary, found.losses, as_json)
 
 
 def _made_again(path: Path) -> str:

@@ -73,7 +73,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
 AROUND_METHODS = (
     "occlog.track.images.births.config:ViewsConfig",
     "occlog.track.apf.selection_config:SelectConfig",
-    "occlog.measure.scans.config:MeasuredConfig",
+    "occlog.scans.config:MeasuredConfig",
 )
 """Settings that several methods of `track` share."""
 DRAFT = "https://json-schema.org/draft/2020-12/schema"

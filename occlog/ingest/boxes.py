@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.array_types import Bools
+from occlog.console.text import counted
 from occlog.io.boxes.classes import in_words
 from occlog.io.boxes.folder import camera_folders, label_files
 from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
@@ -18,7 +19,6 @@ from occlog.io.frames.folder import are_times, list_images, numbers_of
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
-from occlog.words import counted
 
 from .plan import IngestPlan
 

@@ -8,8 +8,10 @@ from typing import Any, TypeVar
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, with_options
+from occlog.io.files.atomic import check_outputs
 
 from .plan import FRAMES, SIZE, IngestPlan
 
@@ -134,6 +136,6 @@ def command(output: Path, overwrite: bool, quiet: bool, as_json: bool, **values:
     from .run import run_ingest
 
     plan = IngestPlan.of(output, values)
-    options.check_outputs(plan.inputs(), [output], overwrite)
+    check_outputs(plan.inputs(), [output], overwrite)
     summary, losses = run_ingest(plan, overwrite=overwrite, quiet=quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.array_types import Bools, Ints, Strings, Uints
+from occlog.console.text import counted
 from occlog.io.boxes.rows import fingerprints
 from occlog.records.columns import Table
-from occlog.words import counted
 
 T = TypeVar("T", bound=Table)
 

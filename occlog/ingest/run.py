@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.cli.options import note as tell
-from occlog.cli.options import progress
+from occlog.console.notes import note as tell
+from occlog.console.progress import progress
+from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.files.provenance import Provenance, hash_file, hash_inputs
@@ -37,7 +38,6 @@ from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
-from occlog.words import counted
 
 from .agreement import checked
 from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.cli.options import load_scene
 from occlog.errors import InputError, UsageError
 from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.reader import Calibration, describe, read_calibration
 from occlog.io.files.names.sensors import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line
+from occlog.io.open import load_scene
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.tags.places import read_readers
 from occlog.records.names import first_double

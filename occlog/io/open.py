@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from occlog.details import tell
-from occlog.errors import InputError, OcclogError, UsageError
+from occlog.console.details import tell
+from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
 from occlog.io.files.tables.header import describe, read_header
@@ -263,6 +263,18 @@ def _table(path: Path) -> Opened:
 def of_others(path: Path | None) -> bool:
     """Whether a file is a table that another program made, so that its identities are that program's own."""
     return path is not None and _source(path) is not None
+
+
+def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scene:
+    """The scene of `--scene` (YAML, or a recording that holds one), or else `recording`, that of the input."""
+    if scene is not None:
+        found = scene_in(scene)
+        if found is None:
+            raise NoSceneError(scene)
+        return found
+    if recording is None:
+        raise NoSceneError(where)
+    return recording
 
 
 def scene_in(path: Path) -> Scene | None:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
 from occlog.cli.values import AT_LEAST_0, AnyFinite, parse_setting
 from occlog.errors import UsageError
+from occlog.io.files.atomic import check_outputs
 
 from .config import NavigateConfig
 
@@ -120,11 +122,11 @@ def command(
     )
     if after and obstacles is None:
         raise UsageError("--after is a time of --obstacles; add them")
-    options.check_outputs(request.inputs, [output, picture], overwrite)
+    check_outputs(request.inputs, [output, picture], overwrite)
     wanted: dict[str, object] = dict(parse_setting(text) for text in settings)
     wanted |= given(NavigateConfig, values)
     summary, losses, reached = run_navigate(request, wanted, quiet=quiet)
-    return options.strict_code(options.finish(summary, losses, as_json), reached, strict)
+    return console.strict_code(console.finish(summary, losses, as_json), reached, strict)
 
 
 def _disc(numbers: tuple[float, ...]) -> Disc:

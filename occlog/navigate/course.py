@@ -23,8 +23,8 @@ from occlog.core.navigation.potentials import distance
 from occlog.core.navigation.steering import Around
 from occlog.core.plane.polygons import inside_polygon, pack_polygons
 from occlog.errors import InputError
-from occlog.measure.scans.moving_people import People
 from occlog.records.scene import Scene
+from occlog.scans.moving_people import People
 
 from .config import NavigateConfig
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.open import open_input
-from occlog.measure.scans.moving_people import moving_people
+from occlog.io.open import load_scene, open_input
 from occlog.records.tables import RobotPath, Tracks, Truth
+from occlog.scans.moving_people import moving_people
 from occlog.settings import configure
 from occlog.simulate.config import START_NS
 
@@ -65,7 +65,7 @@ def run_navigate(
     request: NavigateRequest, values: Mapping[str, object], *, quiet: bool
 ) -> tuple[dict[str, object], tuple[Loss, ...], bool]:
     """Drive the robot and write its path; the summary, what was lost before, and whether the goal was reached."""
-    scene = options.load_scene(request.scene, None, request.scene)
+    scene = load_scene(request.scene, None, request.scene)
     config = configure(NavigateConfig.in_unit(scene.length_unit), values)
     opened = None if request.obstacles is None else open_input(request.obstacles, Tracks, Truth)
     moving = None if opened is None else moving_people(opened, scene.length_unit, request.start_s, people_of(config))
@@ -83,7 +83,7 @@ def run_navigate(
     robots, goal = Drive.at(np.array([request.start])), np.array([request.goal])
     start_ns = START_NS if moving is None else moving.clock.start_ns
     rows = PathRows(course.names, start_ns, config.step_s)
-    steps = options.progress(drive(robots, goal, course, config), "navigate", quiet=quiet)
+    steps = console.progress(drive(robots, goal, course, config), "navigate", quiet=quiet)
     unit = scene.length_unit
     kept: list[RobotPath] = []
     with (
@@ -101,7 +101,7 @@ def run_navigate(
             with open_output(request.picture, request.overwrite, together) as file:
                 file.write(_picture(scene, course, path, request, config, verdict))
     if verdict.warning():
-        options.note(f"warning: {verdict.warning()}", quiet)
+        console.note(f"warning: {verdict.warning()}", quiet)
     summary: dict[str, object] = {"path": str(request.output)}
     summary |= {} if request.picture is None else {"picture": str(request.picture)}
     return {**summary, **verdict.figures()}, losses, verdict.reached

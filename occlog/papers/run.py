@@ -18,7 +18,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, OutputError, UsageError
 from occlog.io.files.atomic import check_writable, translate_write_errors, write_bytes
 from occlog.papers.ercan.recorded.detections import cmc_files, files_of, target_of
@@ -77,7 +77,7 @@ def list_papers(as_json: bool, only: str | None = None) -> None:
         raise UsageError(f"no experiments of {only!r}; there are those of: {', '.join(PAPERS)}")
     papers = {p: experiments for p, experiments in PAPERS.items() if only in (None, p)}
     if as_json:
-        options.echo_summary({p: {e.item: e.title for e in experiments} for p, experiments in papers.items()}, True)
+        console.echo_summary({p: {e.item: e.title for e in experiments} for p, experiments in papers.items()}, True)
         return
     for paper, experiments in papers.items():
         click.echo(f"{paper}: {TITLES[paper]}")
@@ -94,12 +94,12 @@ def run_reproduce(request: ReproduceRequest) -> None:
         return
     findings = _run_paper(request.paper, request, request.output)
     if any(finding.size.quick for finding in findings):
-        options.note("--quick: too small to judge by; most verdicts are not decided", request.quiet)
+        console.note("--quick: too small to judge by; most verdicts are not decided", request.quiet)
     counts = counts_of(findings)
     if request.as_json:
         items = [f.as_dict() for f in findings]
         made = _made(request.paper, request).as_dict()
-        options.echo_summary({"paper": request.paper, "items": items, "counts": counts, "made": made}, True)
+        console.echo_summary({"paper": request.paper, "items": items, "counts": counts, "made": made}, True)
     else:
         click.echo(", ".join(f"{n} {word}" for word, n in counts.items()))
 
@@ -134,9 +134,9 @@ def _run_papers(request: ReproduceRequest) -> None:
         text = json.dumps(summary, indent=2, sort_keys=True) + "\n"
         for name, content in zip(SUMMARY, (page, text), strict=True):
             write_bytes(output / name, content.encode(), request.overwrite)
-        options.note(f"wrote {output / SUMMARY[0]}", request.quiet)
+        console.note(f"wrote {output / SUMMARY[0]}", request.quiet)
     if request.as_json:
-        options.echo_summary(summary, True)
+        console.echo_summary(summary, True)
     else:
         _print_totals(totals)
 
@@ -184,7 +184,7 @@ def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> li
     for e in chosen:
         runs, steps = own.get(e.item, (request.runs, request.steps))
         size = size_of(e, quick=request.quick, runs=runs, steps=steps, seed=request.seed)
-        options.note(f"{paper} {e.item}: {size.runs} runs of {size.steps} steps", request.quiet)
+        console.note(f"{paper} {e.item}: {size.runs} runs of {size.steps} steps", request.quiet)
         finding = reproduce(paper, e, size, executor(e, request, output))
         findings.append(finding)
         if output is not None:
@@ -193,10 +193,10 @@ def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> li
             _print(finding.verdicts)
     if output is not None:
         write_page(output, paper, findings, overwrite, made)
-        options.note(f"wrote {output / PAGE}", request.quiet)
+        console.note(f"wrote {output / PAGE}", request.quiet)
     if request.everything and not recorded and paper in RECORDED:
         left = ", ".join(RECORDED[paper])
-        options.note(f"left out: {left}; they want --data, or --bearings and --scene", request.quiet)
+        console.note(f"left out: {left}; they want --data, or --bearings and --scene", request.quiet)
     return findings
 
 

@@ -6,8 +6,8 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 
+from occlog.console.text import as_bytes
 from occlog.io.files.texts.csv_rows import no_formula
-from occlog.words import as_bytes
 
 
 def to_csv(rows: Sequence[Mapping[str, object]]) -> bytes:

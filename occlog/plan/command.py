@@ -6,10 +6,12 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
 from occlog.cli.values import POSITIVE, parse_setting
 from occlog.errors import UsageError
+from occlog.io.files.atomic import check_outputs
 
 from .config import PlanConfig
 
@@ -119,13 +121,13 @@ def command(
         paths=paths,
         overwrite=overwrite,
     )
-    options.check_outputs(request.inputs, [output, picture, report], overwrite)
+    check_outputs(request.inputs, [output, picture, report], overwrite)
     wanted: dict[str, object] = dict(parse_setting(text) for text in settings)
     wanted |= given(PlanConfig, values)
     summary, losses = run_plan(request, wanted, seed, quiet=quiet)
     if not as_json:
         summary |= {name: _in_a_line(summary[name]) for name in RANKINGS if name in summary}
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)
 
 
 def _in_a_line(rows: object) -> str:

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from occlog import console
 from occlog.array_types import Floats
-from occlog.cli import options
+from occlog.console.text import as_bytes
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.open import open_input
+from occlog.io.open import load_scene, open_input
 from occlog.records.declared.plans import PlanMap
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import configure
-from occlog.words import as_bytes
 
 from .candidates import Placed, add_greedily, along_walls, rank_candidates, rank_own
 from .config import PlanConfig
@@ -86,7 +86,7 @@ def run_plan(
 ) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Plan and write what is asked for; the summary, and what was lost of the paths before."""
     _check_names(request)
-    scene = options.load_scene(request.scene, None, request.scene)
+    scene = load_scene(request.scene, None, request.scene)
     config = configure(PlanConfig.in_unit(scene.length_unit), values)
     candidates = _candidates(request, scene)
     places, losses = _places(request.paths, scene)
@@ -111,7 +111,7 @@ def run_plan(
                 writer.write(table.sorted())
         _draw(request, planned, table, rankings, summary, warnings, provenance, together)
     for warning in warnings:
-        options.note(f"warning: {warning}", quiet)
+        console.note(f"warning: {warning}", quiet)
     return summary | ({"warnings": warnings} if warnings else {}), losses
 
 
@@ -132,7 +132,7 @@ def _candidates(request: PlanRequest, scene: Scene) -> tuple[Sensor, ...]:
         return along_walls(scene, like, request.spacing or _perimeter(scene.room) / PLACES)
     if request.candidates is None:
         return ()
-    other = options.load_scene(request.candidates, None, request.candidates)
+    other = load_scene(request.candidates, None, request.candidates)
     if other.length_unit != scene.length_unit:
         raise InputError(
             f"{request.candidates}: lengths are in {other.length_unit}, but the scene's in {scene.length_unit}; "
@@ -168,7 +168,7 @@ def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss,
 def _rank(request: PlanRequest, planned: Planned, candidates: Sequence[Sensor], *, quiet: bool) -> Rankings:
     ranked = None
     if candidates:
-        ranked = rank_candidates(planned, options.progress(candidates, "candidates", len(candidates), quiet=quiet))
+        ranked = rank_candidates(planned, console.progress(candidates, "candidates", len(candidates), quiet=quiet))
     return Rankings(
         candidates=None if ranked is None else tuple(ranked),
         added=tuple(add_greedily(planned, ranked, request.add)) if ranked is not None and request.add else None,

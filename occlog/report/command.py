@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import VariantCommand
-from occlog.details import begin_work
+from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import check_outputs
 
 from .options import PAGE, VARIANTS, chosen
 
@@ -72,14 +74,14 @@ def command(**given: Any) -> int:
 
     With --recording no page is made: TRACKS, in images or of the world, and true boxes are drawn over the frames.
     """
-    from occlog.track.plausibility.verdict import figures, plausible
+    from occlog.consistency.verdict import figures, plausible
 
     as_json, quiet = given.pop("as_json"), given.pop("quiet")
     if "recording" in given:
         from occlog.report.overlay.command import run_overlay
         from occlog.report.overlay.pictures import Asked
 
-        return options.finish(*run_overlay(Asked(**given), quiet=quiet), as_json)
+        return console.finish(*run_overlay(Asked(**given), quiet=quiet), as_json)
     if "other" in given:
         return _beside(given, quiet=quiet, as_json=as_json)
     title, strict = given.pop("title"), given.pop("strict")
@@ -89,15 +91,15 @@ def command(**given: Any) -> int:
     data, unseen = run_report(paths, title)
     for loss in data.losses:
         if loss not in unseen:
-            options.note(f"lost earlier: {loss}", quiet)
+            console.note(f"lost earlier: {loss}", quiet)
     if data.strangers:
-        options.note(
+        console.note(
             f"warning: bearings of {', '.join(map(repr, data.strangers[:4]))}, not in the scene, are counted and not "
             "drawn; give the scene that they were made in",
             quiet,
         )
     findings = data.findings
-    options.note_findings(findings or (), quiet)
+    console.note_findings(findings or (), quiet)
     summary: dict[str, object] = {
         "page": paths.output,
         "png": paths.png,
@@ -107,14 +109,14 @@ def command(**given: Any) -> int:
     summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {"not_in_scene": list(data.strangers)} if data.strangers else {}
     summary |= {} if findings is None else figures(findings)
-    code = options.finish({k: v for k, v in summary.items() if v is not None}, unseen, as_json)
-    return options.strict_code(code, findings is None or plausible(findings), strict)
+    code = console.finish({k: v for k, v in summary.items() if v is not None}, unseen, as_json)
+    return console.strict_code(code, findings is None or plausible(findings), strict)
 
 
 def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
     """Two runs side by side, from the values of the options."""
     from occlog.cli.setting_options import given as given_settings
-    from occlog.track.plausibility.verdict import plausible
+    from occlog.consistency.verdict import plausible
 
     from .beside.config import BesideConfig
     from .beside.run import Asked, run_beside
@@ -129,14 +131,14 @@ def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
     asked = Asked(**{name: value for name, value in given.items() if not hasattr(config, name)}, config=config)
     found = run_beside(asked)
     for whose, loss in found.losses:
-        options.note(f"lost earlier in {whose}: {loss}", quiet)
+        console.note(f"lost earlier in {whose}: {loss}", quiet)
     believable = True
     for letter, side in found.sides:
         findings = side.data.findings or ()
         believable = believable and plausible(findings)
-        options.note_findings(((f.code, f"{letter}: {f.severity}", f.sentence) for f in findings), quiet)
-    code = options.finish(summary_of(found, asked), (), as_json)
-    return options.strict_code(code, believable, strict)
+        console.note_findings(((f.code, f"{letter}: {f.severity}", f.sentence) for f in findings), quiet)
+    code = console.finish(summary_of(found, asked), (), as_json)
+    return console.strict_code(code, believable, strict)
 
 
 TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "events", "occluders")
@@ -202,9 +204,9 @@ def _has_truth(recording: Path) -> bool:
 
 def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]:
     """Read everything, draw, write the page and the picture; what was shown, and which images were lost now."""
+    from occlog.console.text import as_bytes
     from occlog.io.files.atomic import Together, open_output
     from occlog.io.files.untrusted.content import Content, content_of
-    from occlog.words import as_bytes
 
     from .markdown import build_markdown
     from .page import build_page
@@ -214,7 +216,7 @@ def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]
         raise UsageError("nothing to show: give TRACKS, a run folder, or --scene")
     if paths.tracks is not None and paths.scene is None and content_of(paths.tracks) is Content.RECORDING:
         raise UsageError(f"{paths.tracks}: is a recording, not tracks; show it by --scene, beside tracks or alone")
-    options.check_outputs(paths.inputs, paths.outputs, paths.overwrite)
+    check_outputs(paths.inputs, paths.outputs, paths.overwrite)
     data = read_input(paths, title)
     begin_work()
     images = _images(paths, data)
@@ -300,10 +302,10 @@ def _made_tracks(tracks: Path | None) -> Made:
 
 
 def _scene(paths: Paths) -> Scene | None:
-    from occlog.io.open import open_input
+    from occlog.io.open import load_scene, open_input
 
     if paths.scene is not None:
-        return options.load_scene(paths.scene, None, paths.scene)
+        return load_scene(paths.scene, None, paths.scene)
     opened = (open_input(path) for path in (paths.truth, paths.bearings) if path is not None)
     return next((each.scene for each in opened if each.recording is not None), None)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
+from occlog.consistency.verdict import Evidence
 from occlog.core.metrics.sums import group_medians
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.outline import NEAR_NS
@@ -27,7 +28,6 @@ from occlog.report.content.thinned import Whole
 from occlog.report.plots.visibility import MOST_ROWS as MOST_SENSORS
 from occlog.report.plots.visibility import MOST_TARGETS, known_first
 from occlog.report.replay.moments import shortly_before
-from occlog.track.plausibility.verdict import Evidence
 
 STEP = np.dtype([("group", "i8"), ("step", "f8")])
 """The time between two sightings of a target by a sensor: the number of both, and nanoseconds."""

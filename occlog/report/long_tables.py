@@ -16,6 +16,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from occlog.array_types import Ints
+from occlog.consistency.verdict import Evidence
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.stretches.sources import streamed_bearings
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
@@ -49,7 +50,6 @@ from occlog.report.content.selections import SelectionStreams
 from occlog.report.content.thinned import ErrorsSoFar, Thinned, Whole, fewer, thinned, with_rows
 from occlog.report.plots.visibility import MOST_ROWS as MOST_CAMERAS
 from occlog.report.replay.moments import MOST_MOVING, chosen, shortly_before
-from occlog.track.plausibility.verdict import Evidence
 
 from .long_bearings import Beside, Posts, bearings_of
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from occlog.consistency.verdict import plausible
 from occlog.report.content.metrics_in_words import groups
 from occlog.report.content.model import ReportInput
-from occlog.track.plausibility.verdict import plausible
 
 from .summary import headline, row_counts
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 
+from occlog.consistency.verdict import plausible
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import groups, number
@@ -30,7 +31,6 @@ from occlog.report.plots.sightplot import draw_sight
 from occlog.report.plots.visibility import MOST_ROWS, MOST_TARGETS, draw_visibility, sensors, watched
 from occlog.report.replay.build import Replay, replay
 from occlog.report.replay.thumbnails import Thumbnails
-from occlog.track.plausibility.verdict import plausible
 
 from .summary import headline, plural, row_counts
 

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from occlog.console.text import noun
 from occlog.records.tables import Errors
 from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import Figure, number
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.content.people import People
-from occlog.words import noun
 
 
 def plural(count: int, what: str) -> str:

@@ -9,11 +9,13 @@ from typing import Any
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.options import INPUT
 from occlog.cli.setting_options import Variant, VariantCommand, given, options_of, value_after
 from occlog.cli.values import AT_LEAST_0, RATE
 from occlog.errors import UsageError
+from occlog.io.files.atomic import check_outputs
 
 from .balls.config import BallsConfig
 from .config import (
@@ -215,10 +217,10 @@ def command(
     if kind == "balls":
         from .balls.run import balls_setup, balls_videos, run_balls
 
-        options.check_outputs([], [output], overwrite)
+        check_outputs([], [output], overwrite)
         balls = balls_setup(given(BallsConfig, own) | images, store, fps, workers)
-        options.check_outputs([], [output, *balls_videos(balls, output).values()], overwrite)
-        return options.finish(run_balls(balls, output, seed, overwrite=overwrite, quiet=quiet), [], as_json)
+        check_outputs([], [output, *balls_videos(balls, output).values()], overwrite)
+        return console.finish(run_balls(balls, output, seed, overwrite=overwrite, quiet=quiet), [], as_json)
 
     from .run import SimulateRequest, people_setup, run_simulate, scene_setup
     from .video import video_paths
@@ -242,11 +244,11 @@ def command(
         fps=fps,
         workers=workers,
     )
-    options.check_outputs(request.inputs, [output], overwrite)
+    check_outputs(request.inputs, [output], overwrite)
     setup = people_setup(given(PeopleConfig, own) | images, request) if kind == "people" else scene_setup(request)
-    options.check_outputs(request.inputs, [output, *video_paths(setup, output).values()], overwrite)
+    check_outputs(request.inputs, [output, *video_paths(setup, output).values()], overwrite)
     summary = run_simulate(request.inputs, setup, output, seed, overwrite=overwrite, quiet=quiet)
-    return options.finish(summary, setup.losses, as_json)
+    return console.finish(summary, setup.losses, as_json)
 
 
 def _check_scene(scene: Path | None, kind: str | None) -> None:

@@ -12,23 +12,23 @@ from pathlib import Path
 
 import numpy as np
 
+from occlog import console
 from occlog.array_types import Floats
-from occlog.cli import options
 from occlog.cli.setting_options import flag_of
+from occlog.console.details import threads_by_default
 from occlog.core.navigation.moving import Moving
 from occlog.core.navigation.potentials import distance
 from occlog.core.numerics.time_grid import Grid
-from occlog.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.open import Opened, open_input
+from occlog.io.open import Opened, load_scene, open_input
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.paths import read_paths
-from occlog.measure.scans.moving_people import People, moving_people
 from occlog.records.scene import Scene
 from occlog.records.scripts import Script
 from occlog.records.tables import Tracks, Truth
+from occlog.scans.moving_people import People, moving_people
 from occlog.settings import SettingError, configure
 from occlog.simulate.render.target_colours import reference_appearances
 from occlog.simulate.sensors.arrays import observe_arrays
@@ -110,7 +110,7 @@ class SimulateRequest:
 def scene_setup(request: SimulateRequest) -> Setup:
     """Everything that decides on the recording of a scene from a file."""
     assert request.scene is not None  # the command asks for it
-    scene = options.load_scene(request.scene, None, request.scene)
+    scene = load_scene(request.scene, None, request.scene)
     return make_setup(scene, request, None if request.paths is None else read_paths(request.paths))
 
 
@@ -254,7 +254,7 @@ def run_simulate(
             writer.attach(APPEARANCE, "application/json", json.dumps(looks).encode())
         chunks = _recorded(writer, setup, seed, start, counts)
         if setup.render is None:
-            deque(options.progress(chunks, "simulate", quiet=quiet), maxlen=0)
+            deque(console.progress(chunks, "simulate", quiet=quiet), maxlen=0)
         else:
             film(writer, setup, output, chunks, seed, counts, overwrite=overwrite, quiet=quiet)
     return _summary(setup, output, seed, counts)

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from occlog.cli import options
+from occlog import console
 from occlog.core.navigation.moving import Moving
 from occlog.core.numerics.time_grid import Grid
 from occlog.io.frames.codec import encode_image
@@ -93,7 +93,7 @@ def film(
     drawn = render(setup.scene, chunks, setup.render, seed)
     if setup.store.grey:
         drawn = (replace(frame, image=grey(frame.image)) for frame in drawn)
-    frames = options.progress(drawn, "render", _frames_in_all(setup), quiet=quiet)
+    frames = console.progress(drawn, "render", _frames_in_all(setup), quiet=quiet)
     if setup.store.store == "png":
         for frame, data in _compressed(frames, setup.render.workers):
             writer.image(frame.sensor, frame.t_ns, frame.index, data, "png")

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from occlog.errors import UsageError
+from occlog.errors import UsageError, did_you_mean
 from occlog.settings import Settings
 
 if TYPE_CHECKING:
@@ -240,9 +240,9 @@ METHODS = Methods(OURS)
 
 
 def entry(name: str) -> Entry:
-    """The method's line in the table; UsageError names the methods there are."""
+    """The method's line in the table; UsageError names the nearest method, or all."""
     if name not in METHODS:
-        raise UsageError(f"no tracking method {name!r}; there are: {', '.join(METHODS)}")
+        raise UsageError(f"no tracking method {name!r}; {did_you_mean(name, METHODS)}")
     return METHODS[name]
 
 

@@ -9,8 +9,10 @@ from typing import Any
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import Variant, VariantCommand, given, value_after
+from occlog.io.files.atomic import check_outputs
 
 from .catalogue import BOXES, METHODS, OURS, READS, VIEW, settings_of
 from .options import method_params
@@ -152,7 +154,7 @@ def command(
       occlog track ranges.csv --scene stations.csv --method fix -o tracks.parquet
     """
     from occlog.cli.values import parse_names, parse_setting, parse_window
-    from occlog.measure.scans.config import MeasuredConfig
+    from occlog.scans.config import MeasuredConfig
 
     from .apf.selection_config import SelectConfig
 
@@ -175,8 +177,8 @@ def command(
             seed=seed,
         )
         tracks = ViewsOutputs(output, own["world"])
-        options.check_outputs(video.paths, [tracks.tracks, tracks.world], overwrite)
-        return options.finish(*run_track_views(video, tracks, overwrite, quiet), as_json)
+        check_outputs(video.paths, [tracks.tracks, tracks.world], overwrite)
+        return console.finish(*run_track_views(video, tracks, overwrite, quiet), as_json)
     if METHODS[method].takes_in == VIEW:
         from .single_view.run import SingleViewRequest, run_track_single_view
 
@@ -191,8 +193,8 @@ def command(
             without=parse_names(without),
             seed=seed,
         )
-        options.check_outputs(looks.paths, [output], overwrite)
-        return options.finish(*run_track_single_view(looks, output, overwrite, quiet), as_json)
+        check_outputs(looks.paths, [output], overwrite)
+        return console.finish(*run_track_single_view(looks, output, overwrite, quiet), as_json)
     if METHODS[method].takes_in == BOXES:
         from .people.inputs import PeopleRequest
         from .people.run import PeopleFiles, run_track_people
@@ -210,9 +212,9 @@ def command(
             gallery=own["gallery"],
         )
         people = PeopleFiles(output, own["support"], own["events"], own["view_tracks"])
-        options.check_outputs(crowd.paths, people.paths, overwrite)
+        check_outputs(crowd.paths, people.paths, overwrite)
         found, lost = run_track_people(crowd, people, overwrite, quiet)
-        return options.strict_code(options.finish(found, lost, as_json), bool(found["plausible"]), own["strict"])
+        return console.strict_code(console.finish(found, lost, as_json), bool(found["plausible"]), own["strict"])
     if METHODS[method].takes_in == READS:
         from .readers.inputs import ReadsRequest
         from .readers.run import ReadsFiles, run_track_reads
@@ -231,9 +233,9 @@ def command(
             sights=own["sights"],
         )
         tags = ReadsFiles(output, own.get("virtual_sensors"))
-        options.check_outputs(reads.paths, tags.paths, overwrite)
+        check_outputs(reads.paths, tags.paths, overwrite)
         located, lost = run_track_reads(reads, tags, overwrite, quiet)
-        return options.strict_code(options.finish(located, lost, as_json), bool(located["plausible"]), own["strict"])
+        return console.strict_code(console.finish(located, lost, as_json), bool(located["plausible"]), own["strict"])
     from .run import TrackFiles, TrackRequest, run_track
 
     request = TrackRequest(
@@ -268,7 +270,7 @@ def command(
         residuals=own["residuals"],
         cloud=own.get("cloud"),
     )
-    options.check_outputs(request.paths, outputs.paths, overwrite)
+    check_outputs(request.paths, outputs.paths, overwrite)
     summary, losses = run_track(request, outputs, overwrite, quiet)
-    code = options.finish(summary, losses, as_json)
-    return options.strict_code(code, bool(summary["plausible"]), own["strict"])
+    code = console.finish(summary, losses, as_json)
+    return console.strict_code(code, bool(summary["plausible"]), own["strict"])

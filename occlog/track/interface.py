@@ -17,8 +17,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 
 from .smoothing_and_lag import LagConfig
 

@@ -7,7 +7,7 @@ import click
 from occlog.cli.options import INPUT, PATH, STRICT_HELP
 from occlog.cli.setting_options import options_of
 from occlog.cli.values import LONGEST_WINDOW_S, Finite, NumberOrFile
-from occlog.measure.scans.config import MeasuredConfig
+from occlog.scans.config import MeasuredConfig
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import METHODS, settings_of
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.errors import PluginError
-from occlog.measure.scans.scan import Scan, sensor_names
 from occlog.plugins.interface import Filter, Moment, Place
 from occlog.plugins.loading import Plugin, said_by
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan, sensor_names
 from occlog.settings import Settings
 from occlog.track.interface import Estimate, Online
 

@@ -10,7 +10,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from occlog.cli import options
+from occlog import console
+from occlog.consistency.compass import Compass
+from occlog.consistency.sharp import Sharp
+from occlog.consistency.sight import Compared
+from occlog.consistency.verdict import Evidence, Finding, figures
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
@@ -18,15 +22,15 @@ from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.models.motion_models import read_motion
 from occlog.io.models.path_losses import read_path_loss
 from occlog.io.open import open_input
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.grouping import checked, choose_sensors
-from occlog.measure.scans.inputs import Inputs
-from occlog.measure.scans.measured import MeasuredFeed, Radio
-from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.shadowing import Shadowing
-from occlog.measure.scans.sources import in_turn, only_measured
 from occlog.records.declared.traffic import END_TO_END
 from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Particles, Residuals, Tracks
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.grouping import checked, choose_sensors
+from occlog.scans.inputs import Inputs
+from occlog.scans.measured import MeasuredFeed, Radio
+from occlog.scans.scan import sensor_names
+from occlog.scans.shadowing import Shadowing
+from occlog.scans.sources import in_turn, only_measured
 from occlog.settings import METRES, Settings, configure
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.network_cost import Messages
@@ -36,10 +40,6 @@ from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
 from .catalogue import METHODS, settings_of, tracker
 from .interface import AnyMethod, Batch, Joint, Online
-from .plausibility.compass import Compass
-from .plausibility.sharp import Sharp
-from .plausibility.sight import Compared
-from .plausibility.verdict import Evidence, Finding, figures
 from .smoothing_and_lag import SmoothingConfig
 
 if TYPE_CHECKING:
@@ -219,7 +219,7 @@ def run_track(
     targets = request.targets or None
     selection = make_selection(request)
     # Choose the rows
-    chunks = options.progress(inputs.chunks, "track", quiet=quiet)
+    chunks = console.progress(inputs.chunks, "track", quiet=quiet)
     if not request.use_recovered:
         chunks = only_measured(chunks)
     if request.turn_s is not None:
@@ -298,7 +298,7 @@ def run_track(
                     why = "no moment of the chosen targets and stations gives a position; a fix wants three ranges, or "
                     why += "as many other measurements, at one time (--window)"
             raise InputError(f"{request.bearings}: {why}")
-    options.note_findings(summary.findings(), quiet)
+    console.note_findings(summary.findings(), quiet)
     return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import inspect
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +14,7 @@ import pytest
 from walk_frames import bearings_frame, stations_frame, truth_frame
 
 import occlog
+import occlog.api
 
 
 def test_importing_the_package_loads_nothing_heavy() -> None:
@@ -20,9 +23,32 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
         "assert not {'numpy', 'pyarrow', 'click', 'importlib.metadata', 'occlog.api'} & set(sys.modules)\n"
         "import occlog.track.catalogue, occlog.evaluate.matching.config\n"
         "assert callable(occlog.track) and callable(occlog.evaluate) and callable(occlog.report)\n"
-        "assert 'track' in dir(occlog) and occlog.simulate is occlog.api.simulate\n"
+        "assert 'track' in dir(occlog) and occlog.open is occlog.api.open\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_function_and_the_sub_package_of_its_name_are_one() -> None:
+    import occlog.evaluate.matching.config as matching
+    import occlog.track.catalogue as methods
+
+    assert "apf" in methods.METHODS
+    assert matching.__name__ == "occlog.evaluate.matching.config"
+    for name in ("evaluate", "ingest", "report", "simulate", "track"):
+        package, function = getattr(occlog, name), getattr(occlog.api, name)
+        assert inspect.signature(package) == inspect.signature(function)
+        assert package.__doc__ == function.__doc__
+        assert pickle.loads(pickle.dumps(package)) is package
+    with pytest.raises(occlog.OcclogError):
+        occlog.track(bearings_frame(), method="fix")  # without the stations: as the function does
+
+
+def test_a_method_that_is_not_there_is_refused_with_the_nearest() -> None:
+    with pytest.raises(occlog.UsageError, match="kalman") as refused:
+        occlog.track(bearings_frame(), stations_frame(), method="kalman")
+    assert all(name in str(refused.value) for name in ("apf", "ekf", "jipda"))
+    with pytest.raises(occlog.UsageError, match="'jipda'"):
+        occlog.track(bearings_frame(), stations_frame(), method="jpda")
 
 
 def test_a_name_that_is_not_there_is_refused() -> None:

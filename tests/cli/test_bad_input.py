@@ -268,7 +268,7 @@ def work(**_):
         interrupt()
     except KeyboardInterrupt:
         pass
-    for _ in options.progress(range(60), "work", quiet=True):
+    for _ in console.progress(range(60), "work", quiet=True):
         time.sleep(1)
 """
 IN_TEXT_THAT_RUNS = """
@@ -303,7 +303,8 @@ def work(**_):
 def test_an_interrupt_ends_the_program_once_wherever_it_arrives(tmp_path: Path, where: str) -> None:
     (tmp_path / "program.py").write_text(f"""
 import atexit, os, signal, sys, time
-from occlog.cli import main, options
+from occlog import console
+from occlog.cli import main
 
 def interrupt():
     os.kill(os.getpid(), signal.SIGINT)

@@ -10,7 +10,7 @@ import pytest
 from places import ROOT
 
 from occlog.cli.main import run
-from occlog.cli.options import echo_summary
+from occlog.console.summary import echo_summary
 from occlog.errors import ExitCode
 
 GOLDEN = ROOT / "tests" / "golden" / "expected" / "simulated"

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from bearing_scenes import CASES, Case
 
+from occlog.consistency.sight import whole
+from occlog.consistency.verdict import Evidence
 from occlog.errors import InputError
 from occlog.evaluate.stretches.evidence import SightStreams, in_rows_of
 from occlog.evaluate.verdict import Made, used
 from occlog.records.columns import Table
 from occlog.records.pieces import Side, in_step
 from occlog.records.tables import Bearings, Diagnostics, Tracks
-from occlog.track.plausibility.sight import whole
-from occlog.track.plausibility.verdict import Evidence
 
 T = TypeVar("T", bound=Table)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from occlog.consistency.agreement import Agreements
+from occlog.consistency.verdict import FEWEST
 from occlog.core.metrics.consistency import Ratio
 from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, Made, judge
 from occlog.io.files.provenance import Provenance
 from occlog.records.tables import Errors, Tracks
-from occlog.track.plausibility.agreement import Agreements
-from occlog.track.plausibility.verdict import FEWEST
 
 N = 1000
 

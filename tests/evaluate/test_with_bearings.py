@@ -12,6 +12,7 @@ import pytest
 from bearing_scenes import CASES, Case, hand_made, simulated
 
 from occlog.cli.main import run
+from occlog.consistency.verdict import Finding
 from occlog.errors import ExitCode
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import Evaluation, evaluate
@@ -24,7 +25,6 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import Bearings, Bound, Errors, Tracks
-from occlog.track.plausibility.verdict import Finding
 
 MADE = Provenance("track", {"method": "apf", "sensors": ["a", "b", "c", "ear"], "window_ns": 40_000_000})
 WHOLE = 10**6

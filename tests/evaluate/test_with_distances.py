@@ -23,9 +23,9 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import read_scene, scene_to_yaml
-from occlog.measure.scans.config import MeasuredConfig
 from occlog.records.declared.measurements import Measurements
 from occlog.records.tables import Bound
+from occlog.scans.config import MeasuredConfig
 
 HOW = MeasuredConfig(tag_height=0.5, rssi_power=-40.0)
 MADE = Provenance("track", {"measurements": {"tag_height": 0.5, "rssi_power": -40.0}})

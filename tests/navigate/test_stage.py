@@ -9,13 +9,13 @@ import pytest
 
 from occlog.core.navigation.steering import State
 from occlog.errors import InputError
-from occlog.measure.scans.moving_people import obstacles_of
 from occlog.navigate.config import NavigateConfig
 from occlog.navigate.course import Disc, course_of, people_of
 from occlog.navigate.stage import Drive, End, drive
 from occlog.navigate.verdict import Verdict
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Tracks, Truth
+from occlog.scans.moving_people import obstacles_of
 from occlog.settings import configure
 
 PLANE = Scene(length_unit="unit")

@@ -11,6 +11,7 @@ import pytest
 from places import ROOT
 
 from occlog.cli.main import run
+from occlog.consistency.doubts import covariances
 from occlog.errors import ExitCode
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.open import open_input
@@ -20,7 +21,6 @@ from occlog.records.tables import Bearings, Boxes, Diagnostics, Tracks, TruthBox
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.plausibility.doubts import covariances
 
 
 @pytest.mark.slow

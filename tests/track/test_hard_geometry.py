@@ -10,6 +10,7 @@ import pytest
 from tracker_scenes import ROOM, SECOND, camera, observe, room100, walk
 
 from occlog.array_types import Floats
+from occlog.consistency.doubts import covariances
 from occlog.core.metrics.errors import CHI2_95_2D, normalised_squared_errors
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
@@ -17,7 +18,6 @@ from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.plausibility.doubts import covariances
 
 pytestmark = pytest.mark.jit
 STEPS = 100

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.track._metric_rooms import Recording, record
+from occlog.consistency.doubts import covariances
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.records.tables import Tracks
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.plausibility.doubts import covariances
 from occlog.track.run import TrackSummary
 
 pytestmark = pytest.mark.jit

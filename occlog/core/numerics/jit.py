@@ -13,7 +13,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.types.misc import unliteral
 
 from occlog import __version__
-from occlog.details import note_uncached, tell_of_compiling
+from occlog.console.details import note_uncached, tell_of_compiling
 
 F = TypeVar("F", bound=Callable[..., Any])
 PATIENCE_S = 2.0

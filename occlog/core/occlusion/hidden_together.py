@@ -44,7 +44,7 @@ def add_joint(
 ) -> None:
     """Add the log of the sum over subsets of cameras to `total` (L,), in place.
 
-    See `occlog.core.filter.likelihood_occluded`.
+    See `occlog.filtering.likelihood.among_occluders`.
 
     Args:
         total: (L,) log-likelihoods.

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.values import Finite
+from occlog.console.text import as_bytes
 from occlog.errors import ExitCode, UsageError
-from occlog.words import as_bytes
+from occlog.io.files.atomic import check_outputs
 
 
 @click.command(name="compare", short_help="Say whether runs on the same recordings differ, with intervals.")
@@ -79,14 +81,14 @@ def command(
         raise UsageError("name two methods at least: the one that others are compared with comes first")
     conditions = [parse_condition(each) for each in fail_if]
     if markdown is not None:
-        options.check_outputs([path for path in methods if path.is_file()], (markdown,), overwrite)
+        check_outputs([path for path in methods if path.is_file()], (markdown,), overwrite)
     found = run_compare(methods, truth, figures, conditions, match_distance, seed)
     if markdown is not None:
         write_bytes(markdown, as_bytes(text.markdown(found, methods)), overwrite)
     told = json.dumps(text.as_dict(found, methods), indent=2) if as_json else text.table(found, methods)
     click.echo(told)
     for loss in found.losses:
-        options.note(f"lost earlier: {loss}", quiet)
+        console.note(f"lost earlier: {loss}", quiet)
     for line in found.failed:
         click.echo(f"occlog: --fail-if {line}", err=True)
     return ExitCode.THRESHOLD if found.failed else ExitCode.DONE

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.console.details import begin_work
 from occlog.core.metrics.mot.frame_pairs import of_points
 from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
 from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, Difference, compare
-from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig

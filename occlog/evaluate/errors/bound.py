@@ -16,12 +16,12 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
 from occlog.core.bounds import in_space as bounds3d
 from occlog.core.metrics.errors import ratio, root_mean_square
-from occlog.core.sight.distances import Distances
-from occlog.core.sight.distances import information as distance_information
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import Looks, SensorLooks
 from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
+from occlog.filtering.likelihood.distances import Distances
+from occlog.filtering.likelihood.distances import information as distance_information
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors, Truth
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.impossible import Differences
-from occlog.measure.scans.measured import Radio, make_stations, pack, with_strengths
-from occlog.measure.scans.shadowing import LastReads
 from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import Scene
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.impossible import Differences
+from occlog.scans.measured import Radio, make_stations, pack, with_strengths
+from occlog.scans.shadowing import LastReads
 
 from .bound import Measured
 

@@ -10,8 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from occlog.cli import options
-from occlog.details import begin_work
+from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.inputs import Paths, Tables, provenance_of
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -22,6 +21,7 @@ from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layou
 from occlog.io.boxes.mot_classes import DISTRACTORS, has_classes, read_marks
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.rows import fill_frames
+from occlog.io.files.atomic import check_outputs
 from occlog.io.files.tables.table_writer import TableWriter, write_table
 from occlog.io.files.texts.csv_rows import first_line, is_header
 from occlog.io.files.texts.json_file import write_json
@@ -71,7 +71,7 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
         overlap: intersection over union from which a track is of a true box.
         given: settings of `ManyConfig` that were given.
     """
-    options.check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
+    check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
     result = _in_stretches(paths, overlap, given)
     if result is not None:
         return result

@@ -11,12 +11,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
-from occlog.cli import options
-from occlog.details import begin_work
+from occlog.console.details import begin_work
 from occlog.errors import UsageError
 from occlog.evaluate.inputs import Paths, lost_earlier
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import in_images
+from occlog.io.files.atomic import check_outputs
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.texts.json_file import write_json
 from occlog.records.losses import Loss
@@ -68,7 +68,7 @@ def run_evaluate_several(
     """
     files = [path for recording in recordings for path in recording]
     files += [] if paths.scene is None else [paths.scene]
-    options.check_outputs(files, (paths.output,), paths.overwrite)
+    check_outputs(files, (paths.output,), paths.overwrite)
     kinds = {in_images(recording.tracks) for recording in recordings}
     if len(kinds) > 1:
         raise UsageError("also: tracks in images and tracks on the ground cannot be put together")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import Bools
+from occlog.consistency.verdict import Evidence
 from occlog.evaluate.bearings.detections import DetectionFigures
 from occlog.evaluate.bearings.held_out import HeldOutStreams
 from occlog.evaluate.bearings.known_places import KnownPlaces, MeasuredNoise
@@ -30,7 +31,6 @@ from occlog.records.declared.measurements import Measurements
 from occlog.records.pieces import LAST, Side
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors
-from occlog.track.plausibility.verdict import Evidence
 
 Metrics = dict[str, float]
 

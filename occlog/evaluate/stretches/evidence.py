@@ -8,6 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from occlog.array_types import NS
+from occlog.consistency.agreement import pose_share
+from occlog.consistency.alone import TOGETHER_S, near_another
+from occlog.consistency.sight import Sight
+from occlog.consistency.verdict import Evidence
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.verdict import Made, used
@@ -15,10 +19,6 @@ from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.pieces import LAST, Limits, Side
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
-from occlog.track.plausibility.agreement import pose_share
-from occlog.track.plausibility.alone import TOGETHER_S, near_another
-from occlog.track.plausibility.sight import Sight
-from occlog.track.plausibility.verdict import Evidence
 
 
 class SightStreams:

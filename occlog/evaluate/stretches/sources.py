@@ -13,14 +13,14 @@ from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.header import describe
 from occlog.io.open import Opened, open_input
-from occlog.measure.scans.config import MeasuredConfig
-from occlog.measure.scans.measured import Radio
-from occlog.measure.scans.sources import bearings_of_doa, in_time
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import Measurements
 from occlog.records.pieces import times, whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Doa, Reads, Tracks, Truth, TruthBoxes, Views
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Radio
+from occlog.scans.sources import bearings_of_doa, in_time
 
 LONG = 200_000
 """Rows of a table from which on a recording beside it is gone through several times, so that memory stays flat."""

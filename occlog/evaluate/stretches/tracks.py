@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from occlog.consistency.verdict import Evidence
 from occlog.evaluate.bearings.known_places import MeasuredNoise, figures_of, notes_of
 from occlog.evaluate.errors.streamed import Beside, CompareStreams, PairSums, Stretch, stretches
 from occlog.evaluate.errors.survey import Survey, survey
@@ -28,7 +29,6 @@ from occlog.records.declared.views import Counts, Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors, Tracks
 from occlog.track.images.run.provenance import own_notes
-from occlog.track.plausibility.verdict import Evidence
 
 BOUND_WITHOUT_DISTANCES = (
     "the bound knows nothing of the ranges, signal strengths or time differences of the tracks, so that no ratio to it "

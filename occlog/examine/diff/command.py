@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.errors import ExitCode, UsageError
 
@@ -87,7 +88,7 @@ def command(
     found = compare_paths(a, b, DiffSettings(limits, provenance=provenance, pixels=pixels, exclude=exclude))
     same = all(part.same for part in found)
     if as_json:
-        options.echo_summary(as_dict(found), True)
+        console.echo_summary(as_dict(found), True)
     else:
         click.echo("\n".join(report_lines(found)))
     return ExitCode.DONE if same else ExitCode.DIFFERENT

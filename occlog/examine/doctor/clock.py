@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import NS, Ints
+from occlog.console.text import counted
 from occlog.io.files.times.utc import utc
-from occlog.words import counted
 
 from .findings import LONGEST, Findings
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.input_paths import Input
-from occlog.details import tell
+from occlog.console.details import tell
 
 
 @click.command(name="doctor", short_help="List everything that is wrong in recordings, tables and other files.")
@@ -29,7 +30,7 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
       occlog doctor hall.mcap
       occlog doctor run/ --json | jq '.findings[] | select(.severity == "error")'
     """
-    from occlog.words import counted
+    from occlog.console.text import counted
 
     from .findings import Severity, exit_code
     from .run import look_at
@@ -39,7 +40,7 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
     if as_json:
         counts = {f"{severity}s": count for severity, count in of.items()}
         listed = [finding.as_dict() for finding in found.findings]
-        options.echo_summary(
+        console.echo_summary(
             {"files": found.files, "others": dict(sorted(found.others.items())), **counts, "findings": listed}, True
         )
         return exit_code(found.findings)
@@ -49,5 +50,5 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
         words = ", ".join(counted(count, str(severity)) for severity, count in of.items() if count) or "nothing found"
         others = sum(found.others.values())
         more = f"; {counted(others, 'other file')} not looked at" if others else ""
-        options.note(f"{counted(found.files, 'file')}: {words}{more}")
+        console.note(f"{counted(found.files, 'file')}: {words}{more}")
     return exit_code(found.findings)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.plugged import PluggedCommand, chosen_in
 from occlog.errors import UsageError
@@ -109,7 +110,7 @@ def command(
 
         sizes = (quality or QUALITY, height or HEIGHT)
         show = Request(file, output, name, recording, scene, layout, *sizes, overwrite, every)
-        return options.finish(*run_viewers(show, quiet=quiet), as_json)
+        return console.finish(*run_viewers(show, quiet=quiet), as_json)
     _refuse(
         {"--recording": recording, "--layout": layout, "--quality": quality, "--height": height, "--every": every},
         "is for viewers' formats only",
@@ -130,7 +131,7 @@ def command(
         quiet=quiet,
     )
     summary, losses = run_export(request)
-    return options.finish({} if output == STANDARD else summary, losses, as_json and output != STANDARD)
+    return console.finish({} if output == STANDARD else summary, losses, as_json and output != STANDARD)
 
 
 def _refuse(named: Mapping[str, object], why: str) -> None:

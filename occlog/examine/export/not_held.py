@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Ints
+from occlog.console.text import counted
 from occlog.io.files.times.utc import utc
 from occlog.records.columns import Table
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth
-from occlog.words import counted
 
 T = TypeVar("T", bound=Table)
 

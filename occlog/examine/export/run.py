@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TypeVar, cast
 
-from occlog.cli import options
-from occlog.details import begin_work
+from occlog import console
+from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.mot_challenge import SEQUENCE_INFO, mot_text
-from occlog.io.files.atomic import Together, open_output
-from occlog.io.open import Opened, open_input
+from occlog.io.files.atomic import Together, check_outputs, open_output
+from occlog.io.open import Opened, load_scene, open_input
 from occlog.io.trajectories.earth import FARTHEST, Origin
 from occlog.plugins.chosen import Chosen
 from occlog.plugins.interface import World
@@ -92,10 +92,10 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     _check_request(request, name, form)
     info = _info_path(request.output) if name == "mot" else None
     if request.output != STANDARD:
-        options.check_outputs([request.input, request.scene], (request.output, info), request.overwrite)
+        check_outputs([request.input, request.scene], (request.output, info), request.overwrite)
     opened = open_input(request.input)
     table = _table(opened, form, name, request.table)
-    scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
+    scene = load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
     unit = opened.length_unit or ("m" if scene is None else scene.length_unit)
     summary: dict[str, object] = {"output": str(request.output), "format": name, "table": table.NAME}
     missed: tuple[str, ...] = ()
@@ -120,13 +120,13 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
                 try:
                     about = sequence_info(found, request.camera, info.resolve().parent.name, scene)
                 except InputError as error:
-                    options.note(f"{info}: not written: {error}")
+                    console.note(f"{info}: not written: {error}")
                 else:
                     with open_output(info, request.overwrite, together) as beside:
                         beside.write(about.text().encode())
                     summary["sequence"] = str(info)
     if missed:
-        options.note(f"{request.output}: not held by {name}: {'; '.join(missed)}", request.quiet)
+        console.note(f"{request.output}: not held by {name}: {'; '.join(missed)}", request.quiet)
         summary |= {} if name == "csv" else {"not_held": list(missed)}
     return summary, opened.losses
 

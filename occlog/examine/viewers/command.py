@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.values import Finite
 from occlog.examine.export.formats import FOXGLOVE, RERUN
@@ -72,4 +73,4 @@ def command(
 
     request = ViewRequest(file, output, recording, scene, viewer, only_print, overwrite, every)
     summary, losses = run_view(request, quiet=quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, open_if_ours, open_input, scene_in
 from occlog.io.recording.reader import Recording
@@ -181,8 +181,8 @@ def _files(folder: Path) -> list[Path]:
 def note_strangers(inputs: Inputs, quiet: bool) -> None:
     """Say what is not as one may expect: no images, a unit without a length, tracks of another recording."""
     if inputs.recording is None:
-        options.note("no recording is given: no images and no truth are shown; name it with --recording", quiet)
+        console.note("no recording is given: no images and no truth are shown; name it with --recording", quiet)
     if inputs.scene is None:
-        options.note("no scene is given: no plan, cameras and sight lines are shown; name one with --scene", quiet)
+        console.note("no scene is given: no plan, cameras and sight lines are shown; name one with --scene", quiet)
     if inputs.unit not in METRES:
-        options.note(f"lengths are in {inputs.unit}, of which the length is not known: viewers show one as 1 m", quiet)
+        console.note(f"lengths are in {inputs.unit}, of which the length is not known: viewers show one as 1 m", quiet)

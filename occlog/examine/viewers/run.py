@@ -18,8 +18,8 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from occlog import console
 from occlog.array_types import NS
-from occlog.cli import options
 from occlog.errors import InputError
 from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
 from occlog.examine.viewers.drawings.foxglove import image_annotations, scene_update
@@ -27,7 +27,7 @@ from occlog.examine.viewers.drawings.plan import plan, static_shadows
 from occlog.examine.viewers.drawings.points import image_cloud, point_cloud
 from occlog.examine.viewers.drawings.sensors import camera_calibration, frame_transforms, smaller_camera, world_of
 from occlog.examine.viewers.drawings.shapes import Thing, smaller
-from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.atomic import Together, check_outputs, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.frames.codec import check_image, encode_image, image_kind, shown_size
 from occlog.io.open import losses_of
@@ -82,7 +82,7 @@ class Request:
 def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Write the file; the summary, and what was lost."""
     files = (request.input, request.recording, request.scene)
-    options.check_outputs(files, (request.output, request.layout), request.overwrite)
+    check_outputs(files, (request.output, request.layout), request.overwrite)
     inputs = find_inputs(request.input, request.recording, request.scene)
     note_strangers(inputs, quiet)
     story = Story(inputs)
@@ -92,7 +92,7 @@ def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, obj
         )
         with writer as out:
             sink = _Sink(out, inputs, request)
-            for moment in options.progress(_begun(story.moments(), sink, inputs), "write", quiet=quiet):
+            for moment in console.progress(_begun(story.moments(), sink, inputs), "write", quiet=quiet):
                 sink.write(moment)
             if not out.messages:
                 why = "tracks and boxes in images need --recording" if inputs.recording is None else "tables are empty"

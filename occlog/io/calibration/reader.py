@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
 from occlog.io.files.untrusted.guard import guarded
 from occlog.records.names import first_double
 from occlog.records.scene import Camera
-from occlog.words import counted
 
 from . import opencv_storage, opencv_toml, projection, qualisys, tsai
 from .common import WHAT, CalibrationOptions, read_text

@@ -11,14 +11,14 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple, Self
 
-from occlog.details import begin_work, tell
+from occlog.console.details import begin_work, note_files, tell
 from occlog.errors import OcclogError, OutputError, OutputExistsError, UsageError
 
 PARTIAL = ".partial"
@@ -66,6 +66,20 @@ def check_writable(path: Path, overwrite: bool) -> None:
         raise OutputExistsError(f"{path}: exists")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
+
+
+def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool) -> None:
+    """Refuse outputs that exist, that are also inputs, or that are named twice, before any work is done."""
+    wanted = [Path(p) for p in outputs if p is not None]
+    read = [Path(p) for p in inputs if p is not None]
+    used = {os.path.realpath(p) for p in read}  # Path.resolve fails on a link to itself
+    for n, path in enumerate(wanted):
+        if os.path.realpath(path) in used:
+            raise UsageError(f"{path}: is an input too; give the output another name")
+        if os.path.realpath(path) in {os.path.realpath(p) for p in wanted[:n]}:
+            raise UsageError(f"{path}: is named for two outputs; give each its own name")
+        check_writable(path, overwrite)
+    note_files(read, wanted)
 
 
 class _Complete(NamedTuple):

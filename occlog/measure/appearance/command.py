@@ -6,8 +6,10 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.io.files.atomic import check_outputs
 
 from .config import LearnConfig
 
@@ -72,7 +74,7 @@ def learn(
 
     if boxes is not None and views is not None:
         raise UsageError("--boxes and --views are two sources of boxes; give one of them")
-    options.check_outputs([recording, boxes, views, tracks, scene], [output], overwrite)
+    check_outputs([recording, boxes, views, tracks, scene], [output], overwrite)
     files = SightingFiles(boxes=boxes or views or recording, images=recording, tracks=tracks, scene=scene)
     summary, losses = run_learn(files, labelled, given(LearnConfig, values), output, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from occlog.cli import options
 from occlog.errors import InputError
-from occlog.io.open import Opened, check_unit, losses_of, open_input
+from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
 from occlog.records.frames import Frame
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -65,7 +64,7 @@ class SightingInput:
         self._images = None if files.images is None or files.images == files.boxes else open_input(files.images)
         recordings = [o for o in (self._images, self._boxes) if o is not None and o.recording is not None]
         own = next((o.scene for o in recordings if o.scene is not None), None)
-        self.scene: Scene = options.load_scene(files.scene, own, files.images or files.boxes)
+        self.scene: Scene = load_scene(files.scene, own, files.images or files.boxes)
         truths = [o for o in recordings if o.has(Truth)]
         self._tracks = open_input(files.tracks, Tracks, Truth) if files.tracks is not None else next(iter(truths), None)
         self.positions = "floor" if self._tracks is None else "truth" if self._tracks.has(Truth) else "tracks"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import write_table
@@ -32,7 +32,7 @@ def run_learn(
     config: LearnConfig = configure(LearnConfig.in_unit(inputs.scene.length_unit), settings)
     tally = SightingTally()
     seen = sightings(
-        options.progress(inputs.boxes(), "learn", quiet=quiet),
+        console.progress(inputs.boxes(), "learn", quiet=quiet),
         inputs.images(),
         inputs.walks(config),
         inputs.scene,

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.plugged import PluggedCommand, chosen_in
 from occlog.cli.setting_options import add_options, given, options_of, with_options
-from occlog.details import threads_by_default
+from occlog.console.details import threads_by_default
+from occlog.io.files.atomic import check_outputs
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.networks.config import NetworkConfig
 from occlog.plugins.loading import DETECTOR
@@ -158,9 +160,7 @@ def command(
     context = click.get_current_context()
     plugged = chosen_in(context, values)
     _refuse_what_does_not_go_together(context, by="--onnx" if onnx is not None else "--method" if plugged else "")
-    options.check_outputs(
-        [recording, scene, references, near, onnx, names, embed], [output, views, bearings], overwrite
-    )
+    check_outputs([recording, scene, references, near, onnx, names, embed], [output, views, bearings], overwrite)
     settings, threads = given(DetectConfig, values), workers or threads_by_default()
     if onnx is not None:
         networks = NetworkRequest(
@@ -175,10 +175,10 @@ def command(
             network=given(NetworkConfig, values),
             threads=threads,
         )
-        return options.finish(*run_network(networks, output, bearings, overwrite, quiet), as_json)
+        return console.finish(*run_network(networks, output, bearings, overwrite, quiet), as_json)
     if plugged:
         by_plugin = PluginRequest(recording, scene, parse_names(only), plugged[0], settings)
-        return options.finish(*run_plugin(by_plugin, output, bearings, overwrite, quiet), as_json)
+        return console.finish(*run_plugin(by_plugin, output, bearings, overwrite, quiet), as_json)
     settings |= {} if method is None else {"method": method}
     request = DetectRequest(
         recording=recording,
@@ -195,7 +195,7 @@ def command(
     if not fuse:
         _refuse_options_of_fusion(values)
     summary, losses = run_detect(request, output, views, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)
 
 
 def _refuse_what_does_not_go_together(context: click.Context, by: str) -> None:

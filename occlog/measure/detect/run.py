@@ -11,14 +11,14 @@ from typing import TypeVar
 
 import numpy as np
 
+from occlog import console
 from occlog.array_types import Floats
-from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import parse_json
 from occlog.io.files.untrusted.inputs import FOREIGN_BAG, check_input
-from occlog.io.open import check_unit, open_input
+from occlog.io.open import check_unit, load_scene, open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.cameras import placed_cameras
@@ -69,11 +69,11 @@ def run_detect(
 ) -> tuple[dict[str, object], list[Loss]]:
     """Detect and write; the summary, and the input that was lost."""
     opened = open_recording(request.recording)
-    scene = options.load_scene(request.scene, opened.scene, request.recording)
+    scene = load_scene(request.scene, opened.scene, request.recording)
     left = LeftOut()
     detections, used = _detections(request, opened, scene, left, quiet)
     if not upright(scene):
-        options.note(
+        console.note(
             "warning: the world of the scene seems not to be upright: sizes of people come from the images, and "
             "bearings mean little; turn it upright with `occlog ingest --up auto`",
             quiet,
@@ -106,7 +106,7 @@ def run_detect(
             if writer is not None:
                 writer.annotate(final)
     if tally["regions"] and not any(c.placed for c in scene.cameras):
-        options.note(
+        console.note(
             "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, or "
             "give a scene (--scene)",
             quiet,
@@ -170,7 +170,7 @@ def _detections(
                 "anybody, to which `occlog label` gives the identity of tracks"
             )
         only = _sensors_of(request, [c.name for c in scene.cameras])
-        chunks = options.progress(_rows_of(recording.tables(Boxes), only), "detect", quiet=quiet)
+        chunks = console.progress(_rows_of(recording.tables(Boxes), only), "detect", quiet=quiet)
         used: dict[str, object] = {"input": "boxes", "min_confidence": config.min_confidence}
         if config.sigma_px is not None or config.sigma_scale != 1.0:
             used |= {"sigma_px": config.sigma_px, "sigma_scale": config.sigma_scale}
@@ -242,7 +242,7 @@ def _from_images(
     learned, total = Learned(), frames_of(recording, sensors)
     near, limits = _near(request, config, scene.length_unit)
     if request.learn or boxes:
-        first = options.progress(recording.frames(sensors), "first look", total, quiet=quiet)
+        first = console.progress(recording.frames(sensors), "first look", total, quiet=quiet)
         found, boxed = learn(first, scene, config, boxes, request.workers)
         targets = boxed or targets
         learned = found if request.learn else learned
@@ -253,7 +253,7 @@ def _from_images(
         "targets": [t.target_id for t in targets],
         **limits,
     }
-    frames = options.progress(recording.frames(sensors), "detect", total, quiet=quiet)
+    frames = console.progress(recording.frames(sensors), "detect", total, quiet=quiet)
     return detect(left.watch(frames), scene, config, request.workers, learned, targets, near=near), used
 
 

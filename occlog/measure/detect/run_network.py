@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
+from occlog.io.open import load_scene
 from occlog.io.recording.reader import open_recording
 from occlog.measure.detections import Detections
 from occlog.measure.networks.config import NetworkConfig
@@ -51,7 +52,7 @@ def run_network(
 ) -> tuple[dict[str, object], list[Loss]]:
     """Detect and write; the summary, and the input that was lost."""
     opened = open_recording(request.recording)
-    scene = options.load_scene(request.scene, opened.scene, request.recording)
+    scene = load_scene(request.scene, opened.scene, request.recording)
     if not opened.cameras:
         raise InputError(f"{request.recording}: holds no images; a network detects in images")
     sensors = cameras_of(request.only, opened)
@@ -77,7 +78,7 @@ def run_network(
         files = [request.recording, *(path for each in models for path in each), *beside]
         provenance = Provenance("detect", parameters, None, hash_inputs(files))
         total = frames_of(opened, sensors)
-        frames = options.progress(opened.frames(sensors), "detect", total, quiet=quiet)
+        frames = console.progress(opened.frames(sensors), "detect", total, quiet=quiet)
         left = LeftOut()
         parts = detect_by_network(left.watch(frames), scene, detector, embedder, config)
         losses, tally = write_detections(
@@ -134,7 +135,7 @@ def _note_assumed(detector: Detector, quiet: bool) -> None:
     """Say that names of classes are not the network's own."""
     if detector.names.source.endswith("assumed"):
         shown = ", ".join(f"{k} is {detector.names.names.get(k, 'unknown')}" for k in detector.wanted.tolist())
-        options.note(
+        console.note(
             f"{detector.network.file.path}: does not say what its classes are called; those of COCO are assumed: "
             f"{shown} (--names says otherwise)",
             quiet,

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.open import load_scene
 from occlog.io.recording.reader import open_recording
 from occlog.plugins.chosen import Chosen
 from occlog.records.losses import Loss
@@ -36,7 +37,7 @@ def run_plugin(
 ) -> tuple[dict[str, object], list[Loss]]:
     """Detect and write; the summary, and the input that was lost."""
     opened = open_recording(request.recording)
-    scene = options.load_scene(request.scene, opened.scene, request.recording)
+    scene = load_scene(request.scene, opened.scene, request.recording)
     if not opened.cameras:
         raise InputError(f"{request.recording}: holds no images; a detector looks at images")
     sensors = cameras_of(request.only, opened)
@@ -47,7 +48,7 @@ def run_plugin(
     parameters["min_confidence"] = config.min_confidence
     files = [path for path in (request.recording, request.scene) if path is not None]
     provenance = Provenance("detect", parameters, None, hash_inputs(files))
-    frames = options.progress(opened.frames(sensors), "detect", frames_of(opened, sensors), quiet=quiet)
+    frames = console.progress(opened.frames(sensors), "detect", frames_of(opened, sensors), quiet=quiet)
     left = LeftOut()
     parts = detect_by_plugin(left.watch(frames), scene, request.chosen, config)
     losses, tally = write_detections(

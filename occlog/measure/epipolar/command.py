@@ -6,8 +6,10 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.io.files.atomic import check_outputs
 
 from .config import EpipolarConfig
 
@@ -92,9 +94,9 @@ def command(
         only=only,
         config=EpipolarConfig(**given(EpipolarConfig, values)),
     )
-    options.check_outputs(request.inputs, [output], overwrite)
+    check_outputs(request.inputs, [output], overwrite)
     summary, losses, agree = run_epipolar(request, output, overwrite, quiet)
-    code = options.finish(summary if as_json else {**summary, "pairs": []}, losses, as_json)
+    code = console.finish(summary if as_json else {**summary, "pairs": []}, losses, as_json)
     for name, figures in () if as_json else summary["pairs"].items():
         click.echo(f"{name}: {_line(figures)}")
     return code if agree else ExitCode.THRESHOLD

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Required, TypedDict
 
-from occlog.cli import options
+from occlog import console
 from occlog.cli.values import parse_names
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -19,7 +19,7 @@ from occlog.io.models.fundamental_matrices import (
 )
 from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.models.matches import read_matches
-from occlog.io.open import names_recording, open_input
+from occlog.io.open import load_scene, names_recording, open_input
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.records.declared.views import ViewTracks
@@ -109,7 +109,7 @@ def _check_usage(request: EpipolarRequest, output: Path | None) -> None:
 
 def _scene(request: EpipolarRequest, recording: Recording | None) -> Scene | None:
     if request.scene is not None:
-        return options.load_scene(request.scene, None, request.scene)
+        return load_scene(request.scene, None, request.scene)
     return recording.scene if recording is not None else None
 
 
@@ -181,7 +181,7 @@ def _warn(pairs: ViewPairs, scene: Scene | None, quiet: bool) -> None:
     """A note for cameras that are in no pair."""
     used = {name for p in pairs.pairs for name in (p.a, p.b)}
     if rest := [c.name for c in (scene.cameras if scene is not None else ()) if c.name not in used]:
-        options.note(f"no fundamental matrix of {', '.join(rest)}", quiet)
+        console.note(f"no fundamental matrix of {', '.join(rest)}", quiet)
 
 
 def _summary(pair: ViewPair) -> dict[str, object]:

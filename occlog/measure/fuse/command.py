@@ -8,8 +8,10 @@ from typing import Any
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import Variant, VariantCommand, given, options_of, value_after
+from occlog.io.files.atomic import check_outputs
 
 from .config import FuseConfig
 from .tracks.config import TrackFusionConfig
@@ -119,17 +121,17 @@ def command(
         from .tracks.run import TrackFiles, run_fuse_tracks
 
         tracks, events = (bearings, *values["others"]), values["events"]
-        options.check_outputs(tracks, [output, events], overwrite)
+        check_outputs(tracks, [output, events], overwrite)
         wanted = TrackFiles(tracks=tracks, output=output, events=events, overwrite=overwrite)
         summary, losses = run_fuse_tracks(wanted, chosen | given(TrackFusionConfig, values), quiet)
-        return options.finish(summary, losses, as_json)
+        return console.finish(summary, losses, as_json)
 
     from .run import FuseFiles, run_fuse
 
     views, scene, fused_views = values["views"], values["scene"], values["fused_views"]
-    options.check_outputs([bearings, views, scene], [output, fused_views], overwrite)
+    check_outputs([bearings, views, scene], [output, fused_views], overwrite)
     files = FuseFiles(
         bearings=bearings, views=views, scene=scene, output=output, fused_views=fused_views, overwrite=overwrite
     )
     summary, losses = run_fuse(files, chosen | given(FuseConfig, values), quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

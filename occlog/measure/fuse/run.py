@@ -9,15 +9,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import open_input
-from occlog.measure.scans.inputs import Inputs
 from occlog.records.columns import Table
 from occlog.records.left_out_frames import carried
 from occlog.records.tables import Bearings, Tracks, Views
+from occlog.scans.inputs import Inputs
 from occlog.settings import configure
 
 from .config import FuseConfig
@@ -66,7 +66,7 @@ def run_fuse(files: FuseFiles, values: Mapping[str, object], quiet: bool) -> tup
     losses = inputs.losses
     kept = {} if files.views is None else carried(open_input(files.views).provenance.parameters)
     provenance = Provenance("fuse", {**asdict(config), **kept}, None, hash_inputs(files.inputs), losses)
-    chunks = options.progress(inputs.chunks, "fuse", quiet=quiet)
+    chunks = console.progress(inputs.chunks, "fuse", quiet=quiet)
     tally = FuseTally()
     with ExitStack() as stack:
 
@@ -115,7 +115,7 @@ class FuseTally:
         """Print a note if at most moments a single camera delivered a frame, so that there is nothing to fuse."""
         alone, moments = self.totals["alone"], self.totals["moments"]
         if 2 * alone > moments:
-            options.note(
+            console.note(
                 f"warning: at {alone} of {moments} times only one camera delivered a frame; bring frames that are "
                 "close in time together with --window SECONDS (detect: --fuse-window)",
                 quiet,

@@ -17,10 +17,10 @@ from occlog.array_types import Floats, Ints
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.kernels.sight_lines import Sight
-from occlog.measure.scans.grouping import nearest
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Views
+from occlog.scans.grouping import nearest
 
 from .cameras import PlacedCameras, placed_cameras
 from .candidates import fuse_candidates

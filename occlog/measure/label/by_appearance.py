@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -61,7 +61,7 @@ def run_match(
         tracks = open_in_unit(files.seen.tracks, unit, PeopleTracks).read(PeopleTracks)
     tally, decisions, evidence = SightingTally(), DecisionTally(), EvidenceTally()
     seen = sightings(
-        options.progress(inputs.boxes(), "label", quiet=quiet),
+        console.progress(inputs.boxes(), "label", quiet=quiet),
         inputs.images(),
         inputs.walks(config),
         scene,

@@ -8,8 +8,10 @@ from typing import Any
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import Variant, VariantCommand, given, options_of, value_after
+from occlog.io.files.atomic import check_outputs
 from occlog.measure.appearance.config import MatchConfig
 
 from .config import LabelConfig, NamingConfig
@@ -129,7 +131,7 @@ def command(
         from .by_appearance import MatchFiles, run_match
 
         images, named, tracks = own["images"], own["named"], own["tracks"]
-        options.check_outputs([bearings, gallery, images, tracks, scene], [output, named], overwrite)
+        check_outputs([bearings, gallery, images, tracks, scene], [output, named], overwrite)
         matched = MatchFiles(
             seen=SightingFiles(boxes=bearings, images=images, tracks=tracks, scene=scene),
             gallery=gallery,
@@ -139,14 +141,14 @@ def command(
             overwrite=overwrite,
         )
         naming = NamingConfig(**given(NamingConfig, own))
-        return options.finish(*run_match(matched, given(MatchConfig, own), naming, quiet), as_json)
+        return console.finish(*run_match(matched, given(MatchConfig, own), naming, quiet), as_json)
 
     from occlog.cli.values import parse_names
 
     from .run import LabelFiles, Sensors, run_label
 
     tracks, doa = own["tracks"], own["doa"]
-    options.check_outputs([bearings, tracks, scene, doa], [output], overwrite)
+    check_outputs([bearings, tracks, scene, doa], [output], overwrite)
     files = LabelFiles(
         bearings=bearings,
         tracks=tracks,
@@ -159,4 +161,4 @@ def command(
     sensors = Sensors(only=parse_names(own["only"]), without=parse_names(own["without"]))
     config = LabelConfig(**given(LabelConfig, own))
     summary, losses = run_label(files, sensors, config, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.measure.scans.grouping import choose_sensors
-from occlog.measure.scans.inputs import Inputs
 from occlog.records.tables import Bearings, Tracks
+from occlog.scans.grouping import choose_sensors
+from occlog.scans.inputs import Inputs
 
 from .config import LabelConfig
 from .stage import Labelled, label
@@ -60,7 +60,7 @@ def run_label(
     losses = inputs.losses
     provenance = Provenance("label", parameters, None, hash_inputs(files.inputs), losses)
     unit, tally = inputs.scene.length_unit, LabelTally()
-    chunks = options.progress(inputs.chunks, "label", quiet=quiet)
+    chunks = console.progress(inputs.chunks, "label", quiet=quiet)
     with TableWriter(files.output, Bearings, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
         for part in label(chunks, tracks, inputs.scene, config, sensors):
             writer.write(part.bearings)

@@ -13,10 +13,10 @@ from occlog.core.numerics.assignment import assign
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
-from occlog.measure.scans.grouping import checked
-from occlog.measure.scans.scan import sensor_names
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
+from occlog.scans.grouping import checked
+from occlog.scans.scan import sensor_names
 
 from .config import LabelConfig
 

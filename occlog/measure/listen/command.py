@@ -6,9 +6,11 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
 from occlog.cli.values import POSITIVE
+from occlog.io.files.atomic import check_outputs
 
 from .config import ListenConfig
 
@@ -102,6 +104,6 @@ def command(
     request = ListenRequest.of(
         sounds=sounds, scene=scene, arrays=arrays, channels=channels, start_time=start_time, settings=settings
     )
-    options.check_outputs(request.inputs(), [output], overwrite)
+    check_outputs(request.inputs(), [output], overwrite)
     summary, losses = run_listen(request, output, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

@@ -10,8 +10,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from occlog import console
 from occlog.array_types import Floats
-from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.ingest.plan import for_sensor, pairs
 from occlog.io.files.names.sensors import match_sensor
@@ -19,6 +19,7 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.times.frame_times import to_world_time
 from occlog.io.files.times.timestamps import parse_time
+from occlog.io.open import load_scene
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.sound.wav import Sound, open_sound
 from occlog.records.losses import Loss
@@ -120,7 +121,7 @@ def run_listen(
 
 
 def _scene(request: ListenRequest) -> Scene:
-    scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else Scene()
+    scene = load_scene(request.scene, None, request.scene) if request.scene is not None else Scene()
     more = [a for name, path in request.arrays for a in read_arrays(path, name)]
     if more and scene.length_unit != "m":
         raise UsageError(f"--arrays: tables are in m, but {request.scene} in {scene.length_unit}; use one of them")
@@ -165,7 +166,7 @@ def _directions(
         )
     blocks = _blocks(sound, request.channels)
     found = listen(blocks, sound.rate, array, scene.length_unit, request.config, start, tally)
-    for table in options.progress(found, f"listen {name}", total, quiet=quiet):
+    for table in console.progress(found, f"listen {name}", total, quiet=quiet):
         yield table if clock is None else replace(table, t_ns=to_world_time(table.t_ns, clock, start))
 
 

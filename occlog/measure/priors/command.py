@@ -6,8 +6,10 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.io.files.atomic import check_outputs
 
 from .config import AcousticConfig, HullConfig, KalmanConfig
 
@@ -56,7 +58,7 @@ def kalman(
     """
     from .run import KalmanRequest, run_kalman
 
-    options.check_outputs([positions, scene], [output], overwrite)
+    check_outputs([positions, scene], [output], overwrite)
     request = KalmanRequest(
         positions=positions,
         scene=scene,
@@ -66,7 +68,7 @@ def kalman(
         seed=seed,
     )
     summary, losses = run_kalman(request, output, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)
 
 
 @command.command(
@@ -118,7 +120,7 @@ def hull(
 
     from .run import Cameras, HullRequest, run_hull
 
-    options.check_outputs([views, scene, bearings], [output, hulls], overwrite)
+    check_outputs([views, scene, bearings], [output, hulls], overwrite)
     request = HullRequest(
         views=views,
         bearings=bearings,
@@ -127,7 +129,7 @@ def hull(
         settings=dict(parse_setting(text) for text in settings) | given(HullConfig, values),
     )
     summary, losses = run_hull(request, output, hulls, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)
 
 
 @command.command(
@@ -163,7 +165,7 @@ def acoustic(
 
     from .run import run_acoustic
 
-    options.check_outputs([doa, scene], [output], overwrite)
+    check_outputs([doa, scene], [output], overwrite)
     chosen = dict(parse_setting(text) for text in settings) | given(AcousticConfig, values)
     summary, losses = run_acoustic(doa, scene, chosen, output, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

@@ -14,10 +14,10 @@ import shapely
 from occlog.array_types import Floats, Ints32
 from occlog.core.occlusion.priors import polygon_priors
 from occlog.errors import InputError
-from occlog.measure.scans.occluder_priors import none_at
 from occlog.records.near_origin import map_origin, scene_from
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
+from occlog.scans.occluder_priors import none_at
 
 from .config import HullConfig
 from .hull import CameraCones, HullCamera, Polygon, cones, hull, hull_camera, runs

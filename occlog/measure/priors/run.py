@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.open import check_unit, losses_of, open_input
-from occlog.measure.scans.grouping import nearest
+from occlog.io.open import check_unit, load_scene, losses_of, open_input
 from occlog.records.columns import Table
 from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Tracks, Truth, Views
+from occlog.scans.grouping import nearest
 from occlog.settings import configure
 
 from .config import AcousticConfig, HullConfig, KalmanConfig
@@ -85,7 +85,7 @@ class Source:
         self.opened = open_input(path)
         self.losses = self.opened.losses
         recorded = self.opened.scene
-        self.scene = None if scene is None and recorded is None else options.load_scene(scene, recorded, path)
+        self.scene = None if scene is None and recorded is None else load_scene(scene, recorded, path)
         if self.scene is not None and self.opened.made_in_a_scene:
             check_unit(self.opened, self.scene.length_unit)
 
@@ -96,7 +96,7 @@ class Source:
 
     def need_scene(self) -> Scene:
         """The scene; UsageError if none was given."""
-        return self.scene if self.scene is not None else options.load_scene(None, None, self.path)
+        return self.scene if self.scene is not None else load_scene(None, None, self.path)
 
     def chunks(self, table: type[T]) -> Iterator[T]:
         """All rows of a table; InputError if the file does not hold them or has none."""
@@ -126,13 +126,13 @@ def run_kalman(request: KalmanRequest, output: Path, overwrite: bool, quiet: boo
         raise UsageError("--measured positions need a --sigma above 0; leave out --measured if they are exact")
     if measured:
         rows: Iterator[Tracks] | Iterator[Truth] = (
-            options.progress(source.chunks(Tracks), "priors", quiet=quiet)
+            console.progress(source.chunks(Tracks), "priors", quiet=quiet)
             if tracks
-            else options.progress(source.chunks(Truth), "priors", quiet=quiet)
+            else console.progress(source.chunks(Truth), "priors", quiet=quiet)
         )
         priors = kalman_priors(rows, config, without=request.without)
     else:
-        truth = options.progress(source.chunks(Truth), "priors", quiet=quiet)
+        truth = console.progress(source.chunks(Truth), "priors", quiet=quiet)
         left = (c.take(~np.isin(c.target_id, request.without)) for c in truth)
         priors = virtual_priors(left, config.sigma, config.q, request.seed)
     parameters = {"source": "kalman", "measured": measured, "without": request.without, **asdict(config)}
@@ -154,7 +154,7 @@ def run_hull(request: HullRequest, output: Path, hulls: Path | None, overwrite: 
     place = source.need_scene()
     used = request.cameras.chosen(place)
     config = configure(HullConfig.in_unit(place.length_unit), request.settings)
-    views = _of_cameras(options.progress(source.chunks(Views), "hull", quiet=quiet), used)
+    views = _of_cameras(console.progress(source.chunks(Views), "hull", quiet=quiet), used)
     looked = None if bearings is None else Source(bearings, scene)
     frames = None if looked is None else _of_cameras(looked.chunks(Bearings), used)
     losses = losses_of([source.opened, None if looked is None else looked.opened])
@@ -185,7 +185,7 @@ def run_acoustic(
     source = Source(path, scene)
     place = source.need_scene()
     config = configure(AcousticConfig.in_unit(place.length_unit), values)
-    chunks = options.progress(source.chunks(Doa), "acoustic", quiet=quiet)
+    chunks = console.progress(source.chunks(Doa), "acoustic", quiet=quiet)
     provenance = _provenance({"source": "acoustic", **asdict(config)}, [path, scene], source.losses, None)
     tally = PriorsTally()
     with TableWriter(output, Occluders, provenance, overwrite=overwrite, length_unit=place.length_unit) as writer:

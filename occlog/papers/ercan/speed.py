@@ -10,18 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.filter.likelihood import PackedScan, log_likelihood
-from occlog.core.filter.likelihood_occluded import log_likelihood_among
 from occlog.core.occlusion.priors import Priors
+from occlog.filtering.likelihood.among_occluders import log_likelihood_among
+from occlog.filtering.likelihood.directions import PackedScan, log_likelihood
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.measure.scans.grouping import Rows, choose_sensors, scans_of
-from occlog.measure.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.measures import power_of, quotient_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
+from occlog.scans.grouping import Rows, choose_sensors, scans_of
+from occlog.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import click
 
-from occlog.cli import options
-from occlog.details import begin_work, note_files
+from occlog import console
+from occlog.console.details import begin_work, note_files
+from occlog.console.text import counted, told
 from occlog.errors import ExitCode, UsageError, did_you_mean
 from occlog.io.files.atomic import write_bytes
 from occlog.io.remote.cache import Cache
@@ -23,7 +24,6 @@ from occlog.pipeline.progress import shown_progress
 from occlog.pipeline.run.run import worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
 from occlog.records.tables import TABLES
-from occlog.words import counted, told
 
 from .folders import RUNS, batch_folder, fetch_files
 from .plan import Source, in_line, in_text, sources_of
@@ -94,12 +94,12 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
     _tell(outcomes, sources, quiet)
     for name in request.tables:
         if name not in gathered.rows and not gathered.losses:
-            options.note(f"warning: no run has made {name}, so that there is no table of all", quiet)
+            console.note(f"warning: no run has made {name}, so that there is no table of all", quiet)
     for loss in gathered.losses:
-        options.note(f"lost: {loss}")
-    options.echo_summary(_summary(shown(place), outcomes, gathered.rows), as_json)
+        console.note(f"lost: {loss}")
+    console.echo_summary(_summary(shown(place), outcomes, gathered.rows), as_json)
     plausible = all(each.plausible is not False for each in outcomes)
-    return options.strict_code(_code(outcomes, bool(gathered.losses)), plausible, strict)
+    return console.strict_code(_code(outcomes, bool(gathered.losses)), plausible, strict)
 
 
 def _check_config(config: Config) -> None:
@@ -192,7 +192,7 @@ def _tell(outcomes: Sequence[Outcome], sources: Sequence[Source], quiet: bool) -
     doubted = [each for each in outcomes if each.plausible is False]
     if doubted:
         names = ", ".join(each.name for each in doubted[:TOLD]) + (", ..." if len(doubted) > TOLD else "")
-        options.note(f"warning: tracks of {counted(len(doubted), 'recording')} are not plausible: {names}", quiet)
+        console.note(f"warning: tracks of {counted(len(doubted), 'recording')} are not plausible: {names}", quiet)
 
 
 def _summary(folder: str, outcomes: Sequence[Outcome], rows: object) -> dict[str, object]:

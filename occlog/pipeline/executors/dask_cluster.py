@@ -12,8 +12,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from occlog import __version__
-from occlog.cli import options
+from occlog import __version__, console
 from occlog.errors import InputError, UsageError
 
 from .interface import Lost, R, T, done_alike
@@ -51,7 +50,7 @@ class DaskCluster:
             ) from error
         with _quiet(), client:
             if not client.nthreads():
-                options.note(f"scheduler {self._address} has no workers; work begins when there is one")
+                console.note(f"scheduler {self._address} has no workers; work begins when there is one")
             done = partial(_in_turn, __version__, work)
             died = []
             for key, found in self._submitted(library, client, todo, done):

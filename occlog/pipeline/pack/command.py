@@ -6,7 +6,9 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
+from occlog.io.files.atomic import check_outputs
 
 
 @click.command(name="pack", short_help="Put a run folder with its inputs and versions into one file.")
@@ -32,7 +34,7 @@ def command(folder: Path, config: Path, output: Path, reference: bool, overwrite
     """
     from .run import pack_run
 
-    options.check_outputs([config], [output], overwrite)
+    check_outputs([config], [output], overwrite)
     found = pack_run(folder, config, output, include=not reference, overwrite=overwrite)
     told = found.manifest
     summary = {
@@ -42,5 +44,5 @@ def command(folder: Path, config: Path, output: Path, reference: bool, overwrite
         "inputs_included": sum(file.included for file in told.inputs),
         "outputs": len(told.outputs),
     }
-    options.echo_summary(summary, as_json)
+    console.echo_summary(summary, as_json)
     return 0

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import click
 
-from occlog import __version__
-from occlog.cli import options
+from occlog import __version__, console
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL, no_links_out_of
@@ -100,17 +99,17 @@ def run_stages(
     if steps and steps[-1].code not in GOING_ON:
         return steps[-1].code
     if dry_run and (others := other_versions(folder)):
-        options.note(f"{folder} was made with other packages: {others}", quiet)
+        console.note(f"{folder} was made with other packages: {others}", quiet)
     # What is lost in a stage that is done stands there when it is
     kept = [step for step in steps if step.what == UP_TO_DATE and step.code == ExitCode.LOSSY]
-    options.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
+    console.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
     summary = _summary(folder, {step.stage: step.what for step in steps}, as_json)
     if as_json:
         lost = losses_of(folder / name for step in steps for name in step.outputs)
         summary["losses"] = [loss.as_dict() for loss in lost]
-    options.note_findings((("", "warning", text) for text in sentences(summary)), quiet)
-    options.echo_summary(summary, as_json)
-    return options.strict_code(worst(step.code for step in steps), bool(summary.get("plausible", True)), strict)
+    console.note_findings((("", "warning", text) for text in sentences(summary)), quiet)
+    console.echo_summary(summary, as_json)
+    return console.strict_code(worst(step.code for step in steps), bool(summary.get("plausible", True)), strict)
 
 
 def do_stages(
@@ -191,7 +190,7 @@ def _remove_outputs(folder: Path, older: Outcome, made: Collection[str]) -> None
 
 
 def _note_begin(stage: str, quiet: bool) -> None:
-    options.note(f"{stage} ...", quiet)
+    console.note(f"{stage} ...", quiet)
 
 
 def sentences(summary: Mapping[str, object]) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 from msgspec import Meta
 
+from occlog.console.text import counted
 from occlog.errors import InputError, UsageError, did_you_mean
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
 from occlog.io.files.untrusted.inputs import check_input
@@ -18,7 +19,6 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import BEARINGS, entry
 from occlog.track.catalogue import settings_of as settings_of_method
-from occlog.words import counted
 
 from .trial import PRIORS
 

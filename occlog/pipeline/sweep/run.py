@@ -16,9 +16,8 @@ import msgspec
 import numpy as np
 from scipy.special import stdtrit
 
-from occlog import __version__
-from occlog.cli import options
-from occlog.details import begin_work, note_files
+from occlog import __version__, console
+from occlog.console.details import begin_work, note_files
 from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError
 from occlog.io.files.atomic import translate_write_errors, write_bytes
 from occlog.io.files.locks import alone_with
@@ -98,7 +97,7 @@ def run_sweep(
     if unknown:
         raise UsageError(f"--figures: no figure {unknown[0]!r}; there are: {', '.join(results[0])}")
     if as_json:
-        options.echo_summary({"sweep": str(folder), "trials": len(trials), "settings": rows}, as_json=True)
+        console.echo_summary({"sweep": str(folder), "trials": len(trials), "settings": rows}, as_json=True)
     else:
         click.echo(to_text(summary, figures))
         click.echo(f"\n{len(trials)} trials; {folder / 'trials.csv'}, {folder / 'summary.csv'}")

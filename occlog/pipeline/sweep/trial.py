@@ -19,10 +19,10 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.measure.scans.grouping import choose_sensors
-from occlog.measure.scans.occluder_priors import known_positions
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks, Truth
+from occlog.scans.grouping import choose_sensors
+from occlog.scans.occluder_priors import known_positions
 from occlog.settings import configure
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe

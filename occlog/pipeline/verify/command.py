@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 
 
@@ -29,7 +30,7 @@ def command(archive: Path, inputs: Path | None, quiet: bool, as_json: bool) -> i
     """
     from .run import verify_pack
 
-    found = verify_pack(archive, inputs, lambda stage: options.note(f"{stage} ...", quiet))
+    found = verify_pack(archive, inputs, lambda stage: console.note(f"{stage} ...", quiet))
     summary = {
         "same_bytes": len(found.same),
         "same_values": list(found.alike),
@@ -37,5 +38,5 @@ def command(archive: Path, inputs: Path | None, quiet: bool, as_json: bool) -> i
         "versions": {n: f"{then or 'none'}, now {now or 'none'}" for n, (then, now) in found.versions.items()},
         "result": found.in_words(),
     }
-    options.echo_summary(summary, as_json)
+    console.echo_summary(summary, as_json)
     return found.code

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 
+from occlog.console.text import counted
 from occlog.report.content.metrics_in_words import number
 from occlog.report.drawing.html import script, template
 from occlog.report.drawing.plot import Plot, plot
 from occlog.report.drawing.style import COLOURS, DARK, house_style
-from occlog.words import counted
 
 from . import words
 from .comparison.identities import Followed

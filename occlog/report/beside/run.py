@@ -6,14 +6,13 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from occlog.array_types import NS
-from occlog.cli import options
-from occlog.details import begin_work
+from occlog.console.details import begin_work
+from occlog.console.text import as_bytes
 from occlog.evaluate.compare.run import run_compare
-from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.atomic import Together, check_outputs, open_output
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.records.tables import Truth
 from occlog.report.command import Paths
-from occlog.words import as_bytes
 
 from .comparison.frames import common_times, laid
 from .comparison.identities import by_each_other
@@ -61,7 +60,7 @@ def run_beside(asked: Asked) -> Beside:
     common = Paths(asked.output, scene=asked.scene, truth=asked.truth, markdown=asked.markdown)
     files = [files_of(run, common) for run in (asked.tracks, asked.other)]
     inputs = tuple(dict.fromkeys(path for each in files for path in each.inputs))
-    options.check_outputs(inputs, common.outputs, asked.overwrite)
+    check_outputs(inputs, common.outputs, asked.overwrite)
     runs = [open_run(n, each) for n, each in zip(names_of(asked.tracks, asked.other), files, strict=True)]
     check_scenes(*runs)
     near, tolerance = lengths_of(asked.config, runs[0].data.unit)

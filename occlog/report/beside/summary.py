@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from occlog.array_types import NS
+from occlog.consistency.verdict import figures
 from occlog.evaluate.compare.run import Row
-from occlog.track.plausibility.verdict import figures
 
 from . import words
 from .comparison.partings import Moment

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS
+from occlog.consistency.verdict import plausible
+from occlog.console.text import counted
 from occlog.evaluate.compare import text
 from occlog.evaluate.compare.run import Row
 from occlog.report.content.metrics_in_words import groups, number
-from occlog.track.plausibility.verdict import plausible
-from occlog.words import counted
 
 from .comparison.identities import Change, Followed, Piece, without_counterpart
 from .comparison.partings import APART, ONLY_A, ONLY_B, OTHER, Moment

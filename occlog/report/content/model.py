@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
+from occlog.consistency.verdict import Finding
 from occlog.errors import InputError
 from occlog.evaluate.verdict import Made, judge
 from occlog.records.losses import Loss
@@ -26,7 +27,6 @@ from occlog.records.tables import (
     Tracks,
     Truth,
 )
-from occlog.track.plausibility.verdict import Finding
 
 from .beside_bound import with_bound
 from .fared import Fared, deviation

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from occlog.array_types import Floats, Ints
-from occlog.track.plausibility.verdict import Finding
+from occlog.consistency.verdict import Finding
 
 from .beside_bound import BesideBound
 from .fared import Fared

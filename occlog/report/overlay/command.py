@@ -5,13 +5,13 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import replace
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError
 from occlog.io.files.atomic import write_bytes
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import ShownVideo
 from occlog.io.models.losses_of_models import lost_in_models
-from occlog.io.open import losses_of, open_if_ours, open_input
+from occlog.io.open import load_scene, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import IMAGE_SCHEMA, Recording, open_recording
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.records.losses import Loss
@@ -34,18 +34,18 @@ def run_overlay(asked: Asked, *, quiet: bool = False) -> tuple[dict[str, object]
     asked.check()
     recording = open_recording(asked.recording)
     names = _cameras(recording, asked.cameras)
-    scene = options.load_scene(asked.scene, None, asked.scene) if asked.scene is not None else recording.scene
+    scene = load_scene(asked.scene, None, asked.scene) if asked.scene is not None else recording.scene
     pictures = Pictures(asked, recording, names, scene, quiet)
     rate = asked.fps or _rate(recording, names)
     shown = 0
     for line in other_video(asked.tracks or asked.world, [asked.recording, asked.truth]):
-        options.note(line, quiet)
+        console.note(line, quiet)
     if asked.video is not None and asked.video.suffix.lower() == ".mp4":
-        options.note(f"{asked.video}: MPEG-4, which browsers may not play; they play .webm", quiet)
+        console.note(f"{asked.video}: MPEG-4, which browsers may not play; they play .webm", quiet)
     with ExitStack() as stack:
         video: ShownVideo | None = None
         png = b""
-        for number, picture in options.progress(pictures, "draw", quiet=quiet):
+        for number, picture in console.progress(pictures, "draw", quiet=quiet):
             if number == asked.frame:
                 png = encode_image(picture, "png", 0)
                 pictures.keep()
@@ -62,7 +62,7 @@ def run_overlay(asked: Asked, *, quiet: bool = False) -> tuple[dict[str, object]
     if asked.png is not None:
         write_bytes(asked.png, png, asked.overwrite)
     for loss in _lost_earlier(asked):
-        options.note(f"lost earlier: {loss}", quiet)
+        console.note(f"lost earlier: {loss}", quiet)
     return _summary(asked, names, shown, rate, pictures), pictures.losses
 
 

@@ -10,9 +10,10 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from occlog import console
 from occlog.array_types import NS, Bools, Ints
-from occlog.cli import options
 from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import check_outputs
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.frames.writer import SHOWN
 from occlog.io.open import open_input
@@ -78,7 +79,7 @@ class Asked:
         if self.video is not None and self.video.suffix.lower() not in SHOWN:
             raise UsageError(f"{self.video}: video can be {' or '.join(SHOWN)}; name it so")
         inputs = (self.recording, self.tracks, self.world, self.diagnostics, self.truth, self.failures)
-        options.check_outputs((*inputs, self.fundamental, self.scene), (self.video, self.png), self.overwrite)
+        check_outputs((*inputs, self.fundamental, self.scene), (self.video, self.png), self.overwrite)
 
 
 class Rows(Generic[T]):
@@ -239,11 +240,11 @@ def _world(
         why = f"{asked.world}: tracks of the world are drawn where cameras are known: name a scene with --scene"
         if asked.tracks is None:
             raise UsageError(why)
-        options.note(why, quiet)
+        console.note(why, quiet)
         return None
     without = [c.name for c in scene.cameras if c.name in recording.cameras and not c.has_height]
     if asked.tracks is None and without:
-        options.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}", quiet)
+        console.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}", quiet)
     metres = METRES.get(scene.length_unit, 1.0)
     return World(Sources(asked.world, asked.diagnostics, asked.truth, scene.length_unit), metres, ranks, asked.trail)
 
@@ -268,7 +269,7 @@ def _rig(
         return Rig(views, cameras, None)
     known = known_geometry(views, recording, scene if asked.scene is not None else None, asked.fundamental)
     for line in known.notes:
-        options.note(line, quiet)
+        console.note(line, quiet)
     bottom = read_provenance(asked.tracks).parameters.get("anchor") == "bottom"
     return Rig(views, cameras, known.geometry, _numbered(asked), bottom)
 

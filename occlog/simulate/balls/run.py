@@ -9,8 +9,8 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from occlog.cli import options
-from occlog.details import threads_by_default
+from occlog import console
+from occlog.console.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance
@@ -83,7 +83,7 @@ def run_balls(
     """Write the recording and summarise what it holds."""
     paths = _paths(setup.config, seed)
     counts: Counter[str] = Counter()
-    frames = options.progress(
+    frames = console.progress(
         render_balls(setup.config, seed, setup.workers, paths), "render", setup.config.frames, quiet=quiet
     )
     made = _made(setup, seed)

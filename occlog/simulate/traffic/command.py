@@ -6,8 +6,10 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.io.files.atomic import check_outputs
 
 from .config import TrafficConfig
 
@@ -35,5 +37,5 @@ def command(network: Path, output: Path, overwrite: bool, quiet: bool, as_json: 
     """
     from .run import run_traffic
 
-    options.check_outputs([network], [output], overwrite)
-    return options.finish(run_traffic(network, given(TrafficConfig, values), output, overwrite, quiet), (), as_json)
+    check_outputs([network], [output], overwrite)
+    return console.finish(run_traffic(network, given(TrafficConfig, values), output, overwrite, quiet), (), as_json)

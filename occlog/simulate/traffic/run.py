@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from occlog.cli import options
+from occlog import console
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.models.networks import NetworkSpec, read_network
@@ -27,7 +27,7 @@ def run_traffic(
     made = Provenance("traffic", asdict(config), None, hash_inputs([path]))
     cases: list[Case] = []
     parts: list[Delays] = []
-    for case in options.progress(simulate_traffic(network, config), "traffic", quiet=quiet):
+    for case in console.progress(simulate_traffic(network, config), "traffic", quiet=quiet):
         cases.append(case)
         parts.append(delay_rows(case))
     with TableWriter(output, Delays, made, overwrite=overwrite) as writer:

@@ -15,11 +15,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.motion.turns import acceleration_root, turn_matrix
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.numerics.time_grid import Grid
 from occlog.core.plane.polygons import inside_polygon
 from occlog.errors import InputError
+from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
 from occlog.records.scene import Scene
 from occlog.records.scripts import PLANES, Script, ScriptedTarget, Segment, to_ns
 from occlog.records.tables import Truth

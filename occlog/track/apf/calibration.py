@@ -21,13 +21,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.core.filter.likelihood import Noise, PackedScan
-from occlog.core.filter.particles import mean_and_covariance
 from occlog.core.plane.polygons import inside_polygon
 from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
 from occlog.core.sight.visibility import Sensors
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.likelihood.directions import Noise, PackedScan
+from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Camera, Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.kernels.pose_errors import (
     Belief,
     LabelledBearings,

@@ -5,7 +5,7 @@ Departures from the paper, each with its reason:
 * stage 2 divides by the stage-1 weight of the *parent* (the print divides by that of
   particle l), and stage 1 gives a small share to particles regardless of the scan, so that
   no parent's weight is far too small;
-* steps have any length (`occlog.track.apf.kernels.waypoint`); what exceeds the reference step is
+* steps have any length (`occlog.filtering.motion.waypoint`); what exceeds the reference step is
   predicted without measurements, by steps no longer than it;
 * cameras that contradict a particle make it unlikely, not impossible (`Detection.soften`, `Detection.false`);
 * what goes wrong is mended and reported: `sir` when no expected position agrees with the
@@ -23,21 +23,21 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
-from occlog.core.filter.likelihood import PackedScan, agreement
-from occlog.core.filter.particles import effective_size, mean_and_covariance
+from occlog.consistency.particles import FEW
 from occlog.core.occlusion.priors import Priors, without_own
-from occlog.core.sight.distance_errors import direct
-from occlog.core.sight.distances import Distances, linearise, residuals
 from occlog.errors import InputError
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.likelihood.directions import PackedScan, agreement
+from occlog.filtering.likelihood.distance_errors import direct
+from occlog.filtering.likelihood.distances import Distances, linearise, residuals
+from occlog.filtering.motion import waypoint
+from occlog.filtering.motion.waypoint import Particles
+from occlog.filtering.particles import effective_size, mean_and_covariance
 from occlog.records.scene import Scene
-from occlog.track.apf.kernels.waypoint import Particles
+from occlog.scans.scan import Scan
 from occlog.track.interface import Cloud, Estimate, Fit, OccluderTerms, Online, Prediction, Smoothing
-from occlog.track.plausibility.particles import FEW
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import FORMS, ApfConfig
-from .kernels import waypoint
 from .model import Model, make_model, motion_of, occlusion_of
 from .propose import Draw, auxiliary_step, begin_anew, drift, fresh, parts_of, weigh_start
 from .sensing import pack_scan

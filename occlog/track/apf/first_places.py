@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.core.filter.likelihood import Noise, PackedScan
 from occlog.core.sight.view_prior import SightLines, ViewPrior
 from occlog.core.sight.visibility import Sensors
+from occlog.filtering.likelihood.directions import Noise, PackedScan
 from occlog.records.scene import Scene
 
 WANDER_S = 10.0

@@ -8,20 +8,20 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.filter.likelihood import Detection, Noise, PackedScan, log_likelihood
-from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
 from occlog.core.occlusion.priors import Priors
 from occlog.core.plane.floor import Floor, make_floor, on_floor
-from occlog.core.sight import distances
-from occlog.core.sight.distances import Distances
 from occlog.core.sight.view_prior import ViewPrior
 from occlog.core.sight.visibility import Sensors
+from occlog.filtering.likelihood import distances
+from occlog.filtering.likelihood.among_occluders import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
+from occlog.filtering.likelihood.directions import Detection, Noise, PackedScan, log_likelihood
+from occlog.filtering.likelihood.distances import Distances
+from occlog.filtering.motion.waypoint import WaypointModel
 from occlog.records.scene import Scene
 
 from .config import FORMS, ApfConfig
 from .first_places import wander
 from .kernels import importance
-from .kernels.waypoint import WaypointModel
 from .sensing import pack_detection, pack_noise, pack_sensors, read_noise
 
 FINE, ROUGH = 5.5, 3.5

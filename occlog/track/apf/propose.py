@@ -24,16 +24,17 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.filter.likelihood import PackedScan
-from occlog.core.filter.particles import effective_size, log_of, normalise, systematic_ancestors
 from occlog.core.plane.floor import sample_floor, sample_near
 from occlog.core.plane.polygons import signed_area
 from occlog.core.sight.view_prior import draw as draw_places
 from occlog.core.sight.view_prior import first_places
+from occlog.filtering.likelihood.directions import PackedScan
+from occlog.filtering.motion import waypoint
+from occlog.filtering.motion.waypoint import Particles
+from occlog.filtering.particles import effective_size, log_of, normalise, systematic_ancestors
 
 from .first_places import sight_lines
-from .kernels import importance, waypoint
-from .kernels.waypoint import Particles
+from .kernels import importance
 from .model import ROUGH, Model, evidence, likelihood
 
 KERNEL = 1.0 / 3.0

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats
-from occlog.core.filter.likelihood import Noise
-from occlog.core.filter.particles import mean_and_covariance
 from occlog.core.occlusion.hidden import IMPROVED
 from occlog.core.occlusion.priors import Priors, no_priors
 from occlog.core.sight.visibility import Sensors
 from occlog.errors import UsageError
+from occlog.filtering.likelihood.directions import Noise
+from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Scene
 from occlog.track.apf.kernels.selection_metric import (
     Moments,

@@ -11,8 +11,8 @@ from numpy.random import Generator
 from occlog.array_types import NS, Floats
 from occlog.core.occlusion.hidden import IMPROVED
 from occlog.core.occlusion.priors import Priors
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.interface import Config, Estimate, Prediction, State
 
 from .selection_config import BY_ERROR, SelectConfig

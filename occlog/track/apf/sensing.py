@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.filter.likelihood import Detection, Noise, PackedScan
 from occlog.core.sight.visibility import Sensors, make_sensors
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.likelihood.directions import Detection, Noise, PackedScan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 
 from .config import ApfConfig
 

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.filter.particles import systematic_ancestors
 from occlog.core.numerics.jit import kernel
+from occlog.filtering.motion import waypoint
+from occlog.filtering.motion.waypoint import Particles, WaypointModel
+from occlog.filtering.particles import systematic_ancestors
 from occlog.track.interface import Past
 
 from .config import ApfConfig
-from .kernels import waypoint
 from .kernels.backward import parents_of
-from .kernels.waypoint import Particles, WaypointModel
 from .model import Model
 
 CANDIDATES = 500

@@ -8,10 +8,10 @@ import numpy as np
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError, UsageError
-from occlog.measure.scans.grouping import scans_of
-from occlog.measure.scans.scan import sensor_names
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation
+from occlog.scans.grouping import scans_of
+from occlog.scans.scan import sensor_names
 from occlog.track.imm import when_to_ask
 from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
 from occlog.track.imm.config import ImmConfig

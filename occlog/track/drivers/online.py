@@ -9,10 +9,10 @@ import numpy as np
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import UsageError
-from occlog.measure.scans.measured import MeasuredFeed
-from occlog.measure.scans.scan import Scan, sensor_names
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
+from occlog.scans.measured import MeasuredFeed
+from occlog.scans.scan import Scan, sensor_names
 from occlog.track.apf.selector import Selector, TargetFilter
 from occlog.track.interface import Config, Online, State
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.core.filter.particles import systematic_ancestors
+from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Particles
 from occlog.track.interface import Cloud
 

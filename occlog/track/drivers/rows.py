@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
+from occlog.consistency.sight import Frames
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
 from occlog.track.interface import Cloud, Estimate, Fit, Height, Noise
-from occlog.track.plausibility.sight import Frames
 
 from .particles import particle_rows
 
@@ -60,7 +60,7 @@ def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
 
     Args:
         rows: in the order of time.
-        names: of the sensors, see `occlog.measure.scans.scan.sensor_names`.
+        names: of the sensors, see `occlog.scans.scan.sensor_names`.
     """
     if not rows:
         return Tracked(Tracks.empty(), Diagnostics.empty(), Calibration.empty())

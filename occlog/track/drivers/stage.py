@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import cast
 
+from occlog.consistency.disagreement import Disagreement
+from occlog.consistency.doubts import Doubts
+from occlog.consistency.sight import Witness
 from occlog.errors import UsageError
-from occlog.measure.scans.measured import MeasuredFeed
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
+from occlog.scans.measured import MeasuredFeed
 from occlog.track.catalogue import tracker
 from occlog.track.imm.config import ImmConfig
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online, Together
-from occlog.track.plausibility.disagreement import Disagreement
-from occlog.track.plausibility.doubts import Doubts
-from occlog.track.plausibility.sight import Witness
 
 from .batch import track_batch
 from .joint import track_joint

@@ -8,10 +8,10 @@ import numpy as np
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import UsageError
-from occlog.measure.scans.grouping import scans_of
-from occlog.measure.scans.scan import sensor_names
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
+from occlog.scans.grouping import scans_of
+from occlog.scans.scan import sensor_names
 from occlog.track.interface import Config, State, Together
 
 from .rows import ROWS_PER_CHUNK, Row, Tracked, tables

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
-from occlog.core.sight.distances import Distances
 from occlog.errors import UsageError
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.likelihood.distances import Distances
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.interface import Estimate, Fit, Online
 
 from .config import BENDS, MIXTURE, FixConfig

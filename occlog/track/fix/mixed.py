@@ -20,8 +20,8 @@ from scipy.special import chdtrc
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane.polygons import distance_to_boundary, inside_polygon
-from occlog.core.sight.distance_errors import MOST, Errors, log_density, pull, without_detours
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, Distances, linearise
+from occlog.filtering.likelihood.distance_errors import MOST, Errors, log_density, pull, without_detours
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, Distances, linearise
 
 from .mixture import FLAT, HALVINGS, ITERATIONS, RARE, SAME, TIGHT, Modes
 from .repeated_median import crossings

@@ -16,9 +16,9 @@ from occlog.core.plane.polygons import inside_polygon
 from occlog.core.sight.locate_sources import distance2
 from occlog.core.sight.triangulate import MET, sight_lines_meet
 from occlog.core.sight.visibility import Sensors, seen_from
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED
+from occlog.scans.scan import Scan
 from occlog.track.apf.sensing import pack_sensors
 
 from .after_fix import expected_variance

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.filter.particles import effective_size
-from occlog.measure.scans.scan import Scan
+from occlog.consistency.particles import FEW
+from occlog.filtering.particles import effective_size
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.interface import Estimate, Joint, Smoothing
-from occlog.track.plausibility.particles import FEW
 
 from . import kernel as imm
 from .association import Association, BearingFit, Direction, associate, both, direction, hear, in_range, reweigh

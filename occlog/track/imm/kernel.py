@@ -22,10 +22,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.filter.particles import systematic_ancestors
-from occlog.core.motion.turns import move_under_all
 from occlog.core.numerics.jit import array_kernel, kernel
 from occlog.core.sight.camera import wrap_angle
+from occlog.filtering.motion.coordinated_turn import move_under_all
+from occlog.filtering.particles import systematic_ancestors
 
 CHI2_95 = -2.0 * math.log(0.05)
 """5.991: squared radius of the ellipse that holds 95 % of a Gaussian in the plane."""

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.measure.scans.scan import Scan, concat, in_vain
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED
+from occlog.scans.scan import Scan, concat, in_vain
 
 INTERVALS = 15
 """Intervals of which the shortest counts as an array's period."""

@@ -2,7 +2,7 @@
 
 A particle after a step has the model under which it moved there.  On the way back that model moves it back, and the
 model before it is drawn along with its state: of two particles that are as likely to have led to a state that one
-counts more whose model changes seldom into the later one (`hold_s`).  See `occlog.core.filter.backward`.
+counts more whose model changes seldom into the later one (`hold_s`).  See `occlog.filtering.backward_simulation`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.core.filter.backward import Knot, knot, last_states, spread_of, states_before
-from occlog.core.motion.turns import acceleration_root, move, three_models
+from occlog.filtering.backward_simulation import Knot, knot, last_states, spread_of, states_before
+from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
 from occlog.track.interface import Past
 
 from .config import ImmConfig
@@ -53,7 +53,7 @@ def back(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> lis
 def moved_back(states: Floats, kinds: Ints, models: Floats, dt: float) -> Floats:
     """(4, M) states dt >= 0 seconds before, without noise, each under the one of (J, 3) models that (M,) kinds say.
 
-    It is the inverse of a step of `occlog.core.motion.turns.move`, as a turn leaves the speed as it is.
+    It is the inverse of a step of `occlog.filtering.motion.coordinated_turn.move`, as a turn leaves the speed as it is.
     """
     out = np.empty_like(states)
     for kind, model in enumerate(models):

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats
-from occlog.core.motion.turns import acceleration_root, move_under_all, three_models
 from occlog.core.plane.polygons import inside_polygon
+from occlog.filtering.motion.coordinated_turn import acceleration_root, move_under_all, three_models
 from occlog.records.scene import Scene
 
 from . import kernel as imm

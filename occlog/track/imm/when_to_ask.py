@@ -19,7 +19,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Floats
-from occlog.measure.scans.scan import Scan
+from occlog.scans.scan import Scan
 
 from . import kernel as imm
 from .after_fix import moved_to, updated

@@ -4,10 +4,10 @@ A sampling importance resampling (SIR) filter with the state (x, y, z, vx, vy, v
 the thesis, each with its reason:
 
 * particles are resampled only when their effective number is low, and then from a kernel
-  density (`occlog.track.in_space.kernels.resampling`) that leaves mean and covariance as they are: without
+  density (`occlog.filtering.kernel_density`) that leaves mean and covariance as they are: without
   process noise mere copies would become one place;
 * where nearly no particle agrees with a scan its likelihood is flattened
-  (`occlog.track.in_space.kernels.resampling.weigh`), since the spread of one or two particles
+  (`occlog.filtering.kernel_density.weigh`), since the spread of one or two particles
   would be taken for certainty;
 * a labelled report may be false with a small probability, so that one outlier does not end a track;
 * a filter that a sensor contradicts for some scans starts anew from the scan (`restart`).
@@ -22,12 +22,12 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.filter.backward import best_width, knot
-from occlog.core.filter.particles import effective_size, log_of, normalise
-from occlog.core.motion.in_space import moved
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.backward_simulation import best_width, knot
+from occlog.filtering.kernel_density import moments, redraw
+from occlog.filtering.motion.white_acceleration import moved
+from occlog.filtering.particles import effective_size, log_of, normalise
 from occlog.records.scene import Scene
-from occlog.track.in_space.kernels.resampling import moments, redraw
+from occlog.scans.scan import Scan
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
 from .config import Direct3dConfig, SpaceConfig

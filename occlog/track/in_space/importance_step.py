@@ -1,6 +1,6 @@
 """A step of a particle filter whose importance density looks at the scan, in space or in one plane.
 
-The particles after a scan stand for the kernel density of `occlog.track.in_space.kernels.resampling`,
+The particles after a scan stand for the kernel density of `occlog.filtering.kernel_density`,
 
     sum_l w_l N(x; a x_l + (1 - a) m, h^2 V),   a^2 + h^2 = 1,
 
@@ -23,13 +23,13 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
-from occlog.core.filter.backward import best_width, root_of
-from occlog.core.filter.particles import effective_size, log_of, normalise, systematic_ancestors
-from occlog.core.motion.in_space import AccelerationModel, moved
-from occlog.core.motion.turns import acceleration_root
+from occlog.filtering.backward_simulation import best_width, root_of
+from occlog.filtering.kernel_density import moments, weigh
+from occlog.filtering.motion.coordinated_turn import acceleration_root
+from occlog.filtering.motion.white_acceleration import AccelerationModel, moved
+from occlog.filtering.particles import effective_size, log_of, normalise, systematic_ancestors
 from occlog.track.in_space.kernels.importance import LEAST_RIVAL, Lines, adapt, draw
 from occlog.track.in_space.kernels.likelihood import Chances
-from occlog.track.in_space.kernels.resampling import moments, weigh
 
 from .config import SpaceConfig
 from .sensing import ScanDirections
@@ -71,7 +71,7 @@ def taken_in(
 
     Particles move without a look at the scan as long as that leaves `config.resample_below` of them effective,
     and else are drawn anew by `propose`.  Where nearly none agrees with the scan even then, its likelihood
-    is flattened (`occlog.track.in_space.kernels.resampling.weigh`).
+    is flattened (`occlog.filtering.kernel_density.weigh`).
 
     Args:
         cloud: (2d, L) before the step.

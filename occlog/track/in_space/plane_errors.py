@@ -18,8 +18,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 from occlog.core.bounds.in_space import plane_axes
-from occlog.core.motion.in_space import AccelerationModel
 from occlog.core.sight.projected_planes import AXES
+from occlog.filtering.motion.white_acceleration import AccelerationModel
 
 from .importance_step import drift_matrix, process_noise
 

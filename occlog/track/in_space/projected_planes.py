@@ -25,13 +25,13 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
-from occlog.core.filter.backward import best_width, root_of
-from occlog.core.filter.particles import effective_size, log_of
-from occlog.core.motion.in_space import AccelerationModel, moved, turn_jump
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.backward_simulation import best_width, root_of
+from occlog.filtering.kernel_density import moments, redraw
+from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, turn_jump
+from occlog.filtering.particles import effective_size, log_of
 from occlog.records.scene import Scene
-from occlog.track.in_space.kernels.resampling import moments, redraw
+from occlog.scans.scan import Scan
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
 from .config import PpsConfig

@@ -8,8 +8,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.projected_planes import direction, direction_angles, polar_from_elevation
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.in_space.kernels.likelihood import UNIFORM, UNIFORM_AZIMUTH, Sights
 
 LEAST_SIGMA = 1e-9

@@ -1,9 +1,10 @@
 """Smoothing of tracks in space: what was seen afterwards tells of a state as well.
 
-`direct3d` draws trajectories back through the kernel densities of its particles (`occlog.core.filter.backward`), the
-same densities from which its particles were drawn.  `pps` has no density in space; its combined estimates are
-smoothed as Gaussians (Rauch, Tung and Striebel 1965).  A filter that began anew forgot what it knew
-before: states before such a time are smoothed with what follows up to it alone.
+`direct3d` draws trajectories back through the kernel densities of its particles
+(`occlog.filtering.backward_simulation`), the same densities from which its particles were drawn.
+`pps` has no density in space; its combined estimates are smoothed as Gaussians (Rauch, Tung and Striebel 1965).
+A filter that began anew forgot what it knew before: states before such a time are smoothed with what follows up to it
+alone.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Floats
-from occlog.core.filter.backward import Knot, last_states, spread_of, states_before
-from occlog.core.motion.in_space import AccelerationModel, moved, moved_back
+from occlog.filtering.backward_simulation import Knot, last_states, spread_of, states_before
+from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, moved_back
 from occlog.track.interface import Height, Past
 
 from .config import SpaceConfig

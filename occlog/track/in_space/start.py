@@ -9,10 +9,10 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats
-from occlog.core.motion.in_space import AccelerationModel
 from occlog.core.plane.floor import Floor, make_floor, on_floor
 from occlog.core.sight.projected_planes import AXES
 from occlog.core.sight.view_prior import NEAREST
+from occlog.filtering.motion.white_acceleration import AccelerationModel
 from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.likelihood import Chances, Sights, log_cone, log_product, scan_log_likelihood
 

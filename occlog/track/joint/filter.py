@@ -17,18 +17,18 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
-from occlog.core.filter.likelihood import PackedScan
-from occlog.core.filter.particles import effective_size, mean_and_covariance, normalise, systematic_ancestors
+from occlog.consistency.particles import FEW
 from occlog.core.sight.visibility import seen_from
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.likelihood.directions import PackedScan
+from occlog.filtering.likelihood.linearised import Rows, World, linearised, measured, residuals, rows_of
+from occlog.filtering.particles import effective_size, mean_and_covariance, normalise, systematic_ancestors
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.sensing import pack_scan, read_noise
 from occlog.track.interface import Estimate, Together
 from occlog.track.kalman.filter import anywhere_of, first_place, world_of
-from occlog.track.kalman.measurement import Rows, World, linearised, measured, residuals, rows_of
 from occlog.track.kalman.motion import Gaussian, transition
 from occlog.track.kalman.updates import agreeing
-from occlog.track.plausibility.particles import FEW
 
 from .config import JointConfig
 

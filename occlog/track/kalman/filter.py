@@ -14,18 +14,18 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.filter.likelihood import PackedScan
 from occlog.core.plane.floor import make_floor, sample_floor
 from occlog.core.sight.view_prior import draw
 from occlog.errors import InputError
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.likelihood.directions import PackedScan
+from occlog.filtering.likelihood.linearised import Rows, World, azimuths, linearised, measured, residuals, rows_of
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
 from occlog.track.interface import Estimate, Online, Smoothing
 
 from . import updates
 from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
-from .measurement import Rows, World, azimuths, linearised, measured, residuals, rows_of
 from .motion import Gaussian, Link, predicted, smooth, velocity_variance
 from .updates import Updated, agreeing, descended, linear
 

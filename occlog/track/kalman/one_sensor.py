@@ -12,11 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.filter.likelihood import NEAREST
-from occlog.core.motion.kalman import symmetric
 from occlog.core.sight.camera import wrap_angle
+from occlog.filtering.likelihood.directions import NEAREST
+from occlog.filtering.likelihood.linearised import Rows, World, azimuths, linearised
+from occlog.filtering.motion.walkers import symmetric
 
-from .measurement import Rows, World, azimuths, linearised
 from .motion import Gaussian
 
 

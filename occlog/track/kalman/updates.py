@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.motion.kalman import symmetric
+from occlog.filtering.likelihood.linearised import Rows, World, linearised, measured, residuals, visible
+from occlog.filtering.motion.walkers import symmetric
 
 from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
-from .measurement import Rows, World, linearised, measured, residuals, visible
 from .motion import Gaussian
 from .one_sensor import along_the_ray
 

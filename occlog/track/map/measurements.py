@@ -11,8 +11,8 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane.convexity import convex_pieces, pockets
 from occlog.core.plane.polygons import counter_clockwise
 from occlog.core.sight.camera import wrap_angle
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
+from occlog.scans.scan import Scan
 from occlog.track.apf.sensing import LEAST_SIGMA
 from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, SightLines, join_planes, some_lines
 

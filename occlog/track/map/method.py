@@ -19,7 +19,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 from occlog.errors import InputError
-from occlog.measure.scans.scan import Scan
+from occlog.scans.scan import Scan
 from occlog.track.interface import Batch, Fit, Noise, OccluderTerms, Smoothed
 from occlog.track.map.kernels.detours import Detours, find_detours
 from occlog.track.map.kernels.evidence import sandwich

@@ -3,10 +3,10 @@
 1. *Start.* Extended Kalman filters run along the record, one from each place that the first measurements fit best; they
    pass over what is false.  The most probable one is smoothed (Rauch, Tung and Striebel 1965).
 2. *Search.* Each measurement of a distance is replaced by the quadratic term of Gauss and Newton about the trajectory
-   found so far, with the slope and the weight that it has there (`occlog.core.sight.distance_errors.pull`, iteratively
-   reweighted least squares); the search for the minimum is repeated until no position moves by a tenth of its
-   standard deviation.  Where most measurements of a while are not believed the path may be lost there: then the search
-   is repeated with measurements that are blunter at first, and the better one of the two is kept.
+   found so far, with the slope and the weight that it has there (`occlog.filtering.likelihood.distance_errors.pull`,
+   iteratively reweighted least squares); the search for the minimum is repeated until no position moves by a tenth of
+   its standard deviation.  Where most measurements of a while are not believed the path may be lost there: then the
+   search is repeated with measurements that are blunter at first, and the better one of the two is kept.
 
 Noises are those that are stated: residuals do not change them.
 """
@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.sight.distance_errors import direct, log_density, pull
-from occlog.core.sight.distances import Distances, at_own
 from occlog.errors import UsageError
+from occlog.filtering.likelihood.distance_errors import direct, log_density, pull
+from occlog.filtering.likelihood.distances import Distances, at_own
 from occlog.track.interface import Fit, Smoothed
 from occlog.track.map.kernels.detours import Detours
 from occlog.track.map.kernels.interior_point.newton_search import covariance

@@ -9,10 +9,10 @@ import numpy as np
 
 from occlog.array_types import NS, Ints
 from occlog.core.occlusion.priors import Priors
-from occlog.core.sight import distances
-from occlog.core.sight.distances import Distances
 from occlog.errors import InputError
-from occlog.measure.scans.scan import Scan, concat
+from occlog.filtering.likelihood import distances
+from occlog.filtering.likelihood.distances import Distances
+from occlog.scans.scan import Scan, concat
 
 MOST_STATES = 10_000_000
 """States that `fill_s` may make."""

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.consistency.verdict import FEWEST as FEWEST_BOXES
+from occlog.consistency.verdict import Finding, beyond
 from occlog.records.scene import Camera
 from occlog.track.jipda.interface import Moment
-from occlog.track.plausibility.verdict import FEWEST as FEWEST_BOXES
-from occlog.track.plausibility.verdict import Finding, beyond
 
 from .boxes_by_moment import BoxTally, FrameLook
 from .delay import Delays

@@ -13,10 +13,10 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.measure.scans.grouping import nearest
 from occlog.records.columns import Table, column
 from occlog.records.scene import Camera
 from occlog.records.tables import APPEARANCE_BINS, Boxes, Views
+from occlog.scans.grouping import nearest
 from occlog.track.jipda.interface import Look
 
 SAME = 0.9

@@ -9,15 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.open import Opened, check_unit, losses_of, open_input
-from occlog.measure.scans.grouping import nearest
-from occlog.measure.scans.sources import bearings_of_doa
+from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
 from occlog.records.left_out_frames import holes, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, Doa, Views
+from occlog.scans.grouping import nearest
+from occlog.scans.sources import bearings_of_doa
 from occlog.settings import METRES, configure
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Directions
@@ -86,7 +85,7 @@ class PeopleInput:
         self.request = request
         self.opened = open_input(request.boxes)
         self.opened.require(Boxes, Views, remedy=_remedy(self.opened))
-        self.scene: Scene = options.load_scene(request.scene, self.opened.scene, request.boxes)
+        self.scene: Scene = load_scene(request.scene, self.opened.scene, request.boxes)
         if self.opened.made_in_a_scene:
             check_unit(self.opened, self.scene.length_unit)
         self.notes: list[str] = []

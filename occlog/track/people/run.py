@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
+from occlog.consistency.verdict import Finding, figures
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
@@ -19,7 +20,6 @@ from occlog.records.declared.people import UNSEEN
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.catalogue import METHODS, load
-from occlog.track.plausibility.verdict import Finding, figures
 
 from .agreement import Agreement
 from .inputs import PeopleInput, PeopleRequest
@@ -189,10 +189,10 @@ def run_track_people(
     """Follow everybody and write; return the summary, and what had been lost before."""
     inputs = PeopleInput(request)
     for line in inputs.notes:
-        options.note(line, quiet)
+        console.note(line, quiet)
     names = None if request.gallery is None else ByGallery(request.gallery, inputs)
     follower: Follower[object, object] = load(METHODS[request.method].method)
-    moments = options.progress(inputs.moments, "track", quiet=quiet)
+    moments = console.progress(inputs.moments, "track", quiet=quiet)
     seen = follow(moments, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
     tabulator = Tabulator(inputs.cameras, in_images=wanted.view_tracks is not None)
     parameters = {
@@ -241,8 +241,8 @@ def run_track_people(
                 if writer is not None:
                     writer.annotate(replace(provenance, losses=losses))
     for line in () if names is None else names.notes():
-        options.note(line, quiet)
-    options.note_findings(summary.findings(), quiet)
+        console.note(line, quiet)
+    console.note_findings(summary.findings(), quiet)
     written = {name: str(path) for name, path in asdict(wanted).items() if path is not None}
     told = {} if names is None else names.figures()
     return {**written, "method": request.method, **summary.figures(), **told}, losses

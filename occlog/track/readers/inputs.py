@@ -10,15 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.models.path_losses import PathLossSpec, read_path_loss
-from occlog.io.open import losses_of, open_input
-from occlog.measure.scans.grouping import nearest
+from occlog.io.open import load_scene, losses_of, open_input
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Reader, Scene
 from occlog.records.tables import Bearings, Reads
+from occlog.scans.grouping import nearest
 from occlog.settings import METRES, configure
 
 from .config import RefineConfig, RssiConfig, VirtualConfig
@@ -70,7 +69,7 @@ class ReadsInput:
         """Open the reads; InputError where there are none."""
         self.request = request
         opened = open_input(request.reads, Reads, remedy=REMEDY)
-        self.scene: Scene = options.load_scene(request.scene, opened.scene, request.reads)
+        self.scene: Scene = load_scene(request.scene, opened.scene, request.reads)
         self._opened = opened
         self._sights = None if request.sights is None else open_input(request.sights, Bearings)
         made = (*losses_of([opened, self._sights]), *lost_in_models([request.path_loss]))

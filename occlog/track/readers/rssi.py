@@ -14,8 +14,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.filter.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
 from occlog.core.plane.polygons import inside_polygon
+from occlog.filtering.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
 
 from .path_loss import PathLoss, Shadowing, no_shadowing, predict_shadowing, update_shadowing
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
+from occlog.consistency.verdict import Finding, figures
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -17,7 +18,6 @@ from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.losses import Loss
 from occlog.records.tables import TagTracks
 from occlog.records.tables import VirtualSensors as RegionTable
-from occlog.track.plausibility.verdict import Finding, figures
 
 from .config import VirtualConfig
 from .inputs import ReadsInput, ReadsRequest
@@ -97,7 +97,7 @@ def run_track_reads(
 ) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Track tags and write; return the summary, and what had been lost before."""
     inputs = ReadsInput(request)
-    windows = options.progress(inputs.windows(), "track", quiet=quiet)
+    windows = console.progress(inputs.windows(), "track", quiet=quiet)
     config, regions = None, None
     if request.method == VirtualConfig.OWNER:
         config, regions, thresholds = inputs.virtual()
@@ -136,6 +136,6 @@ def run_track_reads(
             summary.add(part)
         if not summary.rows:
             raise InputError(f"{request.reads}: no read is as strong as the threshold; lower it")
-    options.note_findings(summary.findings(), quiet)
+    console.note_findings(summary.findings(), quiet)
     more = {} if regions is None else {"virtual_sensors": len(regions.area)}
     return {"tracks": str(wanted.tracks), "method": request.method, **more, **summary.figures()}, inputs.losses

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.filter.particles import log_of
+from occlog.filtering.particles import log_of
 
 from .coverage import VirtualSensors
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
@@ -74,7 +74,7 @@ def run_track_single_view(
     trackers = Trackers(chosen.plugin, make)
     rows = opened.rows(Boxes) if opened.has(Boxes) else opened.rows(Views)
     with TableWriter(output, Boxes, provenance, overwrite=overwrite, length_unit=unit) as writer:
-        for part in follow(options.progress(rows, "track", quiet=quiet), trackers, used):
+        for part in follow(console.progress(rows, "track", quiet=quiet), trackers, used):
             writer.write(part)
         for name in (*request.only, *request.without):
             if name not in seen:

@@ -52,7 +52,7 @@ def run(folder: Path, name: str, factor: float, version: str = "1", before: str 
 
 def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_told(tmp_path: Path) -> None:
     impatient = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
-    told = "from occlog.details import COMPILING; COMPILING.append(lambda _: print('compiling')); "
+    told = "from occlog.console.details import COMPILING; COMPILING.append(lambda _: print('compiling')); "
     assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["compiling", "6.0", "0"]
     assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["6.0", "1"]
 
@@ -89,7 +89,7 @@ def test_a_new_version_compiles_what_calls_a_changed_kernel_of_another_file(tmp_
 
 def test_where_no_folder_can_be_written_kernels_run_uncached(tmp_path: Path) -> None:
     kept = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
-    kept += "from occlog.details import COMPILING; COMPILING.append(lambda kept: print('kept', kept)); "
+    kept += "from occlog.console.details import COMPILING; COMPILING.append(lambda kept: print('kept', kept)); "
     (tmp_path / "__pycache__").write_text("a file where a folder would be, which root cannot write into either")
     blocked = {"HOME": str(tmp_path / "__pycache__"), "XDG_CACHE_HOME": str(tmp_path / "__pycache__")}
     assert run(tmp_path, "Given", 3.0, before=kept, **blocked) == ["kept", "False", "6.0", "0"]

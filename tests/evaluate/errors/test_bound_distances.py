@@ -8,10 +8,10 @@ import pytest
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
-from occlog.measure.scans.config import MeasuredConfig
 from occlog.records.declared.measurements import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings, Truth
+from occlog.scans.config import MeasuredConfig
 
 PLACES = {"a": (0.0, 0.0), "b": (8.0, 0.0), "c": (0.0, 6.0)}
 XY, PRIOR = np.array([3.0, 4.0]), (9.0, 0.0, 16.0)

@@ -14,8 +14,8 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.open import open_input
-from occlog.measure.scans.grouping import nearest
 from occlog.records.tables import Bearings, Boxes, Doa, Truth
+from occlog.scans.grouping import nearest
 
 
 def text(path: Path, *lines: str) -> Path:

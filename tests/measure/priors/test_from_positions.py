@@ -13,8 +13,8 @@ from occlog.errors import InputError
 from occlog.io.scenes.scene import read_scene
 from occlog.measure.priors.config import KalmanConfig
 from occlog.measure.priors.from_positions import kalman_priors, virtual_priors
-from occlog.measure.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
+from occlog.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import simulate_truth
 

@@ -15,7 +15,6 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
-from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.papers.ercan.recorded.detections import (
     CLEAR,
     DIAMETER,
@@ -37,6 +36,7 @@ from occlog.papers.ercan.recorded.target import Recorded, recorded_target
 from occlog.papers.verdicts.model import Size
 from occlog.pipeline.sweep.engine import TrialError, key_of, run_all
 from occlog.records.tables import Bearings
+from occlog.scans.occluder_priors import OccluderFeed
 
 FOOT = 0.3048
 

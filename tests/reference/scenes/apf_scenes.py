@@ -6,8 +6,8 @@ import apf_reference as ref
 import numpy as np
 from tracker_scenes import PILLAR, ROOM, true_u
 
+from occlog.filtering.motion.waypoint import Particles
 from occlog.track.apf import filter as apf
-from occlog.track.apf.kernels.waypoint import Particles
 
 L = 300
 

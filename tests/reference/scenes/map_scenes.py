@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from tracker_scenes import SECOND, camera
 
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import MicrophoneArray, Scene
+from occlog.scans.scan import Scan
 from occlog.track.interface import Smoothed
 from occlog.track.map.record import Record
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.core.motion.turns import acceleration_root
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.motion.coordinated_turn import acceleration_root
 from occlog.records.scene import MicrophoneArray, Scene
+from occlog.scans.scan import Scan
 from occlog.track.in_space import direct3d
 from occlog.track.in_space.config import Direct3dConfig
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from bearing_scenes import CASES, Case
 
+from occlog.consistency.verdict import Evidence
 from occlog.evaluate.verdict import Made
 from occlog.records.tables import Bearings
 from occlog.report.content import thinned as rule
 from occlog.report.content.off_sight import Distances, Residual
 from occlog.report.long_bearings import Beside, Found, Posts, bearings_of
-from occlog.track.plausibility.verdict import Evidence
 
 
 def labels(case: Case, kind: str) -> Case:

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.motion.turns import acceleration_root, move
 from occlog.core.numerics.time_grid import Grid
 from occlog.errors import InputError
+from occlog.filtering.motion.coordinated_turn import acceleration_root, move
 from occlog.records.scene import Occluder, Scene
 from occlog.records.scripts import Script, ScriptedTarget, Segment
 from occlog.simulate.config import ObserveConfig, SoundConfig

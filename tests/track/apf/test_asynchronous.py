@@ -10,9 +10,9 @@ from tracker_scenes import room100
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.measure.scans.grouping import Rows, scans_of
-from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.records.tables import Bearings, Truth
+from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.occluder_priors import OccluderFeed
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

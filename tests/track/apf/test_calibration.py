@@ -9,9 +9,9 @@ from tracker_scenes import room100, scan, true_u, with_array
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.visibility import seen_from
 from occlog.errors import InputError
-from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Bearings, Truth
+from occlog.scans.grouping import Rows, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
+from occlog.scans.scan import Scan
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.first_places import sight_lines, wander

@@ -8,10 +8,10 @@ import pytest
 from apf_scenes import L, readings, reference_scene, state_with
 from tracker_scenes import room100, scan
 
-from occlog.core.filter.particles import effective_size, mean_and_covariance
 from occlog.core.plane.floor import sample_floor
+from occlog.filtering.motion import waypoint
+from occlog.filtering.particles import effective_size, mean_and_covariance
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.kernels import waypoint
 from occlog.track.apf.propose import auxiliary_step
 from occlog.track.apf.sensing import pack_scan
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tracker_scenes import room100
 
-from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.records.tables import Bearings, Truth
+from occlog.scans.grouping import Rows, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

@@ -10,10 +10,10 @@ from apf_scenes import L, Recorder, readings, reference_scene, state_with
 from tracker_scenes import room100, scan
 
 from occlog.core.occlusion.priors import gaussian_priors
+from occlog.filtering.motion.waypoint import CHANGE
 from occlog.track.apf import filter as apf
 from occlog.track.apf import propose
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.kernels.waypoint import CHANGE
 from occlog.track.apf.model import FINE
 
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.errors import InputError, UsageError
-from occlog.measure.scans.scan import Scan
 from occlog.records.columns import Table
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
+from occlog.scans.scan import Scan
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, information, nothing, residuals
+from occlog.filtering.likelihood.distances import (
+    DIFFERENCE,
+    LOGARITHM,
+    RANGE,
+    Distances,
+    information,
+    nothing,
+    residuals,
+)
 from occlog.track.fix.mixed import Lines, contested, modes_of
 from occlog.track.fix.mixture import Modes, modes, spread_of
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from heard_scenes import ROOM, line, room, rows, table
 
-from occlog.measure.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import Rows, scans_of
 from occlog.track.imm.ask_cameras import CameraRequests
 from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.when_to_ask import Ask

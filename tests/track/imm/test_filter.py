@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from heard_scenes import NS, ROOM, room
 
-from occlog.measure.scans.scan import Scan, concat, in_vain
+from occlog.scans.scan import Scan, concat, in_vain
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.association import hear
 from occlog.track.imm.config import ImmConfig

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.core.motion.turns import acceleration_root, move, three_models
 from occlog.core.sight.camera import wrap_angle
+from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.kernel import Cloud, MotionModels
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from heard_scenes import NS, ROOM, room, table
 
-from occlog.measure.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import Rows, scans_of
 from occlog.track.imm.listening import Listener
 
 SCENE = room(ROOM.replace(", rate_hz: 5}\n- {name: a2", "}\n- {name: a2"))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from heard_scenes import NS
 
-from occlog.core.motion.turns import acceleration_root, move, three_models
+from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.smoothing import back, moved_back, noise_back, trace_of

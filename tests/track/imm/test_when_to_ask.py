@@ -8,7 +8,7 @@ import pytest
 from heard_scenes import NS, room
 
 from occlog.errors import InputError
-from occlog.measure.scans.scan import Scan, concat, in_vain
+from occlog.scans.scan import Scan, concat, in_vain
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.filter import Belief, Count, ImmState, Report

@@ -11,8 +11,8 @@ from space_scenes import PLACES, SOURCE, place, room, scan
 from occlog.core.bounds.in_space import plane_axes
 from occlog.core.sight.projected_planes import XY, YZ, ZX, select_as_printed
 from occlog.errors import InputError
-from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Camera, Scene
+from occlog.scans.scan import Scan
 from occlog.track.in_space import projected_planes
 from occlog.track.in_space.config import PpsConfig
 from occlog.track.in_space.plane_errors import PLANE_ROWS, begun

@@ -13,6 +13,7 @@ from occlog.cli.main import run
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.visibility import behind_objects
 from occlog.errors import ExitCode, UsageError
+from occlog.filtering.likelihood.linearised import rows_of
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
@@ -25,7 +26,6 @@ from occlog.track.drivers.tracking import Tracking
 from occlog.track.joint import filter as joint
 from occlog.track.joint.config import JointConfig
 from occlog.track.kalman.config import EkfConfig
-from occlog.track.kalman.measurement import rows_of
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)

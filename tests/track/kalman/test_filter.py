@@ -11,6 +11,7 @@ from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.array_types import Floats
 from occlog.cli.main import run
+from occlog.consistency.doubts import covariances
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
@@ -23,7 +24,6 @@ from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.kalman.config import EkfConfig
-from occlog.track.plausibility.doubts import covariances
 
 pytestmark = pytest.mark.jit
 METHODS = ("ekf", "ukf", "iekf")

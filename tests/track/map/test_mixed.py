@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, log_likelihood
-from occlog.measure.scans.scan import Measured, Scan
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, log_likelihood
 from occlog.records.scene import MicrophoneArray, Scene
+from occlog.scans.scan import Measured, Scan
 from occlog.track.map import mixed
 from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.interior_point.newton_search import covariance

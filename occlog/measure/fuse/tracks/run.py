@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -68,7 +68,7 @@ def run_fuse_tracks(
                 stack.enter_context(made).write(table)
     notes = list(_notes(files.tracks, groups, fused, config, unit))
     for line in notes:
-        options.note(f"warning: {line}", quiet)
+        console.note(f"warning: {line}", quiet)
     written = {"tracks": str(files.output)} | ({} if files.events is None else {"events": str(files.events)})
     return {**written, **figures(files.tracks, groups, fused)}, losses
 

@@ -30,13 +30,13 @@ from occlog.io.files.times.frame_times import FrameTimes, as_rate
 from occlog.io.open import scene_in
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.measure.scans.occluder_priors import known_positions
 from occlog.papers.ercan.recorded.target import SKIP, Recorded, recorded_target, unseen
 from occlog.papers.ercan.scenes import LAB_SIZE
 from occlog.papers.verdicts.model import Size
 from occlog.pipeline.sweep.trial import Spec, rmse_of_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Occluders, Tracks, Truth
+from occlog.scans.occluder_priors import known_positions
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig

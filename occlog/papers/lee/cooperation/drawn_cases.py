@@ -18,12 +18,12 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Floats
-from occlog.measure.scans.scan import Scan
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.measures import Measure, exact, share_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import MicrophoneArray, Scene
+from occlog.scans.scan import Scan
 from occlog.settings import configure
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig

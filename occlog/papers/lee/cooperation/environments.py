@@ -25,10 +25,10 @@ from occlog.core.numerics.time_grid import Grid
 from occlog.core.plane.polygons import inside_polygon
 from occlog.io.scenes.paths import paths_from_yaml
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.measure.scans.sources import bearings_of_doa, in_time
 from occlog.records.scene import Scene
 from occlog.records.scripts import Script
 from occlog.records.tables import Bearings
+from occlog.scans.sources import bearings_of_doa, in_time
 from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe

@@ -14,9 +14,9 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.papers.verdicts.model import Size
 from occlog.pipeline.sweep.trial import Spec
+from occlog.scans.grouping import Rows, scans_of
 from occlog.settings import configure
 from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
 from occlog.track.imm.config import ImmConfig

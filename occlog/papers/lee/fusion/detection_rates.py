@@ -14,14 +14,14 @@ from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.stage import fuse
-from occlog.measure.scans.grouping import choose_sensors
-from occlog.measure.scans.sources import only_measured
 from occlog.papers.ercan.scenes import SQUARE_ORDER, names, square_room
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec, errors_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth, Views
+from occlog.scans.grouping import choose_sensors
+from occlog.scans.sources import only_measured
 from occlog.settings import configure
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe

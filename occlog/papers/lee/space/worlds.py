@@ -22,13 +22,13 @@ from occlog.core.bounds.in_space import (
     plane_variance,
     sight_angles,
 )
-from occlog.core.motion.in_space import AccelerationModel
-from occlog.core.motion.turns import turn_matrix
 from occlog.core.sight.projected_planes import AXES, XY, YZ
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.motion.coordinated_turn import turn_matrix
+from occlog.filtering.motion.white_acceleration import AccelerationModel
 from occlog.papers.verdicts.model import Size
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.records.scene import MicrophoneArray, Scene
+from occlog.scans.scan import Scan
 from occlog.track.in_space import direct3d, projected_planes
 from occlog.track.in_space.config import Direct3dConfig, PpsConfig
 

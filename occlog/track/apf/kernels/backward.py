@@ -13,7 +13,7 @@ place, its velocity (speed towards the destination) and its regime:
     CD   p_CD  N(x'; x + s dt c'/|c'|, p0) N(|c'|; s, V + h^2) / (2 pi |c'|)
 
 c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and 2 of `stand`
-(`occlog.track.apf.kernels.waypoint`), and h a width of the kernel that stands for the exact destination.  The first
+(`occlog.filtering.motion.waypoint`), and h a width of the kernel that stands for the exact destination.  The first
 line of W is the paper's, the others are of targets that stand (`wait_s`); c is the velocity with which they
 creep then, and the speed that they remember is integrated out.
 
@@ -35,8 +35,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
-
-from .waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, WaypointModel, gather, stand, stands
+from occlog.filtering.motion.waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, WaypointModel, gather, stand, stands
 
 X, Y, VX, VY, SPEED = range(5)
 """Columns of the states of `parents_of`: place, direction times speed, and speed."""

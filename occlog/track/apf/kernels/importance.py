@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.filter.likelihood import NEAR, NEAREST, ROOT_2PI, TINY, Detection, Noise, PackedScan
 from occlog.core.numerics.jit import kernel
-from occlog.core.sight.distances import NEAREST as CLOSEST
-from occlog.core.sight.distances import Distances
 from occlog.core.sight.visibility import Sensors
+from occlog.filtering.likelihood.directions import NEAR, NEAREST, ROOT_2PI, TINY, Detection, Noise, PackedScan
+from occlog.filtering.likelihood.distances import NEAREST as CLOSEST
+from occlog.filtering.likelihood.distances import Distances
 
 ANNEAL, MOST_STEPS = 1e-2, 8
 """From one Gauss-Newton step to the next the motion's share in the variance of a residual falls by this factor."""
@@ -41,7 +41,7 @@ KIND, VALUE, READ, SCALE, X0, Y0, COS, SIN, FOCAL, POSITION2, YAW2, RIVAL = rang
 X1, Y1, RISE2, OTHER_RISE2 = 6, 7, 8, 9
 """Columns of measurements of distances, which have no axis and no focal length."""
 BEARING, PIXEL, FAR, LOG_FAR, DIFFERENCE = range(5)
-"""Kinds of measurements; the last three are those of `occlog.core.sight.distances`."""
+"""Kinds of measurements; the last three are those of `occlog.filtering.likelihood.distances`."""
 
 
 @kernel
@@ -49,7 +49,7 @@ def measurements(scan: PackedScan, sensors: Sensors, noise: Noise, model: Detect
     """(m, 12) what counts of each measurement of a scan, side by side in one array.
 
     The factor of a look that is assigned to a place is the sum of SCALE times the density of its measurements,
-    plus RIVAL, what is not the target; see `occlog.core.filter.likelihood`.
+    plus RIVAL, what is not the target; see `occlog.filtering.likelihood.directions`.
     """
     out = np.empty((scan.value.shape[0], 12))
     for k in range(scan.sensor.shape[0]):

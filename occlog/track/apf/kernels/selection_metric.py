@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.filter.likelihood import Noise
 from occlog.core.numerics.jit import array_kernel
 from occlog.core.occlusion.hidden import IMPROVED, hiding_all
 from occlog.core.occlusion.priors import Priors
 from occlog.core.sight.visibility import Sensors, seen_from
+from occlog.filtering.likelihood.directions import Noise
 
 LEAST = 1e-12
 """Cameras that see the target with a smaller probability are left out of Sigma_Z."""

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.io.files.atomic import check_outputs
 
 from .config import GroundConfig
 
@@ -59,9 +61,9 @@ def command(
 
     from .run import GroundFiles, run_ground
 
-    options.check_outputs([view_tracks, scene], [output], overwrite)
+    check_outputs([view_tracks, scene], [output], overwrite)
     files = GroundFiles(view_tracks, scene, output, overwrite)
     values: dict[str, object] = dict(parse_setting(text) for text in settings)
     values |= given(GroundConfig, {"window_s": window_s})
     summary, losses = run_ground(files, parse_names(only), values, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

@@ -8,11 +8,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from occlog.cli import options
+from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.open import open_input
+from occlog.io.open import load_scene, open_input
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import FusedTracks
 from occlog.settings import configure
@@ -43,7 +43,7 @@ def run_ground(
         raise InputError(
             f"{files.view_tracks}: is a recording; give view tracks (Parquet), which `occlog track` makes from it"
         )
-    scene = options.load_scene(files.scene, None, files.view_tracks)
+    scene = load_scene(files.scene, None, files.view_tracks)
     if unknown := [name for name in cameras if name not in [c.name for c in scene.cameras]]:
         raise UsageError(f"--cameras {unknown[0]}: the scene has {', '.join(c.name for c in scene.cameras) or 'none'}")
     made = _as_tracked(view_tracks.provenance)
@@ -52,14 +52,14 @@ def run_ground(
     parameters = {**asdict(config), "cameras": list(cameras)}
     provenance = Provenance("ground", parameters, None, hash_inputs(inputs), view_tracks.losses)
     summary, unit = GroundSummary(), scene.length_unit
-    rows = options.progress(view_tracks.rows(ViewTracks), "ground", quiet=quiet)
+    rows = console.progress(view_tracks.rows(ViewTracks), "ground", quiet=quiet)
     with TableWriter(files.output, FusedTracks, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
         for part in ground_tracks(rows, scene, config, cameras):
             writer.write(part.tracks)
             summary.add(part)
         summary.check(str(files.view_tracks))
     for line in summary.verdict.warnings():
-        options.note(f"warning: {line}", quiet)
+        console.note(f"warning: {line}", quiet)
     return {"tracks": str(files.output), **summary.summary()}, view_tracks.losses
 
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.filter.particles import systematic_ancestors
 from occlog.core.numerics.jit import kernel
+from occlog.filtering.particles import systematic_ancestors
 
 SHORTEST = 0.5
 """Least half axis [px]."""

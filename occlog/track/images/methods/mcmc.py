@@ -22,9 +22,9 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Bytes, Floats, Ints
-from occlog.core.filter.particles import effective_size, normalise, systematic_ancestors
 from occlog.core.image.ellipse import touching
 from occlog.core.image.histogram_bins import update_bins
+from occlog.filtering.particles import effective_size, normalise, systematic_ancestors
 from occlog.track.images.interface import MODES, FrameSet, Image, Outlines, Visual
 from occlog.track.images.kernels.ellipse_colour import colour_likeness
 from occlog.track.images.kernels.joint_samples import crowding_of_samples, distinct_size, run_chain

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from occlog.cli import options
-from occlog.details import threads_by_default
+from occlog import console
+from occlog.console.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.models.ellipses import FIRST, MOST_ID, GivenEllipse, read_ellipses
 from occlog.io.models.losses_of_models import lost_in_models
-from occlog.io.open import Opened, losses_of, open_if_ours, open_input
+from occlog.io.open import Opened, load_scene, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
-from occlog.measure.scans.grouping import nearest
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, TruthBoxes, Views
+from occlog.scans.grouping import nearest
 from occlog.track.images.births.background import BackgroundModel, background_models
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.moving import moving_regions, with_cameras
@@ -74,7 +74,7 @@ class ViewsInput:
         self.opened, self.recording = open_video(request)
         self._initial: Opened | None = None
         self._detections: Opened | None = None
-        given = None if request.scene is None else options.load_scene(request.scene, None, request.scene)
+        given = None if request.scene is None else load_scene(request.scene, None, request.scene)
         self.scene: Scene | None = given if given is not None else self.recording.scene
         self.names = choose_views(self.recording, request.only, request.without)
         self.surveyed = tuple(
@@ -157,7 +157,7 @@ class ViewsInput:
         """Background models of the views; none unless they are wanted."""
         if not self.stage.background:
             return ()
-        frames = options.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
+        frames = console.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
         return background_models(frames, with_cameras(self.scene, self.views), self.views, threads_by_default())
 
     def region_stream(self) -> RegionStream | None:

@@ -16,8 +16,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from occlog.cli import options
-from occlog.details import threads_by_default
+from occlog import console
+from occlog.console.details import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -214,9 +214,9 @@ def run_track_views(
     stream = inputs.region_stream()
     if request.initial is None and request.detections is None:
         source = "the boxes in the recording" if inputs.recording.has(Boxes) else "what moves in the images"
-        options.note(f"no --initial and no --detections: trackers begin from {source}", quiet)
+        console.note(f"no --initial and no --detections: trackers begin from {source}", quiet)
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
-    frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
+    frames = console.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
     moments = in_step(frames, inputs.views, window, threads_by_default(), stage.bits, inputs.background(quiet))
     parts = track_views(moments, setup, request.seed, stream)
     parameters = {
@@ -247,9 +247,9 @@ def run_track_views(
             if writer is not None:
                 writer.annotate(replace(made, losses=tuple(losses)))
     for line in inputs.known.notes:
-        options.note(line, quiet)
+        console.note(line, quiet)
     for line in summary.warnings():
-        options.note(f"warning: {line}", quiet)
+        console.note(f"warning: {line}", quiet)
     world = {} if wanted.world is None else {"world": str(wanted.world)}
     return {"tracks": str(wanted.tracks), **world, "method": request.method, **summary.summary()}, losses
 

@@ -7,8 +7,10 @@ from typing import Any
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.io.files.atomic import check_outputs
 from occlog.settings import configure
 
 from .config import FitConfig
@@ -54,6 +56,6 @@ def command(
     from .run import FitRequest, run_fit
 
     request = FitRequest(positions, configure(FitConfig(), given(FitConfig, own)), targets)
-    options.check_outputs(positions, [output], overwrite)
+    check_outputs(positions, [output], overwrite)
     summary, losses = run_fit(request, output, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from occlog import console
 from occlog.array_types import Floats
-from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.motion_models import MotionModel, write_motion
@@ -74,7 +74,7 @@ def run_fit(
     made = Provenance("fit-motion", asdict(config) | used, None, hash_inputs(request.positions), losses)
     write_motion(output, motion, details, made, overwrite=overwrite)
     for line in warnings(fit, request, paths):
-        options.note(f"warning: {line}", quiet)
+        console.note(f"warning: {line}", quiet)
     shown = {"A": motion.A.tolist(), "sigma": motion.sigma.tolist()}
     shown["noise"] = noise if details["noise"] is None else details["noise"]
     return {"motion": str(output), "step_s": step_s, "length_unit": unit, **figures, **shown}, losses

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.core.sight.distance_errors import Errors, direct, log_density, without_detours
-from occlog.core.sight.distances import Distances, linearise
+from occlog.filtering.likelihood.distance_errors import Errors, direct, log_density, without_detours
+from occlog.filtering.likelihood.distances import Distances, linearise
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.record import Record
 from occlog.track.map.search.consensus import rays_of

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats
+from occlog.consistency.alone import OVERLAP, near_another
 from occlog.track.map.config import MapConfig
 from occlog.track.map.hiding import Told, told_by_occluders
 from occlog.track.map.kernels.detours import Detours
@@ -28,7 +29,6 @@ from occlog.track.map.record import Record
 from occlog.track.map.search.consensus import Agreed, agreed
 from occlog.track.map.search.descent import APART, MU, Watch, linear_start, roughly, search_around
 from occlog.track.map.search.pending import BEND, START, Pending, bend_of, problem_of, start_of
-from occlog.track.plausibility.alone import OVERLAP, near_another
 
 BELIEVED = BEND["mixture"]
 """Standard deviations at which a bearing is as likely false as true, with losses other than the mixture's."""

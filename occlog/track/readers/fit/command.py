@@ -7,8 +7,10 @@ from typing import Any
 
 import click
 
+from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.io.files.atomic import check_outputs
 
 from .config import FitReadersConfig
 
@@ -46,6 +48,6 @@ def command(
     from .run import FitRequest, run_fit_readers
 
     request = FitRequest(recordings, scene, given(FitReadersConfig, own))
-    options.check_outputs(request.paths, [output], overwrite)
+    check_outputs(request.paths, [output], overwrite)
     summary, losses = run_fit_readers(request, output, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    return console.finish(summary, losses, as_json)

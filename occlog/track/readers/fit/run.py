@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from occlog import console
 from occlog.array_types import NS, Floats, Ints
-from occlog.cli import options
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.path_losses import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
-from occlog.io.open import Opened, losses_of, open_input
+from occlog.io.open import Opened, load_scene, losses_of, open_input
 from occlog.records.scene import Reader, Scene
 from occlog.records.tables import Reads, Truth
 from occlog.settings import configure
@@ -114,7 +114,7 @@ def run_fit_readers(
     config = configure(FitReadersConfig.in_unit(scene.length_unit), request.settings)
     metre = metre_of(scene.length_unit)
     gathered = _Gathered(scene.readers, config, metre)
-    for opened in options.progress(inputs, "read", quiet=quiet):
+    for opened in console.progress(inputs, "read", quiet=quiet):
         gathered.add(opened)
     where = ", ".join(str(p) for p in request.recordings)
     windows = sum(len(s.t_s) for s in gathered.stretches)
@@ -173,7 +173,7 @@ def run_fit_readers(
     write_path_loss(output, spec, made, overwrite=overwrite)
     silent = [r.name for r, n in zip(scene.readers, reads, strict=True) if not n]
     if silent:
-        options.note(f"warning: without a read, so with the mean power of the others: {', '.join(silent)}", quiet)
+        console.note(f"warning: without a read, so with the mean power of the others: {', '.join(silent)}", quiet)
     shown = {
         "path_loss": str(output),
         "exponent": model.exponent,
@@ -190,7 +190,7 @@ def run_fit_readers(
 
 def _common_scene(request: FitRequest, inputs: list[Opened]) -> Scene:
     """The scene of all recordings; UsageError where their readers stand at other places."""
-    scene = options.load_scene(request.scene, inputs[0].scene, request.recordings[0])
+    scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
     if not scene.readers:
         raise InputError(f"{request.recordings[0]}: its scene has no readers; give a scene that has")
     wanted = _layout(scene)

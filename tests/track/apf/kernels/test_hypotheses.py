@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from occlog.core.plane.floor import make_floor
-from occlog.track.apf.kernels import waypoint
-from occlog.track.apf.kernels.waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, Particles, WaypointModel
+from occlog.filtering.motion import waypoint
+from occlog.filtering.motion.waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, Particles, WaypointModel
 
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 FLOOR = make_floor(ROOM, [])

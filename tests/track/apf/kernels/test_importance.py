@@ -9,10 +9,10 @@ from apf_scenes import reference_scene
 from scipy.stats import multivariate_normal, norm
 from tracker_scenes import SECOND, room100, scan, true_u, with_array
 
-from occlog.core.filter.likelihood import factors
-from occlog.core.sight import distances
-from occlog.core.sight.distance_errors import log_density
-from occlog.measure.scans.scan import Scan
+from occlog.filtering.likelihood import distances
+from occlog.filtering.likelihood.directions import factors
+from occlog.filtering.likelihood.distance_errors import log_density
+from occlog.scans.scan import Scan
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.kernels import importance
 from occlog.track.apf.kernels.importance import linearise

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from occlog.core.bounds import in_space as bounds3d
-from occlog.core.filter.backward import best_width
-from occlog.core.filter.particles import effective_size, normalise
-from occlog.core.motion.in_space import AccelerationModel, known_jump, moved, turn_jump
-from occlog.core.motion.turns import acceleration_root, turn_matrix
 from occlog.core.numerics.special_functions import fast_atan2
 from occlog.core.sight import projected_planes
 from occlog.core.sight.camera import array_rotation, wrap_angle
+from occlog.filtering.backward_simulation import best_width
+from occlog.filtering.kernel_density import moments, redraw, weigh
+from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
+from occlog.filtering.motion.white_acceleration import AccelerationModel, known_jump, moved, turn_jump
+from occlog.filtering.particles import effective_size, normalise
 from occlog.track.in_space.kernels.likelihood import (
     Chances,
     Sights,
@@ -23,7 +24,6 @@ from occlog.track.in_space.kernels.likelihood import (
     log_product,
     scan_log_likelihood,
 )
-from occlog.track.in_space.kernels.resampling import moments, redraw, weigh
 
 POSES = [np.eye(3), array_rotation(0.4, 0.7, -0.3), array_rotation(-2.5, -1.2, 1.9)]
 SIGMA_THETA, SIGMA_PHI = 0.07, 0.05

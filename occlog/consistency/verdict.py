@@ -1,0 +1,382 @@
+"""The verdict: whether a run's estimates are plausible, as sentences with the number, the limit and the remedy.
+
+Limits have two parts.  A figure is said only if it is far enough off to matter (the constants of this file), and if
+chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
+limit with a probability of `CHANCE` for the contrary.  docs/explanation/believe.md has each finding with causes and
+remedies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.special import bdtrc
+
+from occlog.array_types import NS
+from occlog.console.text import counted
+from occlog.core.metrics.consistency import Ratio
+from occlog.records.scene import Scene
+from occlog.records.tables import Diagnostics, Tracks
+
+from .agreement import Agreements, pose_shares
+from .alone import Alone
+from .crowd import Crowd
+from .doubts import WORDS
+from .particles import FEW, Particles
+from .places import CLEAR, Places
+from .sight import Compared
+
+CHANCE = 1e-3
+"""Probability that chance alone makes a limit seem broken."""
+FEWEST = 20
+"""Of fewer bearings, expected squares or frames nothing is said."""
+DEPLETED = 0.25
+"""Share of rows with too few effective particles that matters."""
+DEPLETED_BEFORE = 0.02
+"""The same where estimates are smoothed: all before a depleted row come from its few particles, too."""
+GAPS, FEWEST_GAPS = 0.8, 3
+"""Share of rows after a gap from which nothing is filtered, and the fewest such rows of which something is said."""
+RESTARTS = 0.01
+"""Share of rows with a restart that matters: one in a hundred."""
+DOUBTED = 0.05
+"""Share of rows with a doubt, or of doubted rows, that matters."""
+CONTEST = 0.1
+"""Share of rows that are contested that matters."""
+NOT_BELIEVED = 0.25
+"""Share of bearings not believed that matters."""
+UNCONFIRMED = 0.02
+"""The same where one sensor at a time sees the target, and nothing but its motion speaks against a false bearing."""
+NIS_LOW, NIS_HIGH = 0.5, 2.25
+"""Normalised squared residuals that matter: stated standard deviations 1.4 times too large, 1.5 times too small."""
+LIVELY = 4.0
+"""Factor of the motion's variance that matters."""
+BLIND = 0.5
+"""Share of rows in which fewer than two of the cameras that were selected see the target that matters."""
+CROWDED = 0.5
+"""Share of frames with a candidate that stays and that no track explains that matters."""
+ROWS = {
+    "contradiction": "no place holds all constraints, and what was seen there was left out; check poses and labels",
+    "wall": "no way around a wall was found; more states may help (fill_s)",
+    "unfinished": "the search did not converge; allow more iterations",
+}
+"""Values of `fallback` of which a verdict speaks if any row has them, and what they say."""
+OFTEN = {
+    "doubted": "fewer than half of the bearings are believed; check poses, clocks and labels",
+    "unchecked": "two measurements alone tell the place, and none of the others agrees: one of the two may be false, "
+    "which the covariance does not say; add stations, or follow the target over time (apf, map)",
+}
+"""Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
+CONTESTED = {
+    "contested": "a measurement that is believed may be false: another place is possible where fewer agree, or they "
+    "scatter more than stated, which the covariance does not say; leave these rows out, add stations, or follow the "
+    "target over time (apf, map)",
+}
+"""Values of `fallback` that some rows of honest data have, too."""
+HONEST = {
+    "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
+    "ambiguous": "measurements fit several places, of which the row has the most probable, and the covariance holds "
+    "all: there are two ranges alone, stations are in line, one of a few values is false, or noise is as large as the "
+    "distances; add stations off the line, or follow the target over time (apf, map)",
+}
+"""Values of `fallback` that need care, though the covariance is right."""
+
+Severity = Literal["warning", "note"]
+
+
+class Finding(NamedTuple):
+    """One thing that a user must know of an estimate.
+
+    Attributes:
+        code: short name, the same in all outputs.
+        severity: `warning`: the estimate is not to be believed as it is; `note`: it needs care.
+        sentence: what was found, the limit, the remedy.
+    """
+
+    code: str
+    severity: Severity
+    sentence: str
+
+
+def plausible(findings: Iterable[Finding]) -> bool:
+    """Whether nothing speaks against the estimates."""
+    return all(f.severity != "warning" for f in findings)
+
+
+def figures(findings: Iterable[Finding]) -> dict[str, object]:
+    """The verdict for a summary: `plausible`, and `warnings` with their codes and sentences."""
+    said = list(findings)
+    warnings = [{"code": f.code, "sentence": f.sentence} for f in said if f.severity == "warning"]
+    return {"plausible": plausible(said), "warnings": warnings}
+
+
+@dataclass
+class Evidence:
+    """What speaks for and against a run's estimates, gathered while tables stream by.
+
+    Attributes:
+        rows: estimates.
+        fallbacks: rows by the value of `fallback`.
+        doubts: rows by the value of `doubt`.
+        targets: whose rows they are.
+        seen: of these, whom a sensor saw.
+        span_ns: first and last time.
+        selected: rows for which at least two cameras were selected.
+        blind: of these, rows in which fewer than two sensors saw the target.
+        particles: effective numbers.
+        agreements: residuals of the bearings.
+        alone: bearings that no other sensor can confirm.
+        crowd: candidates that are left.
+        places: where the bearings of a moment meet.
+        distances: residuals are also of measurements that are no directions, so that nothing is said of `places`.
+    """
+
+    rows: int = 0
+    fallbacks: Counter[str] = field(default_factory=Counter)
+    doubts: Counter[str] = field(default_factory=Counter)
+    targets: set[int] = field(default_factory=set)
+    seen: set[int] = field(default_factory=set)
+    span_ns: tuple[int, int] | None = None
+    selected: int = 0
+    blind: int = 0
+    particles: Particles = field(default_factory=Particles)
+    agreements: Agreements = field(default_factory=Agreements)
+    alone: Alone = field(default_factory=Alone)
+    crowd: Crowd = field(default_factory=Crowd)
+    places: Places = field(default_factory=Places)
+    distances: bool = False
+
+    def fared(self, part: Diagnostics) -> None:
+        """Count rows of diagnostics."""
+        self.rows += len(part)
+        self.targets.update(part.target_id.tolist())
+        self.seen.update(part.target_id[part.n_seen > 0].tolist())
+        if len(part):
+            first, last = int(part.t_ns.min()), int(part.t_ns.max())
+            before = self.span_ns or (first, last)
+            self.span_ns = min(first, before[0]), max(last, before[1])
+        self.fallbacks.update(f for f in part.fallback.tolist() if f)
+        self.doubts.update(d for text in part.doubt.tolist() if text for d in text.split(","))
+        several = np.char.find(part.selected, ",") >= 0
+        self.selected += int(np.count_nonzero(several))
+        self.blind += int(np.count_nonzero(several & (part.n_seen < 2)))
+        self.particles.add(part.ess)
+
+    def saw(self, tracks: Tracks, compared: Compared, scene: Scene) -> None:
+        """Count residuals of bearings, and candidates that are left."""
+        self.agreements.add(compared.residuals, pose_shares(tracks, scene))
+        self.alone.add(compared.residuals)
+        self.crowd.add(compared.frames)
+        if not self.distances:
+            self.places.add(tracks, compared.residuals, scene)
+
+    def figures(self) -> dict[str, object]:
+        """Figures of a summary."""
+        found: dict[str, object] = {}
+        if self.particles.rows:
+            found["median_effective_particles"] = self.particles.median
+            found["share_depleted"] = self.particles.few / self.particles.rows
+        told = self.agreements.figures()
+        found |= {name.replace("bearings", self.what): value for name, value in told.items()}
+        if self.crowd.frames:
+            found["candidates_unexplained_per_frame"] = self.crowd.unexplained
+        return found
+
+    @property
+    def what(self) -> str:
+        """What residuals are of."""
+        return "measurements" if self.distances else "bearings"
+
+    def findings(self, *, one_target: bool, smoothed: bool = False) -> tuple[Finding, ...]:
+        """Everything there is to say.
+
+        Args:
+            one_target: candidates without a label are taken for one target's by the method.
+            smoothed: estimates were made from trajectories drawn backwards through the filter's particles.
+        """
+        said = [*self._filter(smoothed), *self._rows(), *self._bearings(), *self._places()]
+        return (*said, *(self._several() if one_target else ()))
+
+    def _filter(self, smoothed: bool) -> Iterator[Finding]:
+        """Particles that ran out, restarts, and cameras that were selected in vain."""
+        few, rows, most = self.particles.few, self.particles.rows, DEPLETED_BEFORE if smoothed else DEPLETED
+        if beyond(few, rows, most):
+            whose = (
+                "their covariances and those of smoothed rows before them are" if smoothed else "their covariances are"
+            )
+            yield Finding(
+                "depleted",
+                "warning",
+                f"{few / rows:.0%} of the rows rest on fewer than {FEW:.0f} effective particles (median "
+                f"{self.particles.median:.0f}; allowed in {most:.0%} of the rows): {whose} too "
+                "small; use more particles, or check the noise that is stated, which may be too small",
+            )
+        restarts = self.fallbacks["restart"]
+        if beyond(restarts, self.rows, RESTARTS):
+            yield Finding(
+                "restarts",
+                "warning",
+                f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: {RESTARTS:.0%}); "
+                "the motion or the noise that is stated is wrong, or the bearings are not of one target",
+            )
+
+        gaps = self.fallbacks["gap"]
+        if self.span_ns is not None and gaps >= FEWEST_GAPS and gaps >= GAPS * self.rows:
+            apart = (self.span_ns[1] - self.span_ns[0]) / NS * len(self.targets) / self.rows
+            yield Finding(
+                "gaps",
+                "warning",
+                f"{gaps} of {self.rows} rows come after a gap, and the filter begins anew there: the rows of a target "
+                f"are {apart:.3g} s apart on average, so that nothing is filtered; take each moment alone (fix), or "
+                "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
+                "another unit, state it by --input-units ms",
+            )
+        unseen = sorted(self.targets - self.seen)
+        if unseen and not self.distances:
+            yield Finding(
+                "never-seen",
+                "note",
+                f"{counted(len(unseen), 'target')} of {len(self.targets)}, the first {unseen[0]}, no sensor saw at any "
+                "time: the rows say where targets can be, and their covariances are as wide; add sensors, or leave "
+                "out who was not seen",
+            )
+        if beyond(self.blind, self.selected, BLIND):
+            yield Finding(
+                "selection",
+                "warning",
+                f"in {self.blind} of {self.selected} rows (allowed: {BLIND:.0%}) fewer than two sensors see the "
+                "target, although more cameras were selected: the selection is for longer than the target stays in "
+                "view, or the policy does not look at views; select by greedy, more cameras, or more often",
+            )
+
+    def _rows(self) -> Iterator[Finding]:
+        """Rows with a flag."""
+        for words, found, least, severity in (
+            (WORDS, self.doubts, DOUBTED, "warning"),
+            (OFTEN, self.fallbacks, DOUBTED, "warning"),
+            (CONTESTED, self.fallbacks, CONTEST, "warning"),
+            (ROWS, self.fallbacks, 0.0, "warning"),
+            (HONEST, self.fallbacks, 0.0, "note"),
+        ):
+            for code, text in words.items():
+                if found[code] > least * self.rows:
+                    share = f" (allowed: {least:.0%})" if least else ""
+                    sentence = f"{found[code]} of {self.rows} rows{share}: {code}: {text}"
+                    yield Finding(code, "warning" if severity == "warning" else "note", sentence)
+                elif found[code] and words is WORDS:
+                    said = f"{found[code]} of {self.rows} rows are not to be believed (the diagnostics say which)"
+                    yield Finding(code, "note", f"{said}: {code}: {text}")
+
+    def _bearings(self) -> Iterator[Finding]:
+        """What the residuals of bearings contradict."""
+        for name, own in sorted(self.agreements.sensors.items()):
+            if own.bearings >= FEWEST and beyond(own.bearings - own.believed, own.bearings, NOT_BELIEVED):
+                yield Finding(
+                    "not-believed",
+                    "warning",
+                    f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are not believed (allowed: "
+                    f"{NOT_BELIEVED:.0%}); its pose, its clock or its labels may be wrong, or the target was lost",
+                )
+        alone = self.alone
+        if alone.bearings >= FEWEST and alone.one_at_a_time and beyond(alone.doubted, alone.bearings, UNCONFIRMED):
+            yield Finding(
+                "unconfirmed",
+                "warning",
+                f"{alone.share:.0%} of {alone.bearings} {self.what} are not believed (allowed: {UNCONFIRMED:.0%} where "
+                f"one sensor at a time sees the target): nothing but the motion tells false {self.what} from true "
+                "ones; "
+                "others may be false, too, and covariances too small; add sensors that see the target at the same "
+                "time, or check identities and the detector's false alarms",
+            )
+        whole = self.agreements.nis
+        if (said := off(f"the {self.what}", whole, self._expected())) is not None:
+            yield said
+        else:
+            for name, own in sorted(self.agreements.sensors.items()):
+                said = off(f"the {self.what} of {name}", own.nis, own.means.expected)
+                if said is not None and said.severity == "warning":
+                    yield said
+        for target, factor in sorted(self.agreements.noise.items()):
+            if factor > LIVELY:
+                yield Finding(
+                    "motion",
+                    "warning",
+                    f"target {target} moves {math.sqrt(factor):.1f} times as irregularly as the settings of its motion "
+                    f"say (allowed: {math.sqrt(LIVELY):.0f} times); state a larger acceleration",
+                )
+
+    def _places(self) -> Iterator[Finding]:
+        """Bearings that meet where the scene says the target cannot be."""
+        told = self.places
+        if told.rows >= FEWEST and beyond(told.outside, told.rows, DOUBTED):
+            yield Finding(
+                "outside-room",
+                "warning",
+                f"in {told.outside} of {told.rows} rows (allowed: {DOUBTED:.0%}) the bearings meet more than {CLEAR:g} "
+                "standard deviations outside the room, which estimates stay in: the target has left it, the room of "
+                "the scene is too small, or poses are wrong",
+            )
+        for name, (saw, hidden) in sorted(told.hidden.items()):
+            if saw >= FEWEST and beyond(hidden, saw, DOUBTED):
+                yield Finding(
+                    "through-wall",
+                    "warning",
+                    f"in {hidden} of {saw} rows (allowed: {DOUBTED:.0%}) {name} sees the target, although it is behind "
+                    "a wall or static occluder of the scene where the bearings meet; the track avoids the wall and is "
+                    "wrong if the wall is: check the scene's occluders, room and poses",
+                )
+
+    def _expected(self) -> float:
+        return math.fsum(a.means.expected for a in self.agreements.sensors.values())
+
+    def _several(self) -> Iterator[Finding]:
+        """Candidates that stay, and that no track explains."""
+        persistent = {name: share for name, share in self.crowd.persistent(FEWEST).items() if share > CROWDED}
+        if not persistent:
+            return
+        yield Finding(
+            "several-targets",
+            "warning",
+            f"the candidates cannot be one target: {self.crowd.unexplained:.1f} of {self.crowd.candidates:.1f} in a "
+            f"frame are near no track, and in {', '.join(persistent)} they stay from frame to frame (in "
+            f"{max(persistent.values()):.0%} of the frames; allowed: {CROWDED:.0%}); follow everybody "
+            "(method jipda, from the boxes), label the candidates, or say where the target is at first",
+        )
+
+
+def beyond(count: int, of: int, share: float) -> bool:
+    """Whether more than a share was found, and would be with a probability of less than `CHANCE` if that were right."""
+    return of > 0 and count > share * of and float(bdtrc(count - 1, of, share)) < CHANCE
+
+
+def off(what: str, nis: Ratio, expected: float) -> Finding | None:
+    """By how much residuals are not as stated; None if they are, or if there are too few to tell.
+
+    Args:
+        what: whose residuals.
+        nis: their normalised square.
+        expected: sum of squares that is expected.
+    """
+    low, high = nis.interval(CHANCE)
+    if expected < FEWEST or NIS_LOW <= nis.value <= NIS_HIGH or low <= 1.0 <= high:
+        return None
+    factor, kind = math.sqrt(nis.value), "bearings" if "bearings" in what else "measurements"
+    found = f"NIS {nis.value:.2g} +- {nis.error:.1g}, expected 1, allowed {NIS_LOW:g} to {NIS_HIGH:g}"
+    if nis.value > 1.0:
+        return Finding(
+            "nis-large",
+            "warning",
+            f"{what} are {factor:.1f} times as far from the track as their standard deviations say ({found}): the "
+            "noise that is stated is too small, a pose or a clock is wrong, or the track is wrong; state a "
+            "larger noise, or check the calibration",
+        )
+    return Finding(
+        "nis-small",
+        "note",
+        f"{what} have standard deviations that are {1.0 / factor if factor > 0.0 else math.inf:.1f} times too large "
+        f"({found}): covariances are too large, and false {kind} pass; state a smaller noise",
+    )

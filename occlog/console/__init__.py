@@ -1,0 +1,13 @@
+"""What a command reports to people: notes and progress on standard error, summaries on standard output, exit codes.
+
+Nothing here knows of options or of click, so that every room may use it.
+"""
+
+from occlog.console.notes import note as note
+from occlog.console.notes import note_findings as note_findings
+from occlog.console.notes import note_losses as note_losses
+from occlog.console.notes import notes_kept as notes_kept
+from occlog.console.progress import progress as progress
+from occlog.console.summary import echo_summary as echo_summary
+from occlog.console.summary import finish as finish
+from occlog.console.summary import strict_code as strict_code

@@ -1,0 +1,95 @@
+"""Summaries on standard output and the exit codes that go with them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Protocol, TypeGuard
+
+from occlog.console.notes import note_losses, write_line
+from occlog.errors import ExitCode
+
+
+class ListedLoss(Protocol):
+    """A loss that a summary lists."""
+
+    def as_dict(self) -> Mapping[str, object]:
+        """The loss as JSON."""
+
+
+FROM_WHOLE, TO_WHOLE = 1e4, 1e15
+"""Numbers of this size are told as whole ones: four digits of them would need a power of ten."""
+
+
+def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
+    """The result on standard output: one JSON object, or `key: value` lines for a person."""
+    if as_json:
+        write_line(json.dumps(_plain(summary), sort_keys=True), sys.stdout)
+        return
+    shown = {k: v for k, v in summary.items() if k not in ("plausible", "warnings")}
+    if "plausible" in summary:
+        shown["plausible"] = plausible_in_words(summary)
+    width = max((len(k) for k in shown), default=0)
+    for key, value in shown.items():
+        if isinstance(value, list | tuple | dict) and not value:
+            continue
+        # Mappings of mappings, of each camera for instance, take a line each
+        lines = [f"{k}: {_in_words(v)}".rstrip() for k, v in value.items()] if _nested(value) else [_shown(value)]
+        for n, line in enumerate(lines):
+            head = "" if n else f"{key.replace('_', ' ')}:"
+            write_line(f"{head:<{width + 2}}{line}", sys.stdout)
+
+
+def _nested(value: object) -> TypeGuard[dict[object, object]]:
+    return isinstance(value, dict) and any(isinstance(each, dict) for each in value.values())
+
+
+def _in_words(figures: object) -> str:
+    """What is said of one of many; the keys are our words."""
+    if not isinstance(figures, dict):
+        return _shown(figures)
+    return ", ".join(f"{str(key).replace('_', ' ')} {_shown(value)}" for key, value in figures.items())
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}" if not FROM_WHOLE <= abs(value) < TO_WHOLE else f"{value:.0f}"
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {_shown(v)}" for k, v in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(v) for v in value)
+    return str(value)
+
+
+def _plain(value: object) -> object:
+    """JSON-ready: paths as text, NaN as null."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+        return None
+    return value if isinstance(value, str | int | float | bool | type(None)) else str(value)
+
+
+def plausible_in_words(summary: Mapping[str, object]) -> str:
+    """The verdict of a summary in a few words: yes, or no with the codes of its warnings."""
+    if summary["plausible"]:
+        return "yes"
+    warnings = summary.get("warnings")
+    codes = [w["code"] for w in warnings if isinstance(w, Mapping)] if isinstance(warnings, list) else []
+    return f"no ({', '.join(dict.fromkeys(codes))})"
+
+
+def strict_code(code: int, plausible: bool, strict: bool) -> int:
+    """The exit code, or 6 where estimates are not plausible and --strict was given."""
+    return ExitCode.THRESHOLD if strict and not plausible else code
+
+
+def finish(summary: Mapping[str, object], losses: Iterable[ListedLoss], as_json: bool) -> int:
+    """Print the summary and list what was lost; exit code 0, or 3 if anything was."""
+    lost = list(losses)
+    echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)
+    note_losses(lost)
+    return ExitCode.LOSSY if lost else ExitCode.DONE

@@ -1,1 +1,0 @@
-"""Parts of particle filters: log-weights, resampling, likelihoods of a scan."""

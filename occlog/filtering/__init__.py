@@ -1,0 +1,1 @@
+"""Recursive Bayesian filters: motion models, likelihoods, posteriors, track life cycle, smoothing."""

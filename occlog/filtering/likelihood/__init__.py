@@ -1,0 +1,1 @@
+"""Likelihoods of measurements at given positions of a target, and their linearisations."""

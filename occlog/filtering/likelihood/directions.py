@@ -1,0 +1,242 @@
+"""Likelihood of a scan for a target at given places: [Ercan] Sec. 4.2-4.3 without moving occluders.
+
+A scan has a *look* for every sensor that delivered a frame.  A look of a labelled target
+has one measurement or none ("not seen"); an unlabelled look has any number of candidates,
+of which at most one is the target's.
+
+A sensor is assigned (A) to a place that no static occluder, field of view or range keeps it from seeing
+(`occlog.core.sight.visibility.seen_from`, [Ercan] Sec. 4.3).  The factor of a look is
+
+    labelled, z:       hit N(z) + miss floor      A
+                       soften hit N(z) + floor    not A (the first term only in front of a camera)
+    labelled, unseen:  miss                       A
+                       1                          not A
+    candidates z_k:    1 - P + P sum_k w_k N(z_k) / lambda     A
+                       1                          not A
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+from occlog.core.sight.visibility import Sensors, seen_from
+
+ROOT_2PI = math.sqrt(2.0 * math.pi)
+NEAR = 1e-9
+"""A place counts as in front of a camera if d is above this times |h|."""
+NEAREST = 1e-100
+"""The same for d, so that nothing overflows."""
+TINY = 1e-150
+"""Products below this or above its reciprocal go to the logarithms, long before a double under- or overflows."""
+LEAST_FALSE = 1e-5
+"""Least probability of a false report times that of a miss in `agreement`."""
+
+
+class Noise(NamedTuple):
+    """What [Ercan] Eq. 2 needs besides the noise of reading, and the widths of images; S sensors."""
+
+    focal_px: Floats  # (S,)
+    sigma_position: Floats  # (S,)
+    sigma_yaw: Floats  # (S,) [rad]
+    width_px: Floats  # (S,) width of the image in z [px]
+    width: Floats  # (S,) angle that bearings can come from [rad]
+
+
+class PackedScan(NamedTuple):
+    """A scan as the kernels read it: n looks with m measurements in all.
+
+    Numba wants a tuple of arrays of one kind each, and a look's measurements side by side: rows that
+    saw nothing are gone, pixels and bearings share a column, and every measurement has a variance.
+    `occlog.track.apf.sensing.pack_scan` makes it of an `occlog.scans.scan.Scan`.
+    """
+
+    sensor: Ints  # (n,) rows of the sensors
+    labelled: Bools  # (n,)
+    first: Ints  # (n + 1,) measurements of look k are first[k] to first[k + 1] - 1
+    pixel: Bools  # (m,) true: z [px] of Eq. 1, false: a bearing [rad]
+    value: Floats  # (m,) z = -u_px, or the bearing
+    variance: Floats  # (m,) of reading [px^2], or of the bearing in all [rad^2]
+    share: Floats  # (m,) w_k, weight of a candidate; 1 for a labelled measurement
+
+
+class Detection(NamedTuple):
+    """Probabilities of the factors above, for each of S sensors."""
+
+    hit: Floats  # (S,)
+    miss: Floats  # (S,)
+    false: Floats  # (S,) P_F
+    soften: float
+    candidate: Floats  # (S,) P
+    clutter: Floats  # (S,) lambda W: other candidates expected in a frame
+
+
+@kernel
+def add_pixel(
+    out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: Noise
+) -> None:
+    """Add `share` times the density of a reading z [px] of camera i at places (L, 2) to `out` (L,), in place.
+
+    [Ercan] Eq. 1 with the variance of Eq. 2; nothing is added behind the camera (d <= 0).
+    """
+    x0, y0, c, s = sensors.xy[i, 0], sensors.xy[i, 1], sensors.axis[i, 0], sensors.axis[i, 1]
+    f, sigma_position, yaw2 = noise.focal_px[i], noise.sigma_position[i], noise.sigma_yaw[i] ** 2
+    f2, scale = f * f, share / ROOT_2PI
+    for p in range(xy.shape[0]):
+        dx, dy = xy[p, 0] - x0, xy[p, 1] - y0
+        h, d = c * dy - s * dx, c * dx + s * dy
+        if not d > max(NEAR * abs(h), NEAREST):
+            continue
+        # Variance of Eq. 2: reading, yaw and position of the camera
+        ratio = h / d
+        spread = 1.0 + ratio * ratio
+        angle = sigma_position / d
+        v = variance + f2 * spread * (spread * yaw2 + angle * angle)
+        residual = z - f * ratio  # Eq. 1
+        out[p] += scale * math.exp(-0.5 * residual * residual / v) / math.sqrt(v)
+
+
+@kernel
+def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, variance: float, share: float) -> None:
+    """Add `share` times the density of a bearing [rad] from (x0, y0) at places (L, 2) to `out` (L,), in place.
+
+    The density is a Gaussian of the difference wrapped to [-pi, pi), so sigma must be small against pi.
+    """
+    scale = share / (ROOT_2PI * math.sqrt(variance))
+    for p in range(xy.shape[0]):
+        residual = bearing - math.atan2(xy[p, 1] - y0, xy[p, 0] - x0)
+        residual -= 2.0 * math.pi * math.floor((residual + math.pi) / (2.0 * math.pi))
+        out[p] += scale * math.exp(-0.5 * residual * residual / variance)
+
+
+@kernel
+def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noise) -> Floats:
+    """(L,) sum over the measurements of look k of share times density, for targets at (L, 2) places."""
+    out = np.zeros(xy.shape[0])
+    i = scan.sensor[k]
+    for m in range(scan.first[k], scan.first[k + 1]):
+        if scan.pixel[m]:
+            add_pixel(out, xy, i, scan.value[m], scan.variance[m], scan.share[m], sensors, noise)
+        else:
+            add_bearing(out, xy, sensors.xy[i, 0], sensors.xy[i, 1], scan.value[m], scan.variance[m], scan.share[m])
+    return out
+
+
+@kernel
+def factors(
+    xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, seen: Bools
+) -> tuple[Floats, float]:
+    """Factors of look k, as in the table of the module, for targets at (L, 2) places.
+
+    Args:
+        xy: (L, 2) places.
+        k: number of the look.
+        scan: the measurements.
+        sensors: where sensors stand and what hides things from them.
+        noise: their noise.
+        model: probabilities.
+        seen: (L,) places that the sensor is assigned to.
+
+    Returns:
+        (L,) factors where no moving occluder hides the place, and the factor of one that a moving occluder hides.
+    """
+    # Every factor is scale N + offset, with one pair for assigned places and one for the others.
+    i = scan.sensor[k]
+    scale, offset, scale_else, offset_else, hidden = 0.0, 0.0, 0.0, 1.0, 1.0
+    if scan.first[k] == scan.first[k + 1]:
+        offset = model.miss[i] if scan.labelled[k] else 1.0 - model.candidate[i]
+        out = np.zeros(xy.shape[0])
+    else:
+        width = image_width(k, scan, noise)
+        if scan.labelled[k]:
+            hidden = model.false[i] / width  # the floor: a false report, uniform over the image
+            scale, offset = model.hit[i], model.miss[i] * hidden
+            scale_else, offset_else = model.soften * model.hit[i], hidden
+        else:
+            scale, offset = model.candidate[i] * width / model.clutter[i], 1.0 - model.candidate[i]
+        out = densities(xy, k, scan, sensors, noise)
+    for p in range(out.shape[0]):
+        if seen[p]:
+            out[p] = scale * out[p] + offset
+        else:
+            out[p] = scale_else * out[p] + offset_else
+    return out, hidden
+
+
+@kernel
+def image_width(k: int, scan: PackedScan, noise: Noise) -> float:
+    """W: range of the values of the measurements of look k, which must have one [px or rad]."""
+    widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
+    width: float = widths[scan.sensor[k]]
+    return width
+
+
+@kernel
+def log_likelihood(
+    xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, free: Bools
+) -> Floats:
+    """(L,) log-likelihoods of a scan for targets at (L, 2) places; -inf where it is impossible.
+
+    Nothing is known about moving occluders; with priors of them: `occlog.filtering.likelihood.among_occluders`.
+
+    Args:
+        xy: (L, 2) places.
+        scan: the measurements.
+        sensors: where sensors stand and what hides things from them.
+        noise: their noise.
+        model: probabilities.
+        free: (L,) places where a target can be; -inf elsewhere.
+    """
+    L = xy.shape[0]
+    total, product = np.zeros(L), np.ones(L)
+    for k in range(scan.sensor.shape[0]):
+        # Assign ([Ercan] Sec. 4.3), then multiply: looks are independent given the place (Eq. 6)
+        seen = seen_from(xy, scan.sensor[k], sensors)
+        factor, _ = factors(xy, k, scan, sensors, noise, model, seen)
+        multiply_into(product, total, factor)
+    for p in range(L):
+        total[p] = total[p] + math.log(product[p]) if free[p] else -np.inf
+    return total
+
+
+@kernel
+def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
+    """Multiply products (L,) by factors (L,), in place; one logarithm then serves many factors.
+
+    A product that leaves [1e-150, 1e150] is moved, as its logarithm, to `total` (L,), and begins again at 1.
+    """
+    for p in range(product.shape[0]):
+        product[p] *= factor[p]
+        if product[p] < TINY or product[p] > 1.0 / TINY:
+            total[p] += math.log(product[p]) if product[p] > 0.0 else -np.inf
+            product[p] = 1.0
+
+
+@kernel
+def agreement(xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection) -> Bools:
+    """(n,) bool: looks with a measurement that is more likely the target's than false or another target's.
+
+    Args:
+        xy: (1, 2) where the target is thought to be.
+        scan: n looks.
+        sensors: where sensors stand and what hides things from them.
+        noise: their noise.
+        model: probabilities; one without false reports gets a limit all the same, near 5 sigma.
+    """
+    out = np.zeros(scan.sensor.shape[0], dtype=np.bool_)
+    for k in range(out.shape[0]):
+        i = scan.sensor[k]
+        if scan.first[k] == scan.first[k + 1] or not seen_from(xy, i, sensors)[0]:
+            continue
+        density = densities(xy, k, scan, sensors, noise)[0]
+        if scan.labelled[k]:
+            others = max(model.miss[i] * model.false[i], LEAST_FALSE)
+            out[k] = model.hit[i] * density * image_width(k, scan, noise) > others
+        else:
+            others = (1.0 - model.candidate[i]) * model.clutter[i]
+            out[k] = model.candidate[i] * density * image_width(k, scan, noise) > others
+    return out

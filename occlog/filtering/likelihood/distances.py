@@ -1,0 +1,132 @@
+"""Measurements of distances: ranges, signal strengths, and differences of ranges; as arrays, with their likelihood.
+
+Each measurement has a mean m(x) at a place x on the ground and Gaussian noise of a standard deviation that does
+not depend on x:
+
+    range       z = |x - p|                              [length]
+    logarithm   z = log |x - p|                          a signal strength under the log-distance path loss
+    difference  z = |x - p| - |x - q|                    a time difference times the speed of propagation
+
+Distances are in space, |x - p|^2 = (x - p_x)^2 + (y - p_y)^2 + h^2, with h the height of the station over the target.
+A signal strength P - 10 n log10(d) [dBm] has the mean (ln 10 / 10 n) (P - rssi) of log d, and a standard deviation
+scaled alike (`occlog.core.sight.path_loss.log_distance`), so that its likelihood is exact.
+
+Residuals r = (z - m(x)) / sigma have the density of `occlog.filtering.likelihood.distance_errors`: Gaussian, late, or
+false.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.sight.usual_radio import DETOUR
+
+from .distance_errors import LOG_ROOT_2PI, Errors, log_density
+
+RANGE, LOGARITHM, DIFFERENCE = 0, 1, 2
+"""Kinds of measurements."""
+NEAREST = 1e-9
+"""Squares of distances are not below this, so that a place at a station gives finite numbers."""
+
+
+class Distances(NamedTuple):
+    """m measurements of one target at one time, or at several."""
+
+    kind: Ints  # (m,) RANGE, LOGARITHM or DIFFERENCE
+    value: Floats  # (m,) z
+    sigma: Floats  # (m,) > 0
+    place: Floats  # (m, 2) of the station, p
+    rise2: Floats  # (m,) square of its height over the target
+    other: Floats  # (m, 2) q of a difference; else that of the station
+    other_rise2: Floats  # (m,)
+    station: Ints  # (m,) number of the station
+    bend: float = 3.7  # standard deviations at which a measurement is as likely false as true
+    late: float = 0.0  # share of signals that come by a detour, 0 to 1
+    detour: float = math.nan  # mean length of detours; NaN: `DETOUR` standard deviations of each measurement
+
+    def take(self, rows: Bools | Ints | slice) -> Distances:
+        """Some of the measurements."""
+        own = (self.kind, self.value, self.sigma, self.place, self.rise2, self.other, self.other_rise2, self.station)
+        return Distances._make((*(column[rows] for column in own), *self[COLUMNS:]))
+
+    @property
+    def errors(self) -> Errors:
+        """How the measurements err: strengths cannot be late, and a difference may be too long or too short."""
+        differs = self.kind == DIFFERENCE
+        either = 0.5 * self.late * (2.0 - self.late)
+        late = np.where(differs, either, np.where(self.kind == LOGARITHM, 0.0, self.late))
+        rate = np.full(len(self.kind), 1.0 / DETOUR) if math.isnan(self.detour) else self.sigma / self.detour
+        return Errors(np.full(len(self.kind), self.bend), late, np.where(differs, either, 0.0), rate)
+
+
+COLUMNS = 8
+"""Fields of `Distances` that have a value for each measurement."""
+
+
+class Linear(NamedTuple):
+    """What m measurements leave at L places, in standard deviations."""
+
+    residual: Floats  # (L, m) r
+    gradient: Floats  # (L, m, 2) of m(x) / sigma
+
+
+def concat(parts: list[Distances]) -> Distances:
+    """All measurements of several sets, at least one; how they err is as in the last."""
+    columns = (np.concatenate(column) for column in zip(*(part[:COLUMNS] for part in parts), strict=True))
+    return Distances._make((*columns, *parts[-1][COLUMNS:]))
+
+
+def nothing(bend: float, late: float = 0.0, detour: float = math.nan) -> Distances:
+    """No measurements."""
+    none, no_place, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
+    return Distances(whole, none, none, no_place, none, no_place, none, whole, bend, late, detour)
+
+
+def linearise(rows: Distances, xy: Floats) -> Linear:
+    """Residuals and gradients of measurements at (L, 2) places."""
+    mean, gradient = _mean(rows, xy[:, None, :])
+    return Linear((rows.value - mean) / rows.sigma, gradient / rows.sigma[:, None])
+
+
+def residuals(rows: Distances, xy: Floats) -> Floats:
+    """(L, m) residuals in standard deviations at (L, 2) places."""
+    return linearise(rows, xy).residual
+
+
+def log_likelihood(rows: Distances, xy: Floats) -> Floats:
+    """(L,) log of the product of f(r) / sigma at (L, 2) places."""
+    each = log_density(residuals(rows, xy), rows.errors) - LOG_ROOT_2PI - np.log(rows.sigma)
+    return np.asarray(each.sum(axis=1))
+
+
+def at_own(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
+    """Residuals (m,) of measurements, each at its own place (m, 2), and gradients (m, 2), as `linearise` has them."""
+    mean, gradient = _mean(rows, xy)
+    return (rows.value - mean) / rows.sigma, gradient / rows.sigma[:, None]
+
+
+def information(rows: Distances, xy: Floats) -> Floats:
+    """(m, 2, 2) Fisher information of each measurement about its own true place (m, 2), if it is true."""
+    gradient = at_own(rows, xy)[1]
+    return np.asarray(gradient[:, :, None] * gradient[:, None, :])
+
+
+def _mean(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
+    """Means (..., m) of the measurements at places (..., m or 1, 2), and their gradients (..., m, 2)."""
+    first, slope = _distance(xy, rows.place, rows.rise2)
+    second, other_slope = _distance(xy, rows.other, rows.other_rise2)
+    log, differs = rows.kind == LOGARITHM, rows.kind == DIFFERENCE
+    mean = np.where(log, np.log(first), np.where(differs, first - second, first))
+    gradient = np.where(differs[:, None], slope - other_slope, slope)
+    return mean, np.where(log[:, None], slope / first[..., None], gradient)
+
+
+def _distance(xy: Floats, place: Floats, rise2: Floats) -> tuple[Floats, Floats]:
+    """Distances (..., m) of places from m stations, and their gradients (..., m, 2)."""
+    away = xy - place
+    distance = np.sqrt(np.maximum(away[..., 0] ** 2 + away[..., 1] ** 2 + rise2, NEAREST))
+    return distance, away / distance[..., None]

@@ -1,0 +1,133 @@
+"""Motion of clouds of particles: known acceleration, turns in a plane, white acceleration ([Lee] Sec. 2.1.4).
+
+A cloud is (2d, L): d coordinates, then d velocities, for d = 3 in space and 2 in a plane.
+A known acceleration is an input; the print's Eq. 2.15 divides by the velocity instead.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import array_kernel, kernel
+
+from .coordinated_turn import _turned, acceleration_root
+
+
+class AccelerationModel(NamedTuple):
+    """How a target moves on d axes."""
+
+    acceleration: Floats  # (d,) known [length/s^2]
+    density: Floats  # (d,) of the white acceleration of each axis [length^2/s^3]
+    turn: float = 0.0  # lateral acceleration [length/s^2], from the first towards the second axis if positive
+    axes: tuple[int, int] = (0, 1)  # of the turn
+
+
+def known_jump(acceleration: Floats, dt: float) -> Floats:
+    """(2d,) displacement and change of velocity by a known acceleration in dt."""
+    return np.concatenate([0.5 * dt * dt * acceleration, dt * acceleration])
+
+
+def motion_noise(motion: AccelerationModel, dt: float) -> Floats:
+    """(d, 2, 2) lower roots of the noise of a step, of position and velocity of each axis."""
+    return np.sqrt(motion.density)[:, None, None] * acceleration_root(1.0, dt)
+
+
+def moved(
+    cloud: Floats, motion: AccelerationModel, dt: float, rng: np.random.Generator, jump: Floats | None = None
+) -> Floats:
+    """Move a cloud by dt >= 0 seconds; the result is a new array.
+
+    Args:
+        cloud: (2d, L).
+        motion: see `AccelerationModel`.
+        dt: [s].
+        rng: draws the noise; nothing is drawn where the density is 0 on all axes.
+        jump: (2d,) known change besides; see `known_jump`.
+    """
+    d = len(cloud) // 2
+    known = known_jump(motion.acceleration, dt) + (0.0 if jump is None else jump)
+    noisy = bool(np.any(motion.density > 0.0))
+    normals = half_normals(cloud.shape[1], 2 * d, rng) if noisy else np.empty((2 * d, 0))
+    out = drift(cloud, dt, known, motion_noise(motion, dt), normals)
+    if motion.turn != 0.0:
+        _turn(out, cloud, motion.turn, motion.axes[0], motion.axes[1], dt)
+    return out
+
+
+def moved_back(cloud: Floats, motion: AccelerationModel, dt: float) -> Floats:
+    """(2d, L) states dt >= 0 seconds before a cloud's, without noise: the inverse of `moved` where the density is 0.
+
+    It is exact for a known acceleration or a turn; with both at once it is right to first order in dt.
+    """
+    d = len(cloud) // 2
+    out = drift(cloud, -dt, known_jump(motion.acceleration, -dt), np.zeros((d, 2, 2)), np.empty((2 * d, 0)))
+    if motion.turn != 0.0:
+        _turn(out, cloud, motion.turn, motion.axes[0], motion.axes[1], -dt)
+    return out
+
+
+def half_normals(particles: int, rows: int, rng: np.random.Generator) -> Floats:
+    """(rows, H) standard normal draws for L = `particles`, H = ceil(L / 2): antithetic variates.
+
+    Each draw serves two particles, once with its sign changed.  Each particle has the right distribution, the
+    mean of all noise is 0 instead of nearly 0, and drawing, which is most of the work, is halved.
+    """
+    return rng.standard_normal((rows, (particles + 1) // 2))
+
+
+@array_kernel
+def drift(cloud: Floats, dt: float, jump: Floats, root: Floats, normals: Floats) -> Floats:
+    """(2d, L) states after a step of constant velocity, known change and noise.
+
+    Args:
+        cloud: (2d, L).
+        dt: [s].
+        jump: (2d,) added to all.
+        root: (d, 2, 2) of `motion_noise`.
+        normals: (2d, H) of `half_normals`, or (2d, 0) for no noise.
+    """
+    d, L, H = cloud.shape[0] // 2, cloud.shape[1], normals.shape[1]
+    out = np.empty_like(cloud)
+    for k in range(d):
+        x, v, nx, nv = cloud[k], cloud[d + k], out[k], out[d + k]
+        dx, dv = jump[k], jump[d + k]
+        if H == 0:
+            for l in range(L):  # noqa: E741 - the papers' letter
+                nx[l] = x[l] + dt * v[l] + dx
+                nv[l] = v[l] + dv
+            continue
+        a, b, c = root[k, 0, 0], root[k, 1, 0], root[k, 1, 1]
+        m, n = normals[k], normals[d + k]
+        for l in range(H):  # noqa: E741
+            nx[l] = x[l] + dt * v[l] + dx + a * m[l]
+            nv[l] = v[l] + dv + b * m[l] + c * n[l]
+        for l in range(L - H):  # noqa: E741
+            nx[H + l] = x[H + l] + dt * v[H + l] + dx - a * m[l]
+            nv[H + l] = v[H + l] + dv - b * m[l] - c * n[l]
+    return out
+
+
+@kernel
+def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float) -> None:
+    """Adds to `out` what a turn of each particle at its own rate (Eq. 2.14) changes on the axes i and j."""
+    d = before.shape[0] // 2
+    for l in range(before.shape[1]):  # noqa: E741
+        vi, vj = before[d + i, l], before[d + j, l]
+        speed = math.sqrt(vi * vi + vj * vj)
+        angle = lateral * dt / speed if speed > 0.0 else 0.0
+        along, aside, cosine, sine = _turned(angle)
+        out[i, l] += dt * ((along - 1.0) * vi - aside * vj)
+        out[j, l] += dt * (aside * vi + (along - 1.0) * vj)
+        out[d + i, l] += (cosine - 1.0) * vi - sine * vj
+        out[d + j, l] += sine * vi + (cosine - 1.0) * vj
+
+
+def turn_jump(velocity: Floats, lateral: float, dt: float) -> Floats:
+    """(4,) change of (a, b, va, vb) by a turn of one known velocity (2,), besides that of constant velocity."""
+    out, before = np.zeros((4, 1)), np.concatenate([np.zeros(2), velocity])[:, None]
+    _turn(out, before, lateral, 0, 1, dt)
+    return out[:, 0]

@@ -1,0 +1,144 @@
+"""Inputs of `occlog track`, `label` and `fuse`: bearings, directions of arrival, priors, and the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from occlog import console
+from occlog.errors import InputError, UsageError
+from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
+from occlog.records.columns import Table
+from occlog.records.declared.measurements import Measurements
+from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Truth
+
+from .measured import measurements_of_reads
+from .occluder_priors import known_positions
+from .sources import bearings_of_doa, in_time
+
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+    from occlog.records.scene import Scene
+
+T = TypeVar("T", bound=Table)
+
+
+class Inputs:
+    """The measurements as one stream, with the scene and what had been lost before."""
+
+    def __init__(
+        self,
+        bearings: Path,
+        scene: Path | None,
+        doa: Path | None = None,
+        doa_labels: bool = False,
+        occluders: Path | None = None,
+        measurements: Path | None = None,
+        *,
+        distances: bool = False,
+        reads: bool = False,
+    ) -> None:
+        """Open everything; nothing but headers is read yet.
+
+        Args:
+            bearings: bearings or directions of arrival, or what `distances` allows.
+            scene: None: that of the recording.
+            doa: directions of arrival besides.
+            doa_labels: identities of these are those of targets.
+            occluders: priors of moving occluders.
+            measurements: ranges, signal strengths and time differences besides, or reads of tags.
+            distances: `bearings` may hold measurements alone.
+            reads: it may also be a recording with reads of tags alone.
+        """
+        self._opened: list[Opened] = []
+        measured = open_input(bearings)
+        # A file of directions of arrival takes the place of those of a recording
+        own = measured.has(Doa) and (doa is None or measured.recording is None)
+        directions = [*([measured] if own else []), *([open_input(doa)] if doa is not None else [])]
+        if doa_labels and not directions:
+            raise UsageError("doa_labels wants directions of arrival; give some (doa)")
+        alone = distances and not measured.has(Bearings) and not measured.has(Doa)
+        # Of tables of others any with times, sensors and identities might be reads without strengths
+        alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))
+        if not distances and measured.has(Measurements):
+            raise InputError(f"{bearings}: holds measurements of distances, which methods fix, apf and map take")
+        if not alone and (doa is None or measured.recording is None):
+            more: tuple[type[Table], ...] = (Measurements,) if distances else ()
+            measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
+        self.scene: Scene = load_scene(scene, measured.scene, bearings)
+        if measured.foreign is not None and measured.table == Doa.NAME:
+            labels = "labels of targets" if doa_labels else "those of sources, not of targets (doa_labels: they are)"
+            console.note(
+                f"{bearings}: has no column sigma, so that it is read as directions of arrival; standard deviations "
+                f"are those of the scene, and identities are {labels}"
+            )
+        streams: list[Iterable[Bearings]] = []
+        if measured.has(Bearings):
+            streams.append(self._rows(measured, Bearings))
+        streams += [bearings_of_doa(self._rows(each, Doa), self.scene, doa_labels) for each in directions]
+        self.measurements = self._measurements([*([measured] if alone else []), *_opened(measurements)])
+        self.chunks = iter(()) if alone and not streams else _not_empty(in_time(streams), bearings)
+        self.occluders = None if occluders is None else self._priors(occluders)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What was lost when the inputs were made, each once, in the order in which they were opened."""
+        return losses_of(self._opened)
+
+    def _measurements(self, inputs: list[Opened]) -> Iterator[Measurements] | None:
+        """Measurements of all inputs, those of a reader's reads too; None: there are none."""
+        streams: list[Iterable[Measurements]] = []
+        for each in inputs:
+            each.require(Measurements, Reads, remedy="give ranges, signal strengths or time differences")
+            if each.has(Measurements):
+                streams.append(self._rows(each, Measurements))
+            if each.has(Reads):
+                streams.append(measurements_of_reads(self._rows(each, Reads)))
+        return in_time(streams) if streams else None
+
+    def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
+        """Priors of the moving occluders; true positions are known exactly."""
+        opened = open_input(path, Truth, Hulls, Occluders)
+        if opened.has(Truth):
+            return known_positions(self._rows(opened, Truth))
+        return self._rows(opened, Hulls) if opened.has(Hulls) else self._rows(opened, Occluders)
+
+    def open(self, path: Path, table: type[T]) -> Iterator[T]:
+        """Chunks of a table in a file of either kind; InputError where the file holds none."""
+        return self._rows(open_input(path), table)
+
+    def _rows(self, opened: Opened, table: type[T]) -> Iterator[T]:
+        """Chunks of a table; the input's losses count, and its lengths must be in the unit of the scene."""
+        rows = opened.rows(table)
+        self._opened.append(opened)
+        if opened.has_lengths(table):
+            check_unit(opened, self.scene.length_unit)
+        return rows
+
+
+def _opened(path: Path | None) -> list[Opened]:
+    return [] if path is None else [open_input(path, Measurements, Reads)]
+
+
+def _remedy(measured: Opened) -> str:
+    """What to do about a recording without measurements."""
+    if measured.recording is not None and measured.has(Reads):
+        return "track the reads of its tags with method rssi or virtual"
+    if measured.recording is not None and measured.recording.cameras:
+        return "make bearings with `occlog detect`, or track in its images with method bmct"
+    if measured.recording is not None and measured.has(Boxes):
+        if measured.scene is not None and any(c.placed for c in measured.scene.cameras):
+            return "follow everybody by its boxes with method jipda, or make bearings with `occlog detect`"
+        return "its boxes are of cameras without a pose: ingest them with a calibration, and use method jipda"
+    return "make them with `occlog detect` or `occlog listen`"
+
+
+def _not_empty(chunks: Iterable[Bearings], path: Path) -> Iterator[Bearings]:
+    """The chunks; refuses input without rows, from which nothing can be tracked."""
+    rows = 0
+    for chunk in chunks:
+        rows += len(chunk)
+        yield chunk
+    if rows == 0:
+        raise InputError(f"{path}: has no rows; nothing can be tracked from it")

@@ -1,0 +1,322 @@
+"""Ranges, signal strengths and time differences as the methods take them: packed, and put to the scans of directions.
+
+A time difference becomes a difference of ranges by the speed of propagation, which must be stated.  A signal strength
+becomes the logarithm of a distance by the log-distance path loss.  Heights of stations count where that of the
+targets is stated; where it is not, stations that are not all in one plane are refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.sight.path_loss import log_distance
+from occlog.errors import InputError
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, concat, nothing
+from occlog.records.declared.measurements import DIFFERENCES, Measurements
+from occlog.records.scene import Scene
+from occlog.records.tables import Reads
+from occlog.settings import METRES
+
+from .config import MeasuredConfig
+from .grouping import nearest
+from .impossible import Differences, refuse_impossible
+from .scan import Measured, Scan, sensor_names
+from .shadowing import LastReads, Shadowing, with_sigmas
+
+WORDS = {"range": "range", "rssi": "signal strength", "tdoa": "time difference", "range_difference": "difference"}
+
+
+class Radio(NamedTuple):
+    """A fitted path loss."""
+
+    power: Mapping[str, float]  # of each station, strength at 1 m [dBm]
+    exponent: float
+    shadowing: Shadowing
+    height: float  # of the tags
+
+
+class Stations(NamedTuple):
+    """The S sensors of a scene, those that tell directions first, as measurements of distances want them."""
+
+    names: tuple[str, ...]
+    place: Floats  # (S, 3); NaN where it is not known
+    power: Floats  # (S,) strength at 1 m [dBm]
+    metre: float  # in units of length
+
+
+def station_names(scene: Scene) -> tuple[str, ...]:
+    """Names of all sensors of a scene: those that tell directions in their order, then readers."""
+    return (*sensor_names(scene), *(r.name for r in scene.readers))
+
+
+def make_stations(scene: Scene, config: MeasuredConfig, radio: Radio | None = None) -> Stations:
+    """The sensors of a scene; a fitted path loss comes before what the scene says of powers."""
+    unknown = np.full(3, math.nan)
+    place = [c.position if c.placed else unknown for c in scene.cameras] + [a.position for a in scene.arrays]
+    place += [r.position for r in scene.readers]
+    names = station_names(scene)
+    own = {r.name: r.power for r in scene.readers if r.power is not None} | ({} if radio is None else dict(radio.power))
+    power = np.array([own.get(name, config.rssi_power) for name in names])
+    metre = 1.0 / METRES.get(scene.length_unit, 1.0)
+    return Stations(names, np.array(place, dtype=np.float64).reshape(-1, 3), power, metre)
+
+
+def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
+    """Reads of tags as signal strengths; reads without a strength are left out."""
+    for chunk in chunks:
+        told = chunk.take(np.isfinite(chunk.rssi))
+        nan = np.full(len(told), np.nan)
+        yield Measurements.of(
+            t_ns=told.t_ns,
+            sensor=told.sensor,
+            target_id=told.target_id,
+            range=nan,
+            sigma_range=nan,
+            rssi=told.rssi,
+            sigma_rssi=nan,
+        )
+
+
+class MeasuredFeed:
+    """Packs measurements, and joins them with the scans of directions, in the order of time."""
+
+    def __init__(
+        self,
+        chunks: Iterable[Measurements],
+        scene: Scene,
+        config: MeasuredConfig,
+        radio: Radio | None = None,
+        *,
+        moments: bool = False,
+    ) -> None:
+        """Nothing is read yet.
+
+        Args:
+            chunks: measurements in the order of time; where they are cut does not matter.
+            scene: must have the stations.
+            config: what the table does not say.
+            radio: a fitted path loss; None: as the scene and the settings say.
+            moments: each scan stands alone, so that it does not matter how long shadowing lasts.
+        """
+        self._moments = moments
+        self._chunks, self._config, self._radio = chunks, config, radio
+        self._stations = make_stations(scene, config, radio)
+        self.names = self._stations.names
+        """Names of the stations, as `Distances.station` counts them."""
+
+    def joined(
+        self,
+        scans: Iterator[Scan],
+        sensors: Collection[str] | None = None,
+        targets: Collection[int] | None = None,
+        window_ns: int = 0,
+    ) -> Iterator[Scan]:
+        """All scans in the order of time: of directions, of measurements, and of both where times are near.
+
+        Args:
+            scans: of directions.
+            sensors: names of the stations to use; None: all.  A difference wants both of its stations.
+            targets: to use; None: all.
+            window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
+
+        Raises:
+            InputError: a station that is not in the scene or has no place there, a value whose standard deviation, or
+                what else it wants, is not known, or times that go back.
+        """
+        own = self._scans(sensors, targets, window_ns)
+        one, other = next(scans, None), next(own, None)
+        while one is not None or other is not None:
+            if one is not None and other is not None and abs(one.t_ns - other.t_ns) <= window_ns:
+                yield one._replace(t_ns=max(one.t_ns, other.t_ns), measured=other.measured)
+                one, other = next(scans, None), next(own, None)
+            elif other is None or (one is not None and one.t_ns < other.t_ns):
+                assert one is not None
+                yield one
+                one = next(scans, None)
+            else:
+                yield other
+                other = next(own, None)
+
+    def _scans(
+        self, sensors: Collection[str] | None, targets: Collection[int] | None, window_ns: int
+    ) -> Iterator[Scan]:
+        """Scans of measurements alone."""
+        rest: Measurements | None = None
+        last: LastReads | None = None if self._moments else {}
+        for chunk in self._chunks:
+            if rest is not None and len(rest) and len(chunk) and chunk.t_ns[0] < rest.t_ns[-1]:
+                raise InputError(f"measurements: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
+            keep = np.ones(len(chunk), dtype=np.bool_)
+            if sensors is not None:
+                # Names that the scene does not have are refused later; a difference is of two stations
+                left_out = [name for name in self.names if name not in sensors]
+                keep &= ~np.isin(chunk.sensor, left_out) & ~np.isin(chunk.reference, left_out)
+            if targets is not None:
+                keep &= np.isin(chunk.target_id, list(targets))
+            some = with_strengths(chunk.take(keep), self._config, self._radio, last)
+            table = some if rest is None else Measurements.concat([rest, some])
+            if not len(table):
+                continue
+            starts = _starts(table.t_ns, window_ns)
+            yield from self._packed(table, starts)
+            # The last scan may go on in the next chunk.
+            rest = table.take(slice(starts[-1], None))
+        if rest is not None and len(rest):
+            yield from self._packed(rest, [0, len(rest)])
+
+    def _packed(self, table: Measurements, starts: list[int]) -> Iterator[Scan]:
+        """A scan for each pair of starts."""
+        if starts[-1] == 0:
+            return
+        row, distances = pack(table.take(slice(0, starts[-1])), self._stations, self._config, self._radio)
+        for first, last in pairwise(starts):
+            own = (row >= first) & (row < last)
+            measured = Measured(table.target_id[row[own]], distances.take(own))
+            yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
+
+
+def with_strengths(
+    table: Measurements, config: MeasuredConfig, radio: Radio | None, last: LastReads | None
+) -> Measurements:
+    """The table, in which all signal strengths have a standard deviation; `last` as `with_sigmas` has it."""
+    if config.sigma_rssi is not None:
+        own = np.where(np.isfinite(table.rssi), _filled(table.sigma_rssi, config.sigma_rssi), table.sigma_rssi)
+        return replace(table, sigma_rssi=own)
+    return with_sigmas(table, Shadowing() if radio is None else radio.shadowing, last)
+
+
+def _starts(t_ns: Ints, window_ns: int) -> list[int]:
+    """First rows of the scans; the last scan may go on in the next chunk."""
+    if window_ns == 0:
+        return [0, *(np.flatnonzero(np.diff(t_ns)) + 1).tolist()]
+    starts = [0]
+    for row, t in enumerate(t_ns.tolist()):
+        if t - t_ns[starts[-1]] > window_ns:
+            starts.append(row)
+    return starts
+
+
+def pack(
+    table: Measurements,
+    at: Stations,
+    config: MeasuredConfig,
+    radio: Radio | None = None,
+    differences: Differences | None = None,
+) -> tuple[Ints, Distances]:
+    """All measurements of a table, by rising row; a row may have several.
+
+    Args:
+        table: in the order of time.
+        at: the stations.
+        config: what the table does not say.
+        radio: a fitted path loss; None: as the scene and the settings say.
+        differences: see `refuse_impossible`.
+
+    Returns:
+        (m,) rows of the table, and the m measurements.
+
+    Raises:
+        InputError: as `MeasuredFeed.joined`.
+    """
+    table = with_strengths(table, config, radio, {})
+    station = _numbers(table.sensor, at, "sensor")
+    differs = np.isfinite(table.tdoa) | np.isfinite(table.range_difference)
+    reference = station.copy()
+    reference[differs] = _numbers(table.reference[differs], at, "reference")
+    height = config.tag_height if config.tag_height is not None or radio is None else radio.height
+    rise2 = _rise2(at, station, reference, height)
+    how = (config.measured_bend, config.measured_late, math.nan if config.detour is None else config.detour)
+    parts, rows = [nothing(*how)], [np.empty(0, dtype=np.int64)]
+    for name in ("range", "rssi", "tdoa", "range_difference"):
+        own = np.flatnonzero(np.isfinite(getattr(table, name)))
+        if not len(own):
+            continue
+        kind, value, sigma = _as_length(name, table.take(own), at, station[own], config, radio)
+        if (silent := ~np.isfinite(sigma)).any():
+            option = "sigma_range" if name == "range" else "sigma_difference"
+            raise InputError(
+                f"measurements: the {WORDS[name]} of {str(table.sensor[own][silent][0])!r} at "
+                f"{table.t_ns[own][silent][0]} ns has no standard deviation; give a column sigma_{name}, or "
+                f"set {option}"
+            )
+        other = reference[own] if name in DIFFERENCES else station[own]
+        parts.append(
+            Distances(
+                kind=np.full(len(own), kind, dtype=np.int64),
+                value=value,
+                sigma=sigma,
+                place=at.place[station[own], :2],
+                rise2=rise2[station[own]],
+                other=at.place[other, :2],
+                other_rise2=rise2[other],
+                station=station[own],
+                bend=how[0],
+                late=how[1],
+                detour=how[2],
+            )
+        )
+        rows.append(own)
+    row = np.concatenate(rows)
+    order = np.argsort(row, kind="stable")
+    packed = concat(parts).take(order)
+    refuse_impossible(table, row[order], packed, differences)
+    return row[order], packed
+
+
+def _as_length(
+    name: str, table: Measurements, at: Stations, station: Ints, config: MeasuredConfig, radio: Radio | None
+) -> tuple[int, Floats, Floats]:
+    """Kind, values and standard deviations of one column, as `Distances` has them; NaN: no standard deviation."""
+    value: Floats = getattr(table, name)
+    sigma: Floats = getattr(table, f"sigma_{name}")
+    if name == "range":
+        return RANGE, value, _filled(sigma, config.sigma_range)
+    if name == "range_difference":
+        return DIFFERENCE, value, _filled(sigma, config.sigma_difference)
+    if name == "tdoa":
+        if config.speed is None:
+            raise InputError(
+                "measurements: time differences in seconds want the speed of propagation (sound, light, or metres a "
+                "second): set propagation"
+            )
+        speed = config.speed * at.metre
+        return DIFFERENCE, value * speed, _filled(sigma * speed, config.sigma_difference)
+    exponent = config.rssi_exponent if radio is None else radio.exponent
+    value, sigma = log_distance(value, sigma, at.power[station], exponent)
+    return LOGARITHM, value + math.log(at.metre), sigma
+
+
+def _filled(sigma: Floats, usual: float | None) -> Floats:
+    return sigma if usual is None else np.where(np.isfinite(sigma), sigma, usual)
+
+
+def _numbers(names: np.ndarray, at: Stations, column: str) -> Ints:
+    """(n,) numbers of stations; InputError for one that the scene does not have, or whose place it does not know."""
+    found, inverse = np.unique(names, return_inverse=True)
+    for name in found.tolist():
+        if name not in at.names:
+            raise InputError(f"measurements: no station {name!r} in the scene ({column}); {nearest(name, at.names)}")
+        if not np.isfinite(at.place[at.names.index(name), :2]).all():
+            raise InputError(f"measurements: {name!r} has no place in the scene; add its position")
+    return np.array([at.names.index(name) for name in found.tolist()], dtype=np.int64)[inverse]
+
+
+def _rise2(at: Stations, station: Ints, reference: Ints, height: float | None) -> Floats:
+    """(S,) squares of the heights of stations over the targets; InputError where these matter and are not known."""
+    used: Bools = np.isin(np.arange(len(at.names)), np.concatenate([station, reference]))
+    z = np.where(used, at.place[:, 2], 0.0)
+    if height is None:
+        if (used.any() and np.ptp(z[used]) > 0.0) or (z[used] != 0.0).any():
+            raise InputError(
+                "measurements: stations have heights (z), so that distances are in space; say how high the targets "
+                "are: set tag_height"
+            )
+        return np.zeros(len(z))
+    return np.asarray((z - height) ** 2)

@@ -1,0 +1,75 @@
+"""Bearings that are clockwise from north are noticed, and no others are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.cli.main import run
+from occlog.consistency.compass import FEWEST, Compass, misfit
+from occlog.errors import ExitCode
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.tables import Bearings
+
+PLACES = np.array([[0.0, 0.0], [100.0, 10.0], [30.0, 80.0]])
+NAMES = ["a", "b", "c"]
+SCENE = Scene(arrays=tuple(MicrophoneArray(n, np.append(p, 0.0)) for n, p in zip(NAMES, PLACES, strict=True)))
+
+
+def table(n: int, *, compass: bool, sigma: float, false: float = 0.0) -> Bearings:
+    rng = np.random.default_rng(3)
+    away = rng.uniform([10, 10], [90, 70], (n, 1, 2)) - PLACES
+    angle = np.arctan2(away[..., 1], away[..., 0]) + sigma * rng.standard_normal((n, 3))
+    angle = np.where(rng.random(angle.shape) < false, rng.uniform(-3, 3, angle.shape), angle)
+    value = np.mod((0.5 * np.pi - angle if compass else angle) + np.pi, 2 * np.pi) - np.pi
+    blank = np.full(3 * n, np.nan)
+    return Bearings.of(
+        t_ns=np.repeat(np.arange(n), 3),
+        sensor=np.tile(NAMES, n),
+        target_id=np.zeros(3 * n, dtype=np.int32),
+        seen=np.ones(3 * n, dtype=np.bool_),
+        bearing=value.ravel(),
+        sigma=np.full(3 * n, sigma),
+        u_px=blank,
+        sigma_px=blank,
+        score=blank,
+    )
+
+
+def codes(rows: Bearings) -> list[str]:
+    compass = Compass(SCENE)
+    assert sum(map(len, compass.watch([rows]))) == len(rows)
+    return [f.code for f in compass.findings()]
+
+
+@pytest.mark.parametrize(("sigma", "false"), [(0.01, 0.0), (0.1, 0.0), (0.02, 0.05)])
+def test_bearings_of_a_compass_are_noticed_and_plain_ones_pass(sigma: float, false: float) -> None:
+    assert codes(table(40, compass=True, sigma=sigma, false=false)) == ["compass"]
+    assert codes(table(40, compass=False, sigma=sigma, false=false)) == []
+
+
+def test_few_moments_and_bearings_that_fit_nothing_say_nothing() -> None:
+    assert codes(table(FEWEST - 1, compass=True, sigma=0.01)) == []
+    assert codes(table(40, compass=True, sigma=0.01, false=1.0)) == []
+
+
+def test_lines_that_meet_have_no_misfit_and_lines_that_meet_behind_have_the_most() -> None:
+    away = np.array([40.0, 40.0]) - PLACES
+    angle = np.arctan2(away[:, 1], away[:, 0])
+    assert misfit(PLACES, angle) == pytest.approx(0.0, abs=1e-20)
+    assert misfit(PLACES, angle + np.pi) == pytest.approx(1.0)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize(("column", "said"), [("bearing_deg", True), ("compass_deg", False)])
+def test_a_log_of_a_compass_is_tracked_by_its_column_and_warned_of_without(tmp_path, capsys, column, said) -> None:
+    rows = table(15, compass=True, sigma=0.01)
+    lines = [f"{t},{s},{np.degrees(b):.4f},0.6,0" for t, s, b in zip(rows.t_ns, rows.sensor, rows.bearing, strict=True)]
+    (tmp_path / "b.csv").write_text("\n".join([f"time,station,{column},sigma_deg,id", *lines]) + "\n")
+    places = [f"{n},{x},{y}" for n, (x, y) in zip(NAMES, PLACES.tolist(), strict=True)]
+    (tmp_path / "s.csv").write_text("\n".join(["name,x,y", *places]) + "\n")
+    out = ["--method", "fix", "-o", str(tmp_path / "t.parquet"), "--json"]
+    assert run(["track", str(tmp_path / "b.csv"), "--scene", str(tmp_path / "s.csv"), *out]) == ExitCode.DONE
+    told = capsys.readouterr()
+    assert ("as those of a compass" in told.err) is said
+    assert ('"plausible": true' in told.out) is not said

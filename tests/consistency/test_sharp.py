@@ -1,0 +1,31 @@
+"""Bearings whose stated noise is smaller than any sensor's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.consistency.sharp import LEAST_RAD, Sharp
+from occlog.records.tables import Bearings
+
+
+def bearings(sigma: float, u_px: float = np.nan) -> Bearings:
+    of = {"t_ns": [0], "sensor": ["a"], "target_id": [0], "seen": [True], "score": [np.nan]}
+    return Bearings.of(**of, bearing=[0.1], sigma=[sigma], u_px=[u_px], sigma_px=[np.nan])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (bearings(1e-12), ["noise-tiny"]),
+        (bearings(LEAST_RAD), []),
+        (bearings(1e-12, u_px=100.0), []),  # the reading's noise counts
+    ],
+)
+def test_noise_that_no_sensor_has_is_told(given: Bearings, said: list[str]) -> None:
+    sharp = Sharp()
+    assert list(sharp.watch([given, given])) == [given, given]
+    assert [f.code for f in sharp.findings()] == said
+    assert all(
+        f.sentence.startswith("2 bearings of a state a standard deviation down to 1e-12 rad") for f in sharp.findings()
+    )

@@ -1,0 +1,1 @@
+"""Two checkouts of occlog give the same results: outputs, verdicts, speed, and tests that notice errors."""
