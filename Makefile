@@ -26,8 +26,8 @@ demo: $(VENV)/installed
 # Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with
 # OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not serial"
-	$(BIN)/python -m pytest -m serial $$(grep -rlw serial tests --include="test_*.py")
+	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not serial"
+	$(BIN)/python -m pytest --durations 5 -m serial $$(grep -rlw serial tests --include="test_*.py")
 
 # Kernels as plain Python, which checks bounds: the tests of the rooms that have kernels, and of the metrics, which give
 # them what users have. Elsewhere the same code would run twice.

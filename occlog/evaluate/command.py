@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
 
     from .inputs import Paths
-    from .stage import Evaluation, Threshold
+    from .results import Evaluation, Threshold
 
 
 @click.command(
@@ -144,7 +144,7 @@ def _several(
     paths: Paths, values: dict[str, Any], config: EvaluateConfig, many: dict[str, Any], thresholds: list[Threshold]
 ) -> int:
     """Figures of several recordings."""
-    from .several.run import Recording, run_evaluate_several
+    from .several import Recording, run_evaluate_several
     from .text import recording_lines
 
     if values["metrics"]:
@@ -191,7 +191,7 @@ def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
     `more` are names of figures of plug-ins.
     """
     from .figures import hint_if_unknown
-    from .stage import parse_threshold
+    from .results import parse_threshold
 
     found = []
     for text in texts:
@@ -207,7 +207,7 @@ def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
 
 def _judged(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> int:
     """Exit code 6 if a threshold was broken, each told in a line."""
-    from .stage import failures
+    from .results import failures
 
     broken = failures(metrics, thresholds)
     for line in broken:

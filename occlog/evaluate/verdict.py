@@ -22,7 +22,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Tracks
 from occlog.track.catalogue import smooths
 
-from .errors.on_ground import in_space
+from .errors.sums import in_space
 from .mot.config import ManyConfig
 
 NEES_HIGH, NEES_LOW = 2.0, 0.2
@@ -111,7 +111,7 @@ def judge(
         found.saw(tracks, whole(tracks, mine, scene, diagnostics, made.window_ns), scene)
     against = AgainstTruth(made, scene)
     if errors is not None:
-        against.add(errors)
+        against.update(errors)
     unknown = bool(np.isnan(tracks.cov_xx).any())
     return with_truth(found, made, against, unknown=unknown, metrics=metrics or {})
 
@@ -173,7 +173,7 @@ class _Nees:
         self._squares: dict[int, BatchMeans] = {}
         self._outside: dict[int, BatchMeans] = {}
 
-    def add(self, target: int, nees: Floats) -> None:
+    def update(self, target: int, nees: Floats) -> None:
         """Some more of a target, NaN where the covariance is singular."""
         told = np.isfinite(nees)
         self.told += int(told.sum())
@@ -202,7 +202,7 @@ class AgainstTruth:
         self._own_numbers, self._scene = made.own_numbers, scene
         self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)
 
-    def add(self, errors: Errors) -> None:
+    def update(self, errors: Errors) -> None:
         """Some more, in the order of time."""
         if self._own_numbers and self._scene is not None:
             errors = _on_their_targets(errors, self._scene)
@@ -210,8 +210,8 @@ class AgainstTruth:
         self._high += int(np.count_nonzero(in_space(errors)))
         for target in np.unique(errors.target_id).tolist():
             own = errors.target_id == target
-            self._ground.add(target, errors.nees[own])
-            self._space.add(target, errors.nees_space[own])
+            self._ground.update(target, errors.nees[own])
+            self._space.update(target, errors.nees_space[own])
 
     def findings(self) -> Iterator[Finding]:
         """What there is to say."""

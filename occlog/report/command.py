@@ -322,14 +322,15 @@ def _read(path: Path | None, table: type[T], unit: str) -> T | None:
 
 def _read_bearings(path: Path | None, scene: Scene | None) -> Bearings | None:
     """All bearings, with the directions of arrival of a recording as `occlog track` uses them."""
-    from occlog.evaluate.inputs import read_bearings
+    from occlog.evaluate.sources import streamed_bearings
     from occlog.io.open import open_input
     from occlog.records.tables import Bearings as Rows
     from occlog.records.tables import Doa
 
     opened = None if path is None else open_input(path)
     if scene is not None and opened is not None and opened.recording is not None and opened.has(Doa):
-        return read_bearings(path, None, False, scene)
+        heard = streamed_bearings(path, None, False, scene)
+        return None if heard is None else Rows.concat(heard())
     return None if opened is None or (opened.recording is not None and not opened.has(Rows)) else opened.read(Rows)
 
 

@@ -38,7 +38,14 @@ FIRST = "recordings"
 PAPERS = ("ercan", "rahimi", "lee", "qu")
 PRINTED = "printed"
 """Folder of a section for exit codes and what its commands print."""
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg", "COLUMNS": "100", "TZ": "UTC"}
+ENVIRONMENT = {
+    "PYTHONDONTWRITEBYTECODE": "",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MPLBACKEND": "Agg",
+    "COLUMNS": "100",
+    "TZ": "UTC",
+}
 
 
 def sections(text: str) -> dict[str, list[str]]:
