@@ -71,7 +71,7 @@ def truth_of(folder: Path) -> str:
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", ["fix", "apf", "map"])
+@pytest.mark.parametrize("method", ["fix", "apf", "map", "ekf", "ukf"])
 @pytest.mark.parametrize(
     ("log", "more", "most"),
     [
@@ -109,7 +109,7 @@ def test_a_log_of_five_columns_becomes_a_track(
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", ["fix", "apf", "map"])
+@pytest.mark.parametrize("method", ["fix", "apf", "map", "ekf", "ukf"])
 def test_bearings_and_ranges_of_one_station_are_a_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str
 ) -> None:
@@ -137,7 +137,7 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
     [
         ("tdoa", "fix", [], "want the speed of propagation"),
         ("tdoa", "fix", ["--propagation", "warp"], "--propagation warp: must be sound, light, or a number above 0"),
-        ("ranges", "ekf", [], "which methods fix, apf and map take"),
+        ("ranges", "iekf", [], "which methods apf, ekf, fix, map and ukf take"),
         ("ranges", "fix", ["--set", "estimator=huber"], "huber takes bearings alone"),
         ("ranges", "apf", ["--select", "greedy"], "leave select or the measurements out"),
         ("bearings", "fix", ["--tag-height", "1"], "--tag-height goes with ranges"),
