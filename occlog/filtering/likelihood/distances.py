@@ -6,6 +6,7 @@ not depend on x:
     range       z = |x - p|                              [length]
     logarithm   z = log |x - p|                          a signal strength under the log-distance path loss
     difference  z = |x - p| - |x - q|                    a time difference times the speed of propagation
+    azimuth     z = atan2(y - p_y, x - p_x)              [rad], with a range: `occlog.filtering.likelihood.azimuth`
 
 Distances are in space, |x - p|^2 = (x - p_x)^2 + (y - p_y)^2 + h^2, with h the height of the station over the target.
 A signal strength P - 10 n log10(d) [dBm] has the mean (ln 10 / 10 n) (P - rssi) of log d, and a standard deviation
@@ -26,6 +27,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.usual_radio import DETOUR
 
+from . import azimuth
 from .distance_errors import LOG_ROOT_2PI, Errors, log_density
 from .measurement_model import Geometry, MeasurementModel
 
@@ -38,7 +40,7 @@ NEAREST = 1e-9
 class Distances(NamedTuple):
     """m measurements of one target at one time, or at several."""
 
-    kind: Ints  # (m,) RANGE, LOGARITHM or DIFFERENCE
+    kind: Ints  # (m,) index of `MODELS`: RANGE, LOGARITHM, DIFFERENCE, ...
     value: Floats  # (m,) z
     sigma: Floats  # (m,) > 0
     place: Floats  # (m, 2) of the station, p
@@ -165,9 +167,12 @@ MODELS = (
     MeasurementModel(_range, compiled=2, delayed=True),
     MeasurementModel(_logarithm, compiled=3),
     MeasurementModel(_difference, compiled=4, delayed=True),
+    azimuth.MODEL,
 )
 """Measurement models by kind."""
 ANGULAR = np.array([model.angular for model in MODELS])
 DELAYED = np.array([model.delayed for model in MODELS])
 COMPILED = np.array([model.compiled for model in MODELS])
-"""Columns of them, by kind."""
+"""Fields of them, by kind."""
+PLAIN = {model.column: kind for kind, model in enumerate(MODELS) if model.column is not None}
+"""Kinds of columns whose values are taken as they stand."""
