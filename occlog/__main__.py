@@ -1,4 +1,20 @@
-"""Entry point of the `occlog` command and of `python -m occlog`."""
+"""Entry point of the `occlog` command and of `python -m occlog`.
+
+`python -m` puts the current folder first into the path of modules, where a file `json.py` or `socket.py` would run in
+the place of Python's own.  It is taken out before anything is imported, unless the program lies in it, and processes
+that this one starts leave it out, too.
+"""
+
+import os
+import sys
+
+os.environ["PYTHONSAFEPATH"] = "1"
+try:
+    _here = os.path.realpath(os.curdir)
+except OSError:  # the current folder is gone
+    _here = ""
+if _here != os.path.realpath(os.path.join(os.path.dirname(__file__), os.pardir)):  # noqa: PTH118, PTH120 -- pathlib imports
+    sys.path[:] = [path for path in sys.path if path and os.path.realpath(path) != _here]
 
 from occlog.cli.main import main
 

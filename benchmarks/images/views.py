@@ -13,13 +13,15 @@ import numpy as np
 from benchmarks.references import reference
 from occlog.core.sight.fundamental import fundamental_from_poses
 from occlog.measure.epipolar.views import Geometry, View
+from occlog.papers.qu.timing import likelihood_seconds
 from occlog.records.scene import Camera
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import Birth, FrameSet
-from occlog.track.images.methods.timing import likelihood_seconds
+from occlog.track.images.methods.config import BmctConfig
+from occlog.track.images.methods.state import initial_state
+from occlog.track.images.methods.step import advance, initiate_trackers
 
 NAME = "views"
 SUMMARY = "bmct, 6 targets x 60 particles x 2 views of 320x240, map of bins included: time to that of plain NumPy"
@@ -47,14 +49,14 @@ def frame_set(frame: BallsFrame) -> FrameSet:
 
 def states(frames: list[BallsFrame], config: BallsConfig, **settings: Any) -> list[tuple[Any, FrameSet, Any]]:
     """The state before each frame, the frame, and the state of the generator."""
-    method, rng = VISUAL["bmct"], np.random.default_rng(SEED)
+    rng = np.random.default_rng(SEED)
     views = [View(c.name, *c.image_size) for c in ball_cameras(config)]
-    state = method.init(views, geometry(config), method.config(**settings), rng)
+    state = initial_state(views, geometry(config), BmctConfig(**settings))
     births = [Birth(v, k, e) for v, row in enumerate(frames[0].ellipses) for k, e in enumerate(row)]
-    state, out = method.born(state, frame_set(frames[0]), births), []
+    state, out = initiate_trackers(state, frame_set(frames[0]), births), []
     for frame in frames[1:]:
         out.append((state, frame_set(frame), rng.bit_generator.state))
-        state, _ = method.step(state, frame_set(frame), rng)
+        state, _ = advance(state, frame_set(frame), rng)
     return out
 
 
@@ -66,10 +68,10 @@ def generator(bits: Any) -> np.random.Generator:
 
 def ours(cases: list[tuple[Any, FrameSet, Any]]) -> float:
     """CPU milliseconds a frame of all views."""
-    step, rngs = VISUAL["bmct"].step, [generator(bits) for _, _, bits in cases]
+    rngs = [generator(bits) for _, _, bits in cases]
     start = time.thread_time()
     for (state, frame, _), rng in zip(cases, rngs, strict=True):
-        step(state, frame, rng)
+        advance(state, frame, rng)
     return 1e3 * (time.thread_time() - start) / len(cases)
 
 
@@ -87,7 +89,7 @@ def plain(cases: list[tuple[Any, FrameSet, Any]], ref: ModuleType) -> float:
 
 def shares(cases: list[tuple[Any, FrameSet, Any]]) -> dict[str, float]:
     """CPU milliseconds a frame of each likelihood, as in [Qu] Table 1."""
-    rows = [likelihood_seconds(state, frame, generator(bits), 3) for state, frame, bits in cases]
+    rows = [likelihood_seconds(state, state.config, frame, generator(bits), 3) for state, frame, bits in cases]
     names = ("local likelihood ms", "interaction likelihood ms", "collaboration likelihood ms")
     return dict(zip(names, (1e3 * np.mean(rows, axis=0)).tolist(), strict=True))
 

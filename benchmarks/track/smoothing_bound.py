@@ -41,7 +41,7 @@ from occlog.track.jipda.batch.tracks import tracks_from
 from occlog.track.jipda.cues import law_of
 from occlog.track.jipda.filter import State, begin, step
 from occlog.track.jipda.interface import HEIGHT, WIDTH, Look, Moment
-from occlog.track.jipda.kernels.joint import Boxes, Rates
+from occlog.track.jipda.kernels.detections import Boxes, Rates
 from occlog.track.people.inputs import PeopleInput, PeopleRequest
 
 SURE = 0.999

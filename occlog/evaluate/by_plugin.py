@@ -14,7 +14,7 @@ from occlog.plugins.loading import said_by
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
 
-from .stage import Evaluation
+from .results import Evaluation
 
 PURE = ("", "1")
 """Units of numbers without one, which end no name."""

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
-
-from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.evaluate.stretches.sources import MeasuredSource, no_frames, no_true_box, streamed_bearings
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.put_aside.table import Aside
 from occlog.io.open import Opened, check_unit, common_unit, load_scene, losses_of, open_if_ours, open_input
 from occlog.records.columns import Table
 from occlog.records.declared.measurements import Measurements
@@ -20,7 +17,6 @@ from occlog.records.declared.people import PeopleTracks
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import (
-    Bearings,
     Boxes,
     Cooperation,
     Diagnostics,
@@ -34,10 +30,8 @@ from occlog.scans.config import MeasuredConfig
 from occlog.scans.measured import Radio, measurements_of_reads
 from occlog.scans.shadowing import Shadowing
 
+from .sources import MeasuredSource, Sources, opened_rows, streamed_bearings
 from .verdict import Made
-
-T = TypeVar("T", bound=Table)
-N = TypeVar("N", Views, TruthBoxes)
 
 
 @dataclass(frozen=True)
@@ -76,46 +70,41 @@ class Paths:
         return tuple(dict.fromkeys(p for p in given if p is not None))
 
 
-@dataclass(frozen=True)
-class Tables:
-    """What was read."""
+def open_sources(
+    paths: Paths, frames: tuple[int, int] | None, *, held_boxes: bool
+) -> tuple[Sources, Scene, Opened | None]:
+    """Everything that is named, of which nothing is read yet; the scene, and the tracks.
 
-    scene: Scene
-    tracks: Tracks | None
-    truth: Truth | None
-    truth_boxes: TruthBoxes | None
-    bearings: Bearings | None
-    views: Views | None
-    cooperation: Cooperation | None
-    diagnostics: Diagnostics | None
-    made: Made  # how the tracks were made
-    found: Boxes | Views | None = None  # everybody's boxes, of which a camera's are to be predicted
-    measured: tuple[Measurements, MeasuredConfig, Radio | None] | None = None  # of distances, for the bound
-
-
-def read_tables(paths: Paths, *, everybody: bool = False) -> Tables:
-    """Everything that was named, with the scene of `--scene` or of the recording with the truth.
-
-    With `everybody` the views are not compared with true boxes, but predicted; boxes serve as well.
+    Args:
+        paths: the inputs.
+        frames: first frame that counts, and the one after the last; None: all.
+        held_boxes: views, or boxes, are not compared with true boxes, but predicted in cameras that are held out.
     """
     tracks, truth, scene = open_tables(paths)
-    boxes = _rows_of(truth, TruthBoxes)
-    found = open_input(paths.views) if paths.views is not None and everybody else None
-    if paths.views is not None and truth is not None and boxes is None and not everybody:
+    if paths.views is not None and truth is not None and not held_boxes:
         truth.require(TruthBoxes)
-    return Tables(
-        scene=scene,
-        tracks=None if tracks is None else tracks.read(PeopleTracks if everybody else Tracks),
-        truth=_rows_of(truth, Truth),
-        truth_boxes=boxes,
-        bearings=read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
-        views=None if paths.views is None or everybody else open_input(paths.views).read(Views),
-        cooperation=None if paths.cooperation is None else open_input(paths.cooperation).read(Cooperation),
-        diagnostics=None if paths.diagnostics is None else open_input(paths.diagnostics).read(Diagnostics),
+    views = _opened(paths.views, *((Boxes, Views) if held_boxes else (Views,)))
+    boxes: Any = None
+    if held_boxes and views is not None:
+        # Of a recording with both those of the detector
+        boxes = opened_rows(views, Boxes) if views.has(Boxes) else opened_rows(views, Views)
+    sources = Sources(
+        tracks=opened_rows(tracks, PeopleTracks if held_boxes else Tracks),
+        truth=opened_rows(truth, Truth),
+        bearings=streamed_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
+        diagnostics=opened_rows(_opened(paths.diagnostics, Diagnostics), Diagnostics),
+        measured=None if paths.measurements is None else open_measured(paths.measurements, tracks, scene),
+        views=None if held_boxes else opened_rows(views, Views),
+        truth_boxes=opened_rows(truth, TruthBoxes),
+        cooperation=opened_rows(_opened(paths.cooperation, Cooperation), Cooperation),
+        boxes=boxes,
         made=Made() if tracks is None else Made.of(tracks.provenance),
-        found=None if found is None else _boxes_or_views(found),
-        measured=None if paths.measurements is None else open_measured(paths.measurements, tracks, scene).read(),
     )
+    return (sources if frames is None else sources.in_frames(frames)), scene, tracks
+
+
+def _opened(path: Path | None, *tables: type[Table]) -> Opened | None:
+    return None if path is None else open_input(path, *tables)
 
 
 def open_tables(paths: Paths) -> tuple[Opened | None, Opened | None, Scene]:
@@ -146,73 +135,13 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
     said = dict(made) if isinstance(made, dict) else {}
     radio = said.get("radio")
     known = {f.name: said[f.name] for f in fields(MeasuredConfig) if f.name in said}
-    return MeasuredSource(rows, MeasuredConfig(**known), _radio(radio) if isinstance(radio, dict) else None)
+    again = rows if opened.recording is None else Aside(Measurements, rows).chunks
+    return MeasuredSource(again, MeasuredConfig(**known), _radio(radio) if isinstance(radio, dict) else None)
 
 
 def _radio(said: dict[str, Any]) -> Radio:
     """The path loss that tracks were made with."""
     return Radio(**(said | {"shadowing": Shadowing(**said["shadowing"])}))
-
-
-def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
-    """Rows of the frames first <= number < stop.
-
-    Views and true boxes have numbers of frames; everything else is taken from the time of the first frame on up to that
-    of the one after the last, where frames are the times of true targets, else of true boxes, bearings or tracks.
-
-    Raises:
-        InputError: no row is in these frames.
-    """
-    first, stop = frames
-    timed = (tables.tracks, tables.truth, tables.bearings, tables.cooperation, tables.diagnostics, tables.found)
-    times = _times_of_frames(tables)
-    if any(table is not None for table in timed) and not 0 <= first < min(stop, len(times)):
-        raise no_frames(frames, len(times))
-    low = int(times[first]) if first < len(times) else 0
-    high = int(times[stop]) if stop < len(times) else np.iinfo(np.int64).max
-
-    def during(table: T | None) -> T | None:
-        if table is None:
-            return None
-        t_ns = table.t_ns  # type: ignore[attr-defined]
-        return table.take((t_ns >= low) & (t_ns < high))
-
-    found = tables.found
-    if found is not None:
-        found = found.take((found.t_ns >= low) & (found.t_ns < high))
-    measured = tables.measured
-    if measured is not None:
-        measured = (measured[0].take((measured[0].t_ns >= low) & (measured[0].t_ns < high)), *measured[1:])
-
-    def numbered(table: N | None) -> N | None:
-        return None if table is None else table.take((table.frame >= first) & (table.frame < stop))
-
-    boxes = numbered(tables.truth_boxes)
-    if boxes is not None and tables.views is not None and not len(boxes):
-        raise no_true_box(frames)
-    return replace(
-        tables,
-        tracks=during(tables.tracks),
-        truth=during(tables.truth),
-        truth_boxes=boxes,
-        bearings=during(tables.bearings),
-        views=numbered(tables.views),
-        found=found,
-        measured=measured,
-        cooperation=during(tables.cooperation),
-        diagnostics=during(tables.diagnostics),
-    )
-
-
-def _times_of_frames(tables: Tables) -> Ints:
-    """Distinct times by which frames are numbered."""
-    truth = tables.truth
-    if truth is not None and (truth.role == "target").any():
-        return np.unique(truth.t_ns[truth.role == "target"])
-    for table in (tables.truth_boxes, tables.bearings, tables.found, tables.tracks):
-        if table is not None and len(table):
-            return np.unique(table.t_ns)
-    return np.zeros(0, dtype=np.int64)
 
 
 def _open_truth(path: Path) -> Opened:
@@ -235,22 +164,6 @@ def _scene(paths: Paths, tracks: Opened | None, truth: Opened | None) -> Scene:
         if recorded is None and paths.scene is None and path is not None:
             recorded = open_input(path).scene
     return load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
-
-
-def _boxes_or_views(opened: Opened) -> Boxes | Views:
-    """Everybody's boxes; of a recording with both those of the detector."""
-    return opened.read(Boxes) if opened.has(Boxes) else opened.read(Views)
-
-
-def _rows_of(opened: Opened | None, table: type[T]) -> T | None:
-    """All rows of a table; None without a file, or in a file that holds none."""
-    return opened.read(table) if opened is not None and opened.has(table) else None
-
-
-def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Bearings | None:
-    """All bearings, and directions of arrival as such: see `streamed_bearings`."""
-    rows = streamed_bearings(path, doa, labels, scene)
-    return None if rows is None else Bearings.concat(rows())
 
 
 def provenance_of(paths: Paths, parameters: Mapping[str, object]) -> Provenance:

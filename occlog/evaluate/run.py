@@ -6,49 +6,41 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
-from occlog.array_types import NS, Ints
+from occlog.array_types import NS
 from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.azimuths import doa_metrics
-from occlog.evaluate.bearings.held_out import few_held_out
-from occlog.evaluate.bearings.known_places import (
-    MeasuredNoise,
-    comment,
-    figures_of,
-    noise_at_known_places,
-    notes_of,
-    scene_with,
-)
+from occlog.evaluate.bearings.known_places import MeasuredNoise, comment, scene_with
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.run import ground_figures, many_config
-from occlog.evaluate.stretches.sources import Sources, any_long, span_of_frames, streamed_bearings
-from occlog.evaluate.stretches.tracks import BOUND_WITHOUT_DISTANCES, InStretches, parameters_of
-from occlog.evaluate.stretches.views import BesideTracks
+from occlog.evaluate.mot.config import ManyConfig, many_config, own_targets_by
 from occlog.io.files.atomic import check_outputs, write_bytes
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import write_table
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import write_json
-from occlog.io.open import of_others, open_if_ours, open_input
+from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.plugins.chosen import Chosen
+from occlog.records.columns import Table
+from occlog.records.declared.views import Counts, Failures
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Diagnostics, Doa, Truth, TruthBoxes
+from occlog.records.tables import Bound, Doa, Errors, Tracks, Truth
 from occlog.settings import configure, declaration, declared
-from occlog.track.images.run.provenance import born_from_detections, other_video
+from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
 from .by_plugin import with_plugins
-from .inputs import Paths, in_frames, lost_earlier, open_measured, open_tables, provenance_of, read_tables
-from .stage import Evaluation, evaluate
-from .verdict import judge
+from .inputs import Paths, lost_earlier, open_sources, provenance_of
+from .results import Evaluation
+from .stage import Evaluator
 
 
 def run_evaluate(
@@ -70,161 +62,73 @@ def run_evaluate(
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
     check_outputs(paths.inputs, written, paths.overwrite)
-    if not plugged:
-        found = run_in_stretches(paths, given, many_given, frames)
-        if found is not None:
-            return found
-    t = read_tables(paths, everybody=bool(given.get("held_out")) and paths.views is not None)
-    t = t if frames is None else in_frames(t, frames)
-    unit = t.scene.length_unit
-    config, numbered_itself, own_numbers = _configured(paths, given, unit)
-    _check_held_out(paths.tracks, config.held_out)
-    begin_work()
-    result = evaluate(
-        t.tracks,
-        t.truth,
-        t.bearings,
-        t.scene,
-        config,
-        views=t.views,
-        truth_boxes=t.truth_boxes,
-        cooperation=t.cooperation,
-        smoothed=t.made.smoothed,
-        found=t.found,
-        measured=t.measured,
-    )
-    result, many = ground_figures(
-        result,
-        t,
-        config,
-        told=many_given,
-        own=own_targets_by(config, numbered_itself),
-        wanted=paths.failures is not None or paths.counts is not None,
-        path=paths.tracks,
-    )
-    if t.tracks is not None and t.truth is not None:
-        result = with_plugins(result, plugged, t.tracks, t.truth, unit)
-    if paths.write_scene is not None:
-        noise = noise_at_known_places(result.looks, t.scene)
-        metrics, notes = {**result.metrics, **figures_of(noise)}, (*result.notes, *notes_of(t.scene, noise))
-        result = replace(result, metrics=metrics, notes=notes)
-        _write_scene(paths.write_scene, t.scene, noise, overwrite=paths.overwrite)
-    findings = judge(
-        t.tracks,
-        t.scene,
-        t.made,
-        diagnostics=t.diagnostics,
-        bearings=t.bearings,
-        errors=result.errors,
-        metrics=result.metrics,
-        held_out=config.held_out,
-    )
-    if t.made.measured and paths.measurements is None and len(result.bound):
-        result = replace(result, notes=(*result.notes, BOUND_WITHOUT_DISTANCES))
-    result = replace(result, notes=_notes(paths, own_numbers, result.notes), findings=findings)
-    told_of = {"metrics": [each.provenance(unit) for each in plugged]} if plugged else {}
-    parameters = {**parameters_of(paths, config, many), **told_of}
-    _write(paths, result, unit, parameters)
-    return result, unit
-
-
-def _configured(paths: Paths, given: Mapping[str, object], unit: str) -> tuple[EvaluateConfig, bool, bool]:
-    """Settings; whether the tracks have numbers of their own; and whether they are paired by distance for that."""
+    held_boxes = bool(given.get("held_out")) and paths.views is not None
+    sources, scene, tracks = open_sources(paths, frames, held_boxes=held_boxes)
+    unit = scene.length_unit
     # A tracker that numbers its tracks itself gives them numbers of targets by chance only
     numbered_itself = born_from_detections(paths.tracks) or of_others(paths.tracks)
     own_numbers = "match" not in given and numbered_itself
     paired = {"match": "optimal"} if own_numbers else {}
     config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **paired, **given})
-    return config, numbered_itself, own_numbers
-
-
-def own_targets_by(config: EvaluateConfig, numbered_itself: bool) -> str:
-    """Which target is a track's own unless that is given; see `ManyConfig.own`."""
-    return "label" if config.match == "id" else ("start" if numbered_itself else "best")
-
-
-def _notes(paths: Paths, own_numbers: bool, found: tuple[str, ...]) -> tuple[str, ...]:
-    """What the user must know of the inputs, about what was found."""
-    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
-    return (*((told,) if own_numbers else ()), *found, *other_video(paths.tracks, [paths.truth]))
-
-
-def run_in_stretches(
-    paths: Paths,
-    given: Mapping[str, object],
-    many_given: Mapping[str, object],
-    frames: tuple[int, int] | None = None,
-) -> tuple[Evaluation, str] | None:
-    """The same as `run_evaluate` in flat memory.
-
-    None where there are sensors held out without tracks or bearings or beside views, many tracks with them, nothing to
-    compare, or short tables in a recording.
-    """
-    if given.get("held_out") and (paths.tracks is None or paths.directions is None or paths.views is not None):
-        return None
-    tracks, truth, scene = open_tables(paths)
-    views = None if paths.views is None else open_input(paths.views)
-    positions = tracks is not None or paths.directions is not None
-    if truth is not None and not truth.has(Truth if positions else TruthBoxes):
-        return None
-    if views is not None and (truth is None or not truth.has(TruthBoxes)):
-        return None
-    bearings = streamed_bearings(paths.bearings, paths.doa, paths.doa_labels, scene)
-    beside = (paths.bearings, paths.doa, paths.measurements)
-    recorded = [truth, views, *(None if p is None else open_input(p) for p in beside)]
-    if any(o is not None and o.recording is not None for o in recorded) and not any_long(tracks, *recorded):
-        return None
-    unit = scene.length_unit
-    config, numbered_itself, own_numbers = _configured(paths, given, unit)
-    _check_held_out(paths.tracks, config.held_out)
+    _check_held_out(tracks, config.held_out)
     begin_work()
-    diagnostics = None if paths.diagnostics is None else open_input(paths.diagnostics, Diagnostics)
-    measured = None if paths.measurements is None else open_measured(paths.measurements, tracks, scene)
-    sources = Sources(tracks, truth, bearings, diagnostics, measured)
-    timed = positions or paths.cooperation or paths.diagnostics or (truth is not None and truth.has(Truth))
-    if frames is not None and timed:
-        spans = (span_of_frames(times, frames) for times in _times_of_frames(sources))
-        during = next((span for span in spans if span is not None), None)
-        if during is None:
-            return None
-        sources = replace(sources, during=during)
-    compared = InStretches(sources, scene, config) if positions else None
-    if compared is not None and not (compared.can and few_held_out(config, len(compared.known.tracks))):
-        return None
-    cooperation = None if paths.cooperation is None else open_input(paths.cooperation)
-    more = BesideTracks(views, truth, cooperation, sources, frames).figures(
-        config, None if compared is None else compared.known.tracks_ns
-    )
+    evaluator = Evaluator(sources, scene, config)
     many, unknown = None, None
     asked_for = bool(many_given) or paths.failures is not None or paths.counts is not None
-    both = tracks is not None and truth is not None
-    if (compared is not None and compared.several) or (asked_for and both):
-        many, unknown = many_config(unit, own_targets_by(config, numbered_itself), many_given)
-    parameters = parameters_of(paths, config, many)
+    if sources.tracks is not None and sources.truth is not None and (evaluator.several or asked_for):
+        many, unknown = many_config(unit, own_targets_by(config, numbered_itself=numbered_itself), many_given)
     asked = None if many_given.get("own") is None else str(many_given["own"])
-    if compared is not None:
-        result = compared.evaluate(paths, parameters, many, asked, more)
-        if paths.write_scene is not None:
-            _write_scene(paths.write_scene, scene, compared.noise, overwrite=paths.overwrite)
-    else:
-        result = Evaluation({name: float(value) for name, value in more.items()})
-    notes = result.notes if unknown is None else (*result.notes, unknown)
-    result = replace(result, notes=_notes(paths, own_numbers, notes))
-    rest = paths if compared is None else replace(paths, errors=None, bound=None)
-    rest = rest if many is None else replace(rest, failures=None, counts=None)  # the others are written already
-    _write(rest, result, unit, parameters)
+    numbers = () if many is None else own_notes(paths.tracks, many.own, asked)
+    parameters = _parameters(paths, config, many)
+    if plugged:
+        parameters |= {"metrics": [each.provenance(unit) for each in plugged]}
+    provenance = provenance_of(paths, parameters)
+    kept: list[Errors] = []
+    with ExitStack() as stack:
+        writers = {
+            table.NAME: stack.enter_context(
+                TableWriter(path, table, provenance, overwrite=paths.overwrite, length_unit=unit)
+            )
+            for table, path in _tables(paths)
+            if path is not None
+        }
+
+        def take(rows: Table) -> None:
+            if rows.NAME in writers:
+                writers[rows.NAME].write(rows)
+            if plugged and isinstance(rows, Errors):
+                kept.append(rows)
+
+        result = evaluator.run(take, many, places=paths.write_scene is not None, numbers=numbers)
+        if result.checks is not None:
+            provenance = provenance.with_checks(result.checks)
+            for writer in writers.values():
+                writer.annotate(provenance)
+        if plugged and sources.tracks is not None and sources.truth is not None:
+            whole = Tracks.concat(sources.tracks()), Truth.concat(sources.truth())
+            result = with_plugins(replace(result, errors=Errors.concat(kept)), plugged, *whole, unit)
+    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
+    more = () if unknown is None else (unknown,)
+    other = other_video(paths.tracks, [paths.truth])
+    notes = (*((told,) if own_numbers else ()), *result.notes, *more, *other)
+    result = replace(result, notes=notes, verdicts=provenance.judged)
+    if paths.write_scene is not None:
+        _write_scene(paths.write_scene, scene, evaluator.noise, overwrite=paths.overwrite)
+    if paths.output is not None:
+        values = {**result.figures, "_provenance": provenance.as_dict()}
+        write_json(paths.output, values, overwrite=paths.overwrite)
     return result, unit
 
 
-def _times_of_frames(sources: Sources) -> Iterator[Iterator[Ints]]:
-    """Times by which frames are numbered: those of true targets; where there are none, of what comes next."""
-    truth = sources.truth
-    if truth is not None and truth.has(Truth):
-        yield (rows.t_ns[rows.role == "target"] for rows in sources.rows_of_truth())
-    if truth is not None and truth.has(TruthBoxes):
-        yield (rows.t_ns for rows in truth.rows(TruthBoxes))
-    yield (rows.t_ns for rows in sources.rows_of_bearings())
-    yield (rows.t_ns for rows in sources.rows_of_tracks())
+def _tables(paths: Paths) -> list[tuple[type[Table], Path | None]]:
+    """Tables that are written while they are made."""
+    return [(Errors, paths.errors), (Bound, paths.bound), (Failures, paths.failures), (Counts, paths.counts)]
+
+
+def _parameters(paths: Paths, config: EvaluateConfig, many: ManyConfig | None) -> dict[str, object]:
+    """Parameters of the comparison, as the provenance of outputs has them."""
+    labels = {"doa_labels": True} if paths.doa_labels else {}
+    return {**asdict(config), **labels, **({} if many is None else {"many": asdict(many)})}
 
 
 def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *, overwrite: bool) -> None:
@@ -293,32 +197,16 @@ def simulated(truth: Path | None) -> dict[str, float]:
     return {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
 
 
-def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
+def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
     """InputError if the tracks say that they were made with a sensor that is held out."""
     if tracks is None or not held_out:
         return
-    made = open_input(tracks).provenance.parameters
+    made = tracks.provenance.parameters
     used = made.get("sensors", made.get("cameras"))
     both = [name for name in held_out if isinstance(used, list) and name in used]
     if both:
         names = ",".join(both)
-        raise InputError(f"{tracks}: was made with {names}; make it again with `occlog track --without {names}`")
-
-
-def _write(paths: Paths, result: Evaluation, unit: str, parameters: Mapping[str, object]) -> None:
-    provenance = provenance_of(paths, parameters)
-    made = (
-        (paths.errors, result.errors),
-        (paths.bound, result.bound),
-        (paths.failures, result.failures),
-        (paths.counts, result.counts),
-    )
-    for path, table in made:
-        if path is not None:
-            write_table(path, table, provenance, overwrite=paths.overwrite, length_unit=unit)
-    if paths.output is not None:
-        values = {**result.figures, "_provenance": provenance.as_dict()}
-        write_json(paths.output, values, overwrite=paths.overwrite)
+        raise InputError(f"{tracks.path}: was made with {names}; make it again with `occlog track --without {names}`")
 
 
 def run_evaluate_doa(

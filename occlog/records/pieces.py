@@ -78,21 +78,28 @@ class Side(Generic[T]):
         self._chunks = iter(chunks)
         self._kind = kind
         self._name = name or kind.NAME
+        self._next: T | None = None
+        self._begun = False
         self.rows = kind.empty()
         self.until = FIRST
 
     def pull(self) -> None:
-        """Read the next chunk that has rows; without one all rows have arrived."""
-        for chunk in self._chunks:
-            if not len(chunk):
-                continue
+        """Take the next chunk that has rows; with the last one all rows have arrived."""
+        if not self._begun:
+            self._next, self._begun = self._read(), True
+        chunk = self._next
+        self._next = None if chunk is None else self._read()
+        if chunk is not None:
             first, last = int(times(chunk)[0]), int(times(chunk)[-1])
             if first < self.until:
                 raise InputError(f"{self._name}: t_ns goes back between two chunks ({first}); sort the table by t_ns")
             self.rows = self._kind.concat([self.rows, chunk])
             self.until = last
-            return
-        self.until = LAST
+        if self._next is None:
+            self.until = LAST
+
+    def _read(self) -> T | None:
+        return next((chunk for chunk in self._chunks if len(chunk)), None)
 
     def between(self, low: int, high: int) -> T:
         """Rows from a time on, up to another, which is left out unless it is the last one that there is."""

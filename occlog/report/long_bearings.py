@@ -12,8 +12,8 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.consistency.verdict import Evidence
 from occlog.core.metrics.sums import group_medians
 from occlog.evaluate.errors.sums import median_of
+from occlog.evaluate.evidence import SightEvidence, in_rows_of
 from occlog.evaluate.matching.outline import NEAR_NS
-from occlog.evaluate.stretches.evidence import SightStreams, in_rows_of
 from occlog.evaluate.verdict import Made
 from occlog.io.files.put_aside.blocks import Blocks
 from occlog.io.files.put_aside.spool import Spool
@@ -206,7 +206,7 @@ def _beside(
     stream: Callable[[], Iterator[Bearings]], scene: Scene, beside: Beside
 ) -> Iterator[tuple[Tracks, Bearings]]:
     """Stretches of bearings, and all estimates between which they are; evidence is gathered on the way."""
-    sight = SightStreams(beside.evidence, scene, beside.made, ())
+    sight = SightEvidence(beside.evidence, scene, beside.made, ())
     tracks, bearings = Side(beside.tracks(), Tracks), Side(stream(), Bearings)
     said: Side[Diagnostics] | None = None
     if beside.diagnostics is not None:
@@ -215,6 +215,6 @@ def _beside(
     sides: list[Side[Any]] = [tracks, bearings, *([] if said is None else [said])]
     margins = [max(NEAR_NS, sight.margin_ns), *[sight.margin_ns] * (len(sides) - 1)]
     for limits in in_step(sides, margins):
-        sight.add(limits, tracks, bearings, said)
+        sight.update(limits, tracks, bearings, said)
         yield beside.posts.about(limits, tracks), limits.of(bearings)
     sight.finish()

@@ -18,7 +18,7 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.consistency.verdict import Evidence
 from occlog.evaluate.errors.sums import median_of
-from occlog.evaluate.stretches.sources import streamed_bearings
+from occlog.evaluate.sources import streamed_bearings
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
 from occlog.io.files.put_aside.spool import Spool
 from occlog.io.files.put_aside.table import Aside
@@ -291,7 +291,7 @@ class _Reading:
         so_far = _Drawn(ours.rows), _Drawn(np.zeros(0, np.int64) if theirs is None else theirs.rows)
         for limits in in_step(sides, (0, 0)):
             part, its = limits.of(sides[0]), limits.of(sides[1])
-            self._against.add(part)
+            self._against.update(part)
             so_far[0].add(of_all.add(part))
             so_far[1].add(beside.add(part, its))
         self._of_all |= {"errors": of_all, "errors_so_far": so_far[0].values(())}
@@ -362,8 +362,7 @@ class _Reading:
         if opened is None:
             return None
         if self._scene is not None and opened.recording is not None and opened.has(Doa):
-            heard = streamed_bearings(self._given.bearings, None, False, self._scene)
-            return None if heard is None else Aside(Bearings, heard).chunks
+            return streamed_bearings(self._given.bearings, None, False, self._scene)
         found = self._open("bearings", Bearings)
         return None if found is None else found.chunks
 

@@ -62,8 +62,8 @@ class Entry:
 
     Attributes:
         summary: one line.
-        method: module and name of the method, a value of `occlog.track.interface`, of `Visual` for one in images, or of
-            `Follower` for one that follows everybody; of one that takes reads the function that tracks.
+        method: module and name of the method, a value of `occlog.track.interface`, or of `Follower` for one that
+            follows everybody; of one that takes images or reads the function that tracks.
         settings: module and name of the class of its settings.
         takes: names of the options that it takes beside the shared ones and its settings.
         takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows everybody by them;
@@ -201,35 +201,35 @@ OURS: dict[str, Entry] = {
     ),
     "mipf": Entry(
         "in images: a particle filter for each target and view, on its own (Qu, Schonfeld, Mohamed 2007)",
-        "occlog.track.images.catalogue:MIPF",
+        "occlog.track.images.run.run:run_track_views",
         "occlog.track.images.methods.config:MipfConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
     "idmot": Entry(
         "in images: trackers that touch repel each other and keep their ways (Qu, Schonfeld, Mohamed 2007)",
-        "occlog.track.images.catalogue:IDMOT",
+        "occlog.track.images.run.run:run_track_views",
         "occlog.track.images.methods.config:IdmotConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
     "cmct": Entry(
         "in images: particles on the epipolar lines of the other views, colours that adapt; no interaction",
-        "occlog.track.images.catalogue:CMCT",
+        "occlog.track.images.run.run:run_track_views",
         "occlog.track.images.methods.config:CmctConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
     "bmct": Entry(
         "in images: as idmot, helped by the other views through epipolar lines (Qu, Schonfeld, Mohamed 2007)",
-        "occlog.track.images.catalogue:BMCT",
+        "occlog.track.images.run.run:run_track_views",
         "occlog.track.images.methods.config:BmctConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
     "mcmc": Entry(
         "in images: a filter for each view, whose samples hold all of its targets",
-        "occlog.track.images.methods.mcmc:MCMC",
+        "occlog.track.images.run.run:run_track_views",
         "occlog.track.images.methods.config:McmcConfig",
         IN_IMAGES,
         takes_in=IMAGES,

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import ExitCode, UsageError
-from occlog.evaluate.stage import Threshold, cooperation_figures, failures, parse_threshold
-from occlog.records.tables import Cooperation, Tracks
+from occlog.evaluate.cooperation import CooperationCounts
+from occlog.evaluate.results import Threshold, failures, parse_threshold
+from occlog.records.tables import Cooperation
 
 METRICS = {
     "rmse_m": 0.7,
@@ -23,6 +24,12 @@ METRICS = {
     "detection_rate_sensor_cam 1": 0.5,
 }
 NS = 1_000_000_000
+
+
+def cooperation_figures(asked: Cooperation, tracked: tuple[int, int] | None = None) -> dict[str, float]:
+    counts = CooperationCounts()
+    counts.update(asked)
+    return counts.result(tracked)
 
 
 def broken(text: str) -> list[str]:
@@ -147,9 +154,7 @@ def test_requests_frames_and_causes_are_counted():
 
 
 def test_the_period_is_that_of_the_tracks():
-    n = np.full(2, 0.0)
-    tracks = Tracks.of(t_ns=[0, 30 * NS], target_id=[0, 0], x=n, y=n, vx=n, vy=n, cov_xx=n, cov_xy=n, cov_yy=n)
-    assert cooperation_figures(REQUESTS, tracks)["cooperation_period_s"] == pytest.approx(10.0)
+    assert cooperation_figures(REQUESTS, (0, 30 * NS))["cooperation_period_s"] == pytest.approx(10.0)
 
 
 def test_nothing_asked_is_no_period():

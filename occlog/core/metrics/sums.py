@@ -26,6 +26,11 @@ class Sum:
         self._lost += (large - total) + small
         self._total = total
 
+    def merge(self, other: Sum) -> None:
+        """Add the parts of another sum."""
+        self.add(other._total)
+        self.add(other._lost)
+
     @property
     def value(self) -> float:
         """The sum."""

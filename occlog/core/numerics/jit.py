@@ -7,13 +7,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core import event
-from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.core.types.misc import unliteral
+from occlog.console.details import tell_of_compiling
 
-from occlog import __version__
-from occlog.console.details import note_uncached, tell_of_compiling
+from .kernel_cache import KernelCache, NoCacheError  # before numba, which would read files of the current folder
+
+import numba  # isort: skip
+from numba.core import event  # isort: skip
+from numba.core.types.misc import unliteral  # isort: skip
 
 F = TypeVar("F", bound=Callable[..., Any])
 PATIENCE_S = 2.0
@@ -66,49 +66,6 @@ def _of_any_value(template: Callable[..., Any]) -> Callable[..., Any]:
         return template([unliteral(a) for a in args], {name: unliteral(a) for name, a in kws.items()})
 
     return get_call_template
-
-
-class NoCacheError(Exception):
-    """No folder for compiled kernels can be written: they are compiled in each process."""
-
-
-class KernelCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache on disk, without what another version of the program has left there.
-
-    Numba takes a kernel from its cache while the kernel's own file is the same, and the kernels
-    of other files that it calls are compiled into it.  So a cached kernel belongs to one
-    version of the program.  An index is unpickled before numba asks whether it is fresh; one
-    that names types or modules that are gone counts as empty.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        """Look for the cache beside the function's file, or where numba is told to, or in the user's cache folder.
-
-        Raises:
-            NoCacheError: none of these can be written, as in a container that is read-only.
-        """
-        try:
-            super().__init__(function)
-        except RuntimeError as error:
-            note_uncached()
-            raise NoCacheError from error
-        stamp = (self._impl.locator.get_source_stamp(), __version__)
-        self._cache_file = IndexDataCacheFile(self.cache_path, self._impl.filename_base, stamp)
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled kernel for a signature; None where there is none."""
-        try:
-            return super().load_overload(sig, target_context)
-        except (AttributeError, ImportError):
-            self.flush()
-            return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel; where that fails, as on a full disk, it serves this process alone."""
-        try:
-            super().save_overload(sig, data)
-        except OSError:
-            note_uncached()
 
 
 class Stopwatch(event.Listener):  # type: ignore[misc]

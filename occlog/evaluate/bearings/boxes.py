@@ -77,18 +77,11 @@ def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]
         yield (str(table.sensor[rows[0]]), int(table.t_ns[rows[0]])), rows
 
 
-def view_metrics(views: Views, truth: TruthBoxes, config: EvaluateConfig) -> Metrics:
-    """Figures over all sensors from sums, then for each class, then for each sensor.
-
-    Frames are the same when sensor and time are.  InputError if no frame is in both tables.
-    """
-    found = ViewFigures(config)
-    found.add(views, truth)
-    return found.metrics()
-
-
 class ViewFigures:
-    """Gathers results of frames that have true boxes (or are known to have none), while these stream by."""
+    """Recall, precision and errors of views, of the frames that have true boxes or are known to have none.
+
+    Frames are the same when sensor and time are.
+    """
 
     def __init__(self, config: EvaluateConfig, in_memory: int = IN_MEMORY // 8) -> None:
         """No frame yet; `in_memory`: how many errors of a kind are kept in memory."""
@@ -100,7 +93,7 @@ class ViewFigures:
         self._first_view: tuple[str, int] | None = None
         self._first_box: tuple[str, int] | None = None
 
-    def add(self, views: Views, truth: TruthBoxes) -> None:
+    def update(self, views: Views, truth: TruthBoxes) -> None:
         """Views and true boxes of some more times."""
         self._first_view = self._first_view or _first(views)
         self._first_box = self._first_box or _first(truth)
@@ -111,12 +104,12 @@ class ViewFigures:
             self._shared += (sensor, t) in by_frame
             self._used += len(mine)
             result = match_frame(views.take(mine), truth.take(rows), self._overlap)
-            self._whole.add(result, result.found)
+            self._whole.update(result, result.found)
             for number, own in enumerate(self._classes):
-                own.add(result, result.found & (result.kind == number), int(np.count_nonzero(result.kind == number)))
-            self._sensors.setdefault(sensor, _Results(self._in_memory)).add(result, result.found)
+                own.update(result, result.found & (result.kind == number), int(np.count_nonzero(result.kind == number)))
+            self._sensors.setdefault(sensor, _Results(self._in_memory)).update(result, result.found)
 
-    def metrics(self) -> Metrics:
+    def result(self) -> Metrics:
         """Figures over all sensors from sums, then for each class, then for each sensor.
 
         Raises:
@@ -150,7 +143,7 @@ class _Results:
         self._views = 0
         self._sum, self._squares, self._sizes = Sum(), Sum(), Spool(in_memory)
 
-    def add(self, result: FrameResult, found: Bools, boxes: int | None = None) -> None:
+    def update(self, result: FrameResult, found: Bools, boxes: int | None = None) -> None:
         """A frame, and which of its true boxes count as found; `boxes`: how many count, if not all."""
         errors = result.error_px[found]
         self._frames, self._views = self._frames + 1, self._views + result.views

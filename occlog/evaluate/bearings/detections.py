@@ -93,13 +93,6 @@ def looks_of(
     }
 
 
-def detection_metrics(looks: Mapping[str, SensorLooks]) -> Metrics:
-    """Figures over all sensors, from sums, then for each sensor."""
-    found = DetectionFigures()
-    found.add(looks)
-    return found.metrics()
-
-
 class DetectionFigures:
     """Counts looks while they stream by."""
 
@@ -107,7 +100,7 @@ class DetectionFigures:
         """No look yet."""
         self._sensors: dict[str, dict[str, Sum]] = {}
 
-    def add(self, looks: Mapping[str, SensorLooks]) -> None:
+    def update(self, looks: Mapping[str, SensorLooks]) -> None:
         """Looks of some more frames, by sensor."""
         for name, found in looks.items():
             own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(Counts)})
@@ -115,7 +108,7 @@ class DetectionFigures:
             for f in fields(Counts):
                 own[f.name].add(float(getattr(part, f.name)))
 
-    def metrics(self) -> Metrics:
+    def result(self) -> Metrics:
         """Figures over all sensors, from sums, then for each sensor."""
         counts = {name: _counts(own) for name, own in sorted(self._sensors.items())}
         out = _figures(add_counts(counts.values()), "")

@@ -11,6 +11,7 @@ about where it is, would give.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -23,11 +24,11 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
+from occlog.evaluate.matching.paths import Path, Sensor, sensors_of
 from occlog.io.files.put_aside.blocks import BLOCK, IN_MEMORY, Blocks
 from occlog.io.files.put_aside.spool import Spool
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Tracks
+from occlog.records.tables import Bearings
 
 Metrics = dict[str, float]
 
@@ -36,7 +37,7 @@ SHIFTS = 16
 
 
 MOST_ASIDE = 64
-"""Tracks times sensors whose frames are put aside, each in a file of its own."""
+"""Tracks times sensors whose frames are put aside, each in a file of its own; of more all are kept in memory."""
 FRAME = np.dtype([("bearing", "f8"), ("u_px", "f8"), ("usable", "?"), ("first", "i8"), ("reported", "i8")])
 """What a track predicts of a frame, whether it can be seen there, and which bearings were reported."""
 REPORTED = np.dtype([("bearing", "f8"), ("u_px", "f8")])
@@ -57,21 +58,8 @@ class Prediction(NamedTuple):
     rad: Floats  # (F,)
 
 
-def few_held_out(config: EvaluateConfig, tracks: int) -> bool:
-    """Whether so few tracks are predicted in held-out sensors that each one's frames may be put aside."""
-    return len(config.held_out) * tracks <= MOST_ASIDE
-
-
-def held_out_metrics(tracks: Tracks, bearings: Bearings, scene: Scene, config: EvaluateConfig) -> Metrics:
-    """Figures for every sensor held out, and over all of them if there are several."""
-    paths = paths_of(tracks)
-    found = HeldOutStreams(scene, list(paths), config)
-    found.add(bearings, paths)
-    return found.metrics()
-
-
-class HeldOutStreams:
-    """Gathers what sensors reported and what tracks predict, while stretches come by.
+class HeldOutFigures:
+    """Predictions of sensors that are held out: figures for each of them, and over all of them.
 
     Frames are put aside, since those that stand for chance are paired with predictions of other times.
     """
@@ -99,11 +87,12 @@ class HeldOutStreams:
         self._config, self._targets, self._block = config, targets, block
         self._sensors = sensors_of(scene, config.held_out, "held out")
         self._rows = dict.fromkeys(self._sensors, 0)
-        self._each = in_memory // max(len(self._sensors) * len(targets) * 2, 1)
+        files = len(self._sensors) * len(targets)
+        self._each = in_memory // (2 * files) if 0 < files <= MOST_ASIDE else sys.maxsize
         self._in_memory = in_memory
         self._aside: dict[tuple[str, int], _Aside] = {}
 
-    def add(self, rows: Bearings, paths: Mapping[int, Path]) -> None:
+    def update(self, rows: Bearings, paths: Mapping[int, Path]) -> None:
         """The bearings of another stretch, and the tracks about it."""
         for name, sensor in self._sensors.items():
             own = rows.take(rows.sensor == name)
@@ -115,7 +104,7 @@ class HeldOutStreams:
                     aside = self._aside.setdefault((name, target), _Aside(self._block, self._each))
                     aside.add(frames, *_expect(sensor, frames, paths.get(target), self._config))
 
-    def metrics(self) -> Metrics:
+    def result(self) -> Metrics:
         """All figures.
 
         Raises:
@@ -130,9 +119,9 @@ class HeldOutStreams:
                 aside = self._aside.get((name, target))
                 for real, part in () if aside is None else aside.predictions():
                     for each in (figures, whole):
-                        each.add(part, real=real)
-            out |= figures.metrics(f"_sensor_{name}")
-        return whole.metrics("") | out
+                        each.update(part, real=real)
+            out |= figures.result(f"_sensor_{name}")
+        return whole.result("") | out
 
 
 def frames_of(rows: Bearings) -> Frames:
@@ -218,7 +207,7 @@ class _Figures:
         self._frames = self._near = self._within = self._chance = self._by_chance = 0
         self._squares, self._squares_within, self._sum, self._squares_rad = Sum(), Sum(), Sum(), Sum()
 
-    def add(self, found: Prediction, *, real: bool) -> None:
+    def update(self, found: Prediction, *, real: bool) -> None:
         near = np.abs(found.rad) <= self._gate
         px = found.px[np.isfinite(found.px)]
         if not real:
@@ -237,7 +226,7 @@ class _Figures:
         self._squares_rad.add(float(np.sum(reported**2)))
         self._sum.add(float(px.sum()))
 
-    def metrics(self, whose: str) -> Metrics:
+    def result(self, whose: str) -> Metrics:
         middle, high = quantiles_of(self._px, (0.5, 0.95))
         return {
             f"held_out_frames{whose}": self._frames,

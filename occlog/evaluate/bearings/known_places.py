@@ -107,13 +107,6 @@ def _jackknife(without: Floats) -> float:
     return math.sqrt((B - 1) / B * float(((without - without.mean()) ** 2).sum()))
 
 
-def noise_at_known_places(looks: Mapping[str, SensorLooks], scene: Scene) -> dict[str, MeasuredNoise]:
-    """The noise of every camera with enough readings of targets in plain view; InputError if none has them."""
-    found = KnownPlaces(scene)
-    found.add(looks)
-    return found.noise()
-
-
 class KnownPlaces:
     """Gathers readings of targets in plain view, while looks stream by."""
 
@@ -127,7 +120,7 @@ class KnownPlaces:
         share = in_memory // max(len(scene.cameras), 1)
         self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
 
-    def add(self, looks: Mapping[str, SensorLooks]) -> None:
+    def update(self, looks: Mapping[str, SensorLooks]) -> None:
         """Looks of some more frames, by sensor."""
         for name in looks.keys() & self._residuals.keys():
             own = looks[name].looks

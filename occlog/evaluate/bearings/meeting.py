@@ -14,11 +14,11 @@ from occlog.core.metrics.sums import Sum
 from occlog.core.sight import triangulate
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
+from occlog.evaluate.matching.paths import Path, Sensor, sensors_of
 from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.pieces import LAST
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Tracks
+from occlog.records.tables import Bearings
 
 from .scans import ScanCuts, Scans, labelled
 
@@ -44,7 +44,7 @@ def meeting_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> 
     """
     rows = labelled(bearings, config)
     sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
-    return {scans.target: meet(scans, sensors, config) for scans in ScanCuts(config).add(rows, LAST)}
+    return {scans.target: meet(scans, sensors, config) for scans in ScanCuts(config).update(rows, LAST)}
 
 
 def meet(scans: Scans, sensors: Mapping[str, Sensor], config: EvaluateConfig) -> Meetings:
@@ -72,15 +72,6 @@ def meet(scans: Scans, sensors: Mapping[str, Sensor], config: EvaluateConfig) ->
     )
 
 
-def meeting_metrics(tracks: Tracks, bearings: Bearings, scene: Scene, config: EvaluateConfig) -> Metrics:
-    """Distances of the tracks from the meeting points of their own bearings' sight lines; empty without scans."""
-    found, paths, rows = MeetingFigures(scene.length_unit, config), paths_of(tracks), labelled(bearings, config)
-    sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
-    for scans in ScanCuts(config).add(rows, LAST):
-        found.add(scans, sensors, paths.get(scans.target))
-    return found.metrics()
-
-
 class MeetingFigures:
     """Gathers distances of tracks from where sight lines meet, while scans stream by."""
 
@@ -97,7 +88,7 @@ class MeetingFigures:
         self._distance, self._spread = Spool(in_memory), Spool(in_memory)
         self._squares, self._residual_squares = Sum(), Sum()
 
-    def add(self, scans: Scans, sensors: Mapping[str, Sensor], path: Path | None) -> None:
+    def update(self, scans: Scans, sensors: Mapping[str, Sensor], path: Path | None) -> None:
         """Some more scans of a target, by sensors with these names, and its track, or the part of it about them."""
         found = meet(scans, sensors, self._config)
         met = found.status == triangulate.MET
@@ -115,7 +106,7 @@ class MeetingFigures:
             if self._config.lines_limit is not None:
                 self._within += int(np.count_nonzero(distance <= self._config.lines_limit))
 
-    def metrics(self) -> Metrics:
+    def result(self) -> Metrics:
         """The figures; none without scans."""
         if not self._total:
             return {}

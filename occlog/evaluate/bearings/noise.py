@@ -24,13 +24,11 @@ from occlog.core.metrics.sums import Sum, group_medians
 from occlog.core.sight import triangulate
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Sensor, sensors_of
+from occlog.evaluate.matching.paths import Sensor
 from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
-from occlog.records.pieces import LAST
-from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
 
-from .scans import ScanCuts, Scans, labelled
+from .scans import Scans
 
 Metrics = dict[str, float]
 
@@ -51,26 +49,6 @@ ITERATIONS = 200
 """... or after so many steps."""
 
 
-def noise_metrics(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> Metrics:
-    """The factor by which stated standard deviations are to be multiplied, and the noise in pixels that this means.
-
-    Args:
-        bearings: labelled ones count; sensors held out are left out.
-        scene: the sensors.
-        config: window of a scan, and least angle of a crossing.
-
-    Returns:
-        Figures, NaN where fewer than `FEWEST_SCANS` labelled scans of at least three sensors met; none where none did.
-    """
-    found, cuts = NoiseFigures(config), ScanCuts(config)
-    rows = labelled(bearings, config)
-    sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
-    found.see(rows)
-    for scans in cuts.add(rows, LAST):
-        found.add(scans, sensors)
-    return found.metrics()
-
-
 class NoiseFigures:
     """Gathers by how far the sight lines of scans miss one another, while scans stream by."""
 
@@ -83,14 +61,14 @@ class NoiseFigures:
         """Some more labelled rows, of scans or not."""
         self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
 
-    def add(self, scans: Scans, sensors: Mapping[str, Sensor]) -> None:
+    def update(self, scans: Scans, sensors: Mapping[str, Sensor]) -> None:
         """Some more scans of a target, by sensors with these names."""
         origins = np.array([sensors[name].ground for name in scans.rows.sensor.tolist()]).reshape(-1, 2)
         squares, degrees = _misses(scans, origins, self._config)
         self._squares.add(squares)
         self._degrees.add(degrees.astype(np.float64))
 
-    def metrics(self) -> Metrics:
+    def result(self) -> Metrics:
         """The figures; none where no scan of three lines met."""
         if not self._squares.count:
             return {}

@@ -43,7 +43,7 @@ class ScanCuts:
         """How long a scan lasts at most."""
         self._held: dict[int, Bearings] = {}
 
-    def add(self, rows: Bearings, end_ns: int) -> Iterator[Scans]:
+    def update(self, rows: Bearings, end_ns: int) -> Iterator[Scans]:
         """Scans that are whole, of each target.
 
         Args:

@@ -1,353 +1,340 @@
-"""Posterior Cramer-Rao bound, on the ground or in space, for the sensors that saw the targets; and the RMSE beside it.
+"""Posterior Cramer-Rao bound, on the ground or in space, and the RMSE beside it, in memory that does not grow.
 
-The information of a camera is that of Eq. 2 of [Ercan] with the bearing's own read noise, about (x, y)
-only.  Directions without pixels have their standard deviations, which are of angles about the sensor's
-own z axis, whatever its pose ([Lee] Eq. 2.40).
+The bound of a target begins with the prior at its first detection or miss.  It takes in every bearing of the target, at
+the target's true position, unless the target was out of the field of view and the bearing away from it: such a bearing
+is not of the target.  Measurements of distances all count.  The bound is given at the times of the target's errors, or
+at those of its detections and misses if it has no errors.
+
+The information of each time step is put aside by `Bounds.update`.  `Bounds.finish` then goes through it forwards for
+the bound of filtering and backwards for that of smoothing, block by block, with the state that the block before, or
+after, has left for each target.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
-from occlog.core.bounds import in_space as bounds3d
-from occlog.core.metrics.errors import ratio, root_mean_square
-from occlog.errors import InputError
+from occlog.core.metrics.errors import ratio
+from occlog.core.metrics.sums import Sum
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import Looks, SensorLooks
-from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
-from occlog.filtering.likelihood.distances import Distances
-from occlog.filtering.likelihood.distances import information as distance_information
+from occlog.evaluate.matching.looks import SensorLooks
+from occlog.evaluate.matching.paths import Path, Sensor
+from occlog.io.files.put_aside.blocks import BLOCK, Blocks, Records
+from occlog.records.columns import Table
 from occlog.records.scene import Scene
-from occlog.records.tables import Bound, Errors, Truth
+from occlog.records.tables import Bound, Errors
 
-from .on_ground import in_space
+from .information import (
+    Measured,
+    add_distances,
+    bound_table,
+    dimension,
+    distances_in_space,
+    information_of,
+    motion_of,
+    prior_of,
+)
+from .sums import in_space
 
 Metrics = dict[str, float]
+KINDS = ("bound", "smoothed")
 
 
-def bound_metrics(errors: Errors, bound: Bound, unit: str) -> Metrics:
-    """Root of the mean bound and RMSE over it, over the times that both have, for all targets and for each.
+class Ways(NamedTuple):
+    """In how many dimensions information is put aside; which one is used of each target is known at the end."""
 
-    The bound of filtering, and under `smoothed_` names that of smoothing.
-    """
-    out = _ratio(errors, bound, unit, "")
-    for k in np.unique(bound.target_id).tolist():
-        mine = errors.take(errors.target_id == k)
-        out |= _ratio(mine, bound.take(bound.target_id == k), unit, f"_target_{k}")
-    return out
+    ground: bool
+    space: bool
 
-
-def _ratio(errors: Errors, bound: Bound, unit: str, whose: str) -> Metrics:
-    if not len(errors):
-        own = {
-            f"bound_rmse{whose}_{unit}": root_mean_square(bound.bound),
-            f"smoothed_bound_rmse{whose}_{unit}": root_mean_square(bound.smoothed),
-        }
-        return own | _least_in_space(bound, unit, whose)
-    rows, both = _counterparts(errors, bound)
-    errors, bound = errors.take(both), bound.take(rows[both])
-    rmse, least, smoothed = (root_mean_square(e) for e in (errors.error, bound.bound, bound.smoothed))
-    out = {
-        f"bound_rmse{whose}_{unit}": least,
-        f"bound_ratio{whose}": ratio(rmse, least),
-        f"bound_estimates{whose}": len(errors),
-        f"smoothed_bound_rmse{whose}_{unit}": smoothed,
-        f"smoothed_bound_ratio{whose}": ratio(rmse, smoothed),
-    }
-    high = np.isfinite(errors.error_space) & np.isfinite(bound.bound_space)
-    if not high.any():
-        return out | _least_in_space(bound, unit, whose)
-    out |= _least_in_space(bound.take(high), unit, whose)
-    rmse = root_mean_square(errors.error_space[high])
-    for kind in ("", "smoothed_"):
-        out[f"{kind}bound_ratio_space{whose}"] = ratio(rmse, out[f"{kind}bound_rmse_space{whose}_{unit}"])
-    return out
+    @classmethod
+    def of(cls, config: EvaluateConfig, *, high: bool) -> Ways:
+        """`high`: whether any track and any target have heights."""
+        if config.bound_in == "auto":
+            return cls(True, high)
+        return cls(config.bound_in == "ground", config.bound_in == "space")
 
 
-def _least_in_space(bound: Bound, unit: str, whose: str) -> Metrics:
-    """Bounds of the RMSE along z and in space; nothing if the bound is on the ground."""
-    high = np.isfinite(bound.bound_space)
-    if not high.any():
-        return {}
-    return {
-        f"bound_rmse_z{whose}_{unit}": root_mean_square(np.sqrt(bound.bound_zz[high])),
-        f"bound_rmse_space{whose}_{unit}": root_mean_square(bound.bound_space[high]),
-        f"smoothed_bound_rmse_z{whose}_{unit}": root_mean_square(np.sqrt(bound.smoothed_zz[high])),
-        f"smoothed_bound_rmse_space{whose}_{unit}": root_mean_square(bound.smoothed_space[high]),
-    }
+@dataclass
+class _Target:
+    """What is known of one target."""
+
+    first_ns: int | None = None  # of its first look
+    errors: int = 0
+    late: int = 0
+    in_space: bool = False
+    ranged: bool = False
+    d: int = 2
+    last_ns: int | None = None
+    state: Floats | None = None  # that the last block has left
 
 
-def _counterparts(errors: Errors, bound: Bound) -> tuple[Ints, Bools]:
-    """(N,) row of the bound at the time and of the target of each error, and where there is one."""
-    rows, found = np.zeros(len(errors), dtype=np.int64), np.zeros(len(errors), dtype=np.bool_)
-    for k in np.unique(bound.target_id):
-        mine, its = np.flatnonzero(errors.target_id == k), np.flatnonzero(bound.target_id == k)
-        at = np.minimum(np.searchsorted(bound.t_ns[its], errors.t_ns[mine]), len(its) - 1)
-        rows[mine], found[mine] = its[at], bound.t_ns[its][at] == errors.t_ns[mine]
-    return rows, found
+class Figures:
+    """Sums over rows of the bound, and over those of errors beside them."""
+
+    def __init__(self) -> None:
+        """No rows yet."""
+        self.rows = 0
+        self._both = self._alone = 0  # rows in space: of bound and error, and of the bound
+        self._sums: dict[str, Sum] = {}
+
+    def update(self, table: Bound, error: Floats, error_space: Floats) -> None:
+        """Some more rows and their errors; NaN: there is none in space, or none at all."""
+        self.rows += len(table)
+        self._more("error", error)
+        for kind in KINDS:
+            self._more(kind, getattr(table, kind))
+        alone = np.isfinite(table.bound_space)
+        both = alone & np.isfinite(error_space)
+        self._both += int(np.count_nonzero(both))
+        self._alone += int(np.count_nonzero(alone))
+        self._more("error both", error_space[both])
+        for name, rows in (("alone", alone), ("both", both)):
+            for kind in KINDS:
+                self._more(f"{kind} {name}", getattr(table, f"{kind}_space")[rows])
+                self._more(f"{kind} z {name}", np.sqrt(getattr(table, f"{kind}_zz")[rows]))
+
+    def _more(self, name: str, values: Floats) -> None:
+        self._sums.setdefault(name, Sum()).add(float(np.square(values).sum()))
+
+    def _rms(self, name: str, count: int) -> float:
+        return float(np.sqrt(self._sums[name].value / count)) if count else float("nan")
+
+    @classmethod
+    def together(cls, parts: Iterable[Figures]) -> Figures:
+        """Those of all parts."""
+        out = cls()
+        out.update(Bound.empty(), np.zeros(0), np.zeros(0))
+        for part in parts:
+            out.rows += part.rows
+            out._both += part._both
+            out._alone += part._alone
+            for name, value in part._sums.items():
+                out._sums[name].add(value.value)
+        return out
+
+    def result(self, unit: str, whose: str, *, with_errors: bool) -> Metrics:
+        """As `bound_metrics` has them; without errors those of the bound alone."""
+        error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
+        out: Metrics = {f"bound_rmse{whose}_{unit}": least}
+        if with_errors:
+            out[f"bound_ratio{whose}"], out[f"bound_estimates{whose}"] = ratio(error, least), self.rows
+        out[f"smoothed_bound_rmse{whose}_{unit}"] = smoothed
+        if with_errors:
+            out[f"smoothed_bound_ratio{whose}"] = ratio(error, smoothed)
+        name, count = ("both", self._both) if self._both else ("alone", self._alone)
+        if not count:
+            return out
+        for kind, begin in zip(KINDS, ("", "smoothed_"), strict=True):
+            out[f"{begin}bound_rmse_z{whose}_{unit}"] = self._rms(f"{kind} z {name}", count)
+            out[f"{begin}bound_rmse_space{whose}_{unit}"] = self._rms(f"{kind} {name}", count)
+        for begin in ("", "smoothed_") if self._both else ():
+            least = out[f"{begin}bound_rmse_space{whose}_{unit}"]
+            out[f"{begin}bound_ratio_space{whose}"] = ratio(self._rms("error both", self._both), least)
+        return out
 
 
-def ground_information(sensor: Sensor, seen: Looks) -> Floats:
-    """(N, 2, 2) Fisher information of the azimuths of one sensor about (x, y); elevations tell of heights only.
+class Bounds:
+    """Gathers information and errors while stretches come by, and then makes the bound of them."""
 
-    Of a tilted array the world's azimuth has errors of both of its angles.  Both are taken in
-    at the true height (or at the reported elevation if there is none), and the height is then
-    left free: what remains is the information of the azimuth with the variance that it really has.
-    """
-    information = _without_pixels(sensor, seen)
-    if sensor.camera is None:
-        return information
-    pixels = np.isfinite(seen.sigma_px)
-    return np.asarray(np.where(pixels[:, None, None], _of_pixels(sensor, seen, pixels), information))
+    def __init__(self, scene: Scene, config: EvaluateConfig, high: set[int], ways: Ways, block: int = BLOCK) -> None:
+        """Nothing yet.
 
+        Args:
+            scene: room and unit.
+            config: motion, prior, dimensions.
+            high: targets whose true height is known anywhere.
+            ways: information of how many dimensions is put aside.
+            block: records that are worked on at once.
+        """
+        self._scene, self._config, self._high, self._ways = scene, config, high, ways
+        self._block = block
+        self._targets: dict[int, _Target] = {}
+        kinds: list[Any] = [("t_ns", "i8"), ("target", "i8"), ("n_seen", "i8"), ("error", "f8"), ("error_space", "f8")]
+        kinds += [(name, "?") for name in ("look", "estimate", "late", "known")]
+        kinds += [("ground", "f8", (2, 2))] if ways.ground else []
+        kinds += [("space", "f8", (3, 3))] if ways.space else []
+        self._record = np.dtype(kinds)
+        self._told = Blocks(self._record, block)
+        self.rows = 0
+        """Rows of the bound, once it is made."""
+        self._all: dict[int, Figures] = {}
+        self._estimates: dict[int, Figures] = {}
+        self._late: dict[int, Figures] = {}
 
-def space_information(sensor: Sensor, seen: Looks) -> Floats:
-    """(N, 3, 3) Fisher information of all that one sensor told about (x, y, z).
+    def update(
+        self,
+        looks: Mapping[str, SensorLooks],
+        sensors: Mapping[str, Sensor],
+        errors: Errors,
+        late: Bools,
+        targets: Mapping[int, Path],
+        measured: Measured | None = None,
+    ) -> None:
+        """What there is in another stretch of time.
 
-    A row without elevation tells its azimuth only; so does a planar array, whose azimuth is the world's.
-    """
-    pixels = np.isfinite(seen.sigma_px) & (sensor.camera is not None)
-    tells = np.isfinite(seen.elevation)
-    sigma_theta = np.where(pixels, np.inf, seen.sigma)
-    sigma_phi = np.where(tells, seen.sigma_elevation, np.inf)
-    xyz = np.column_stack([seen.xy, seen.z])
-    total = bounds3d.direction_information(
-        xyz, position=sensor.position, rotation=np.eye(3), sigma_theta=sigma_theta, sigma_phi=sigma_phi
-    )
-    if not sensor.upright:
-        own = bounds3d.direction_information(
-            xyz, position=sensor.position, rotation=sensor.rotation, sigma_theta=sigma_theta, sigma_phi=sigma_phi
-        )
-        total = np.where(tells[:, None, None], own, total)
-    if pixels.any():
-        total[:, :2, :2] += np.where(pixels[:, None, None], _of_pixels(sensor, seen, pixels), 0.0)
-    return total
+        Args:
+            looks: of each sensor that counts, by its name.
+            sensors: of these names.
+            errors: in the order of time.
+            late: (N,) which of them are after the transient.
+            targets: path of each target, or the part of it about the stretch.
+            measured: distances.
+        """
+        labels = [errors.target_id.astype(np.int64), *(found.looks.target for found in looks.values())]
+        labels += [] if measured is None else [measured.target]
+        parts = [np.zeros(0, dtype=self._record)]
+        for target in np.unique(np.concatenate(labels)).tolist():
+            own = errors.target_id == target
+            known = self._targets.setdefault(target, _Target())
+            known.errors += int(np.count_nonzero(own))
+            known.late += int(np.count_nonzero(late[own]))
+            known.in_space |= bool(in_space(errors)[own].any())
+            parts.append(self._records(target, looks, sensors, errors.take(own), late[own], targets[target], measured))
+        rows = np.concatenate(parts)
+        self._told.append(rows[np.lexsort((rows["target"], rows["t_ns"]))])
 
+    def _records(
+        self,
+        target: int,
+        looks: Mapping[str, SensorLooks],
+        sensors: Mapping[str, Sensor],
+        errors: Errors,
+        late: Bools,
+        path: Path,
+        measured: Measured | None,
+    ) -> Records:
+        """A target's moments of a stretch."""
+        known = self._targets[target]
+        mine = {name: found.looks.take(found.looks.target == target) for name, found in looks.items()}
+        ranged = np.zeros(0, np.int64) if measured is None else measured.t_ns[measured.target == target]
+        looked = np.unique(np.concatenate([ranged, *(m.t_ns for m in mine.values())]))
+        if known.first_ns is None:
+            if not len(looked):
+                return np.zeros(0, dtype=self._record)
+            known.first_ns = int(looked[0])
+        wanted = errors.t_ns >= known.first_ns
+        times = np.union1d(looked, errors.t_ns[wanted])
+        out = np.zeros(len(times), dtype=self._record)
+        out["t_ns"], out["target"] = times, target
+        out["look"] = np.isin(times, looked)
+        out["known"] = path.at(times, self._config.limit_ns)[1]
+        out["error"] = out["error_space"] = np.nan
+        at = np.searchsorted(times, errors.t_ns[wanted])
+        out["estimate"][at], out["late"][at] = True, late[wanted]
+        out["error"][at], out["error_space"][at] = errors.error[wanted], errors.error_space[wanted]
+        for d, name in ((2, "ground"), (3, "space")):
+            if name not in (self._record.names or ()):
+                continue
+            information, n_seen = information_of(times, mine, sensors, d)
+            if measured is not None and len(ranged):
+                known.ranged = True
+                if d == 2:
+                    add_distances(information, n_seen, times, measured, target, path, self._config)
+            out[name], out["n_seen"] = information, np.maximum(out["n_seen"], n_seen)
+        return out
 
-def _of_pixels(sensor: Sensor, seen: Looks, pixels: Bools) -> Floats:
-    camera = sensor.camera
-    assert camera is not None
-    noise = np.where(pixels, seen.sigma_px, 1.0)
-    return crlb.camera_information(
-        seen.xy,
-        position=sensor.ground,
-        yaw=camera.yaw,
-        focal_px=float(camera.focal_px[0]),
-        sigma_position=camera.sigma_position,
-        sigma_yaw=camera.sigma_yaw,
-        sigma_read_px=noise,
-    )
+    def finish(self, take: Callable[[Table], None]) -> None:
+        """Make the bound of all that came, and give it away in pieces, in the order of time.
 
+        Raises:
+            InputError: as `compute_bound`.
+        """
+        self._told.end()
+        for target, known in sorted(self._targets.items()):
+            if known.first_ns is None:
+                continue
+            high = target in self._high
+            known.d = dimension(target, high=high, in_space=known.in_space, config=self._config)
+            if known.d == 3 and known.ranged:
+                raise distances_in_space()
+        most = max((known.d for known in self._targets.values()), default=2)
+        n = most if self._config.motion == "waypoint" else 2 * most
+        kinds: list[Any] = [("dt", "f8"), ("filtered", "f8", (n, n)), ("smoothed", "f8", (most, most))]
+        made = Blocks(np.dtype(kinds), self._block)
+        for number in range(self._told.count):
+            made.put(number, self._forwards(self._told.get(number), np.dtype(kinds)))
+        for known in self._targets.values():
+            known.state = None
+        for number in reversed(range(self._told.count)):
+            made.put(number, self._backwards(self._told.get(number), made.get(number).copy()))
+        for number in range(self._told.count):
+            take(self._table(self._told.get(number), made.get(number)))
 
-def _without_pixels(sensor: Sensor, seen: Looks) -> Floats:
-    by_azimuth = crlb.bearing_information(seen.xy, sensor.ground, seen.sigma)
-    tells = np.isfinite(seen.elevation)
-    if sensor.upright or not tells.any():
-        return by_azimuth
-    flat = np.hypot(*(seen.xy - sensor.ground).T)
-    z = np.where(np.isnan(seen.z), sensor.height + flat * np.tan(seen.elevation), seen.z)
-    xyz = np.column_stack([seen.xy, np.where(tells, z, sensor.height)])
-    sigma_phi = np.where(tells, seen.sigma_elevation, np.inf)
-    whole = bounds3d.direction_information(
-        xyz, position=sensor.position, rotation=sensor.rotation, sigma_theta=seen.sigma, sigma_phi=sigma_phi
-    )
-    return np.asarray(np.where(tells[:, None, None], bounds3d.ground_information(whole), by_azimuth))
+    def _forwards(self, told: Records, record: np.dtype[Any]) -> Records:
+        """The bound of filtering of a block."""
+        out = np.zeros(len(told), dtype=record)
+        for target, rows in _by_target(told):
+            known, t_ns = self._targets[target], told["t_ns"][rows]
+            dt = np.diff(t_ns, prepend=t_ns[0] if known.last_ns is None else known.last_ns) / NS
+            before = prior_of(known.d, self._scene, self._config) if known.state is None else known.state
+            filtered = crlb.posterior_bound(*self._steps(told, rows, dt, known.d), before)
+            known.state, known.last_ns = filtered[-1], int(t_ns[-1])
+            n = len(before)
+            out["dt"][rows] = dt
+            out["filtered"][rows[:, None, None], np.arange(n)[:, None], np.arange(n)] = filtered
+        return out
 
+    def _backwards(self, told: Records, made: Records) -> Records:
+        """The bound of smoothing beside that of filtering."""
+        for target, rows in _by_target(told):
+            known = self._targets[target]
+            d, n = known.d, known.d if self._config.motion == "waypoint" else 2 * known.d
+            later = np.zeros((n, n)) if known.state is None else known.state
+            steps = self._steps(told, rows, made["dt"][rows], d)
+            smoothed, known.state = crlb.smoothing_bound_before(made["filtered"][rows][:, :n, :n], *steps, later)
+            made["smoothed"][rows[:, None, None], np.arange(d)[:, None], np.arange(d)] = smoothed[:, :d, :d]
+        return made
 
-class Measured(NamedTuple):
-    """What stations measured of distances, of all targets."""
+    def _steps(self, told: Records, rows: Ints, dt: Floats, d: int) -> tuple[Floats, Floats, Floats]:
+        information = np.ascontiguousarray(told["ground" if d == 2 else "space"][rows])
+        return motion_of(information, dt, self._scene, self._config)
 
-    t_ns: Ints  # (m,)
-    target: Ints  # (m,) identity in the truth
-    distances: Distances  # m measurements
+    def _table(self, told: Records, made: Records) -> Bound:
+        """Rows of the bound of a block, and their figures."""
+        parts = []
+        for target, rows in _by_target(told):
+            known = self._targets[target]
+            own = told[rows]
+            keep = own["known"] & (own["estimate"] if known.errors else own["look"])
+            rows, own, d = rows[keep], own[keep], known.d
+            table = bound_table(
+                own["t_ns"],
+                target,
+                made["filtered"][rows][:, :d, :d],
+                made["smoothed"][rows][:, :d, :d],
+                own["n_seen"],
+            )
+            self.rows += len(table)
+            nothing = np.full(len(table), np.nan)
+            self._all.setdefault(target, Figures()).update(table, nothing, nothing)
+            for figures, some in ((self._estimates, own["estimate"]), (self._late, own["late"])):
+                errors = own["error"][some], own["error_space"][some]
+                figures.setdefault(target, Figures()).update(table.take(some), *errors)
+            parts.append(table)
+        return Bound.merge(parts)
 
-
-def compute_bound(
-    looks: Mapping[str, SensorLooks],
-    truth: Truth,
-    errors: Errors,
-    scene: Scene,
-    config: EvaluateConfig,
-    measured: Measured | None = None,
-) -> Bound:
-    """Bound of every target at the times of its errors, or at those of its looks if it has no errors.
-
-    The recursion starts with the prior at the target's first look and takes in every
-    bearing that was of the target, at the target's true position.  A labelled bearing
-    counts unless the target was out of the field of view and the bearing away from it,
-    as such a bearing cannot be of the target.  Measurements of distances all count as true.
-
-    Raises:
-        InputError: a bound in space is asked for, and the truth has no height of a target, or there are measurements
-            of distances.
-    """
-    targets = paths_of(truth, "target")
-    sensors = sensors_of(scene, looks)
-    parts = [
-        _bound_of(k, path, looks, sensors, errors.take(errors.target_id == k), scene, config, measured)
-        for k, path in targets.items()
-    ]
-    return Bound.merge(parts)
-
-
-def _bound_of(
-    target: int,
-    path: Path,
-    looks: Mapping[str, SensorLooks],
-    sensors: Mapping[str, Sensor],
-    errors: Errors,
-    scene: Scene,
-    config: EvaluateConfig,
-    measured: Measured | None,
-) -> Bound:
-    mine = {name: found.looks.take(found.looks.target == target) for name, found in looks.items()}
-    ranged = np.zeros(0, np.int64) if measured is None else measured.t_ns[measured.target == target]
-    looked = np.unique(np.concatenate([ranged, *(m.t_ns for m in mine.values())]))
-    if not len(looked):
-        return Bound.empty()
-    d = dimension(target, high=bool(path.high.any()), in_space=bool(in_space(errors).any()), config=config)
-    wanted = errors.t_ns[errors.t_ns >= looked[0]] if len(errors) else looked
-    times = np.union1d(looked, wanted)
-    information, n_seen = information_of(times, mine, sensors, d)
-    if measured is not None and len(ranged):
-        if d == 3:
-            raise distances_in_space()
-        add_distances(information, n_seen, times, measured, target, path, config)
-    told, F, Q = motion_of(information, np.diff(times, prepend=times[0]) / NS, scene, config)
-    P0 = prior_of(d, scene, config)
-    filtered, smoothed = (bound(told, F, Q, P0)[:, :d, :d] for bound in (crlb.posterior_bound, crlb.smoothing_bound))
-    rows = np.searchsorted(times, wanted)
-    rows = rows[path.at(wanted, config.limit_ns)[1]]
-    return bound_table(times[rows], target, filtered[rows], smoothed[rows], n_seen[rows])
-
-
-def distances_in_space() -> InputError:
-    """What is said of distances where the bound is in space."""
-    return InputError("evaluate: measurements of distances count in a bound on the ground alone; set bound_in")
-
-
-def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig) -> int:
-    """2 or 3: `auto` is in space for a target of whose errors one at least is.
-
-    Args:
-        target: identity in the truth.
-        high: whether its true height is known anywhere.
-        in_space: whether one of its errors is in space.
-        config: what is asked for.
-    """
-    if config.bound_in == "ground" or (config.bound_in == "auto" and not in_space):
-        return 2
-    if not high:
-        raise InputError(
-            f"truth: target {target} has no height (z), which a bound in space needs; bound_in ground needs none"
-        )
-    return 3
-
-
-def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n_seen: Ints) -> Bound:
-    """Rows of a target from (T, d, d) bounds of filtering and of smoothing."""
-    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    space = {}
-    if covariance.shape[1] == 3:
-        zz = covariance[:, 2, 2]
-        space = {
-            "bound_xz": covariance[:, 0, 2],
-            "bound_yz": covariance[:, 1, 2],
-            "bound_zz": zz,
-            "bound_space": np.sqrt(xx + yy + zz),
-            "smoothed_zz": smoothed[:, 2, 2],
-            "smoothed_space": np.sqrt(np.trace(smoothed, axis1=1, axis2=2)),
-        }
-    return Bound.of(
-        t_ns=t_ns,
-        target_id=np.full(len(t_ns), target, dtype=np.int32),
-        bound_xx=xx,
-        bound_xy=xy,
-        bound_yy=yy,
-        bound=np.sqrt(xx + yy),
-        n_seen=n_seen.astype(np.int32),
-        smoothed_xx=smoothed[:, 0, 0],
-        smoothed_xy=smoothed[:, 0, 1],
-        smoothed_yy=smoothed[:, 1, 1],
-        smoothed=np.sqrt(smoothed[:, 0, 0] + smoothed[:, 1, 1]),
-        **space,
-    )
-
-
-def information_of(
-    times: Ints, looks: Mapping[str, Looks], sensors: Mapping[str, Sensor], d: int
-) -> tuple[Floats, Ints]:
-    """(T, d, d) information of all bearings at each time, and how many there were."""
-    total, n_seen = np.zeros((len(times), d, d)), np.zeros(len(times), dtype=np.int64)
-    of_sensor = space_information if d == 3 else ground_information
-    for name, all_looks in looks.items():
-        seen = all_looks.take(counted(all_looks))
-        at = np.searchsorted(times, seen.t_ns)
-        np.add.at(total, at, of_sensor(sensors[name], seen))
-        np.add.at(n_seen, at, 1)
-    return total, n_seen
+    def result(self, unit: str, *, late: bool = False) -> Metrics:
+        """Figures as `bound_metrics` has them, of all errors or of those after the transient."""
+        counts = {k: known.late if late else known.errors for k, known in self._targets.items()}
+        beside = self._late if late else self._estimates
+        if any(counts.values()):
+            out = Figures.together(beside.values()).result(unit, "", with_errors=True)
+        else:
+            out = Figures.together(self._all.values()).result(unit, "", with_errors=False)
+        for target, own in sorted(self._all.items()):
+            if own.rows:
+                with_errors = counts[target] > 0
+                figures = beside[target] if with_errors else own
+                out |= figures.result(unit, f"_target_{target}", with_errors=with_errors)
+        return out
 
 
-def add_distances(
-    information: Floats,
-    n_seen: Ints,
-    times: Ints,
-    measured: Measured,
-    target: int,
-    path: Path,
-    config: EvaluateConfig,
-) -> None:
-    """Add the information of measurements of distances, where the true place is known, in place."""
-    own = measured.target == target
-    t_ns = measured.t_ns[own]
-    xy, known = path.at(t_ns, config.limit_ns)
-    rows = measured.distances.take(own).take(known)
-    at = np.searchsorted(times, t_ns[known])
-    np.add.at(information, at, distance_information(rows, xy[known]))
-    np.add.at(n_seen, at, 1)
-
-
-def counted(looks: Looks) -> Bools:
-    """(N,) bool: reports that can be of the target."""
-    return looks.reported & (looks.in_view | looks.hit)
-
-
-def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateConfig) -> tuple[Floats, Floats, Floats]:
-    """Information about the state, transitions and their noise for the recursion, with the motion of the configuration.
-
-    Args:
-        information: (T, d, d) about the position.
-        dt: (T,) time since the step before [s]; of the first 0.
-        scene: whose unit of lengths the noise of the motion has.
-        config: the motion.
-
-    Returns:
-        Three (T, n, n); the position comes first in the state.
-    """
-    if config.motion == "waypoint":
-        usual = EvaluateConfig.in_unit(scene.length_unit)
-        sigma_v = usual.sigma_v if config.sigma_v is None else config.sigma_v
-        return information, *crlb.known_drift_steps(dt, sigma_v or 0.0, information.shape[1])
-    return bounds3d.motion_steps(information, dt, config.acceleration_density)
-
-
-def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
-    """(n, n) covariance of the state at the first look: a position as told, else of a point anywhere in the room."""
-    place = np.zeros((d, d))
-    if config.prior_cov is None:
-        place[:2, :2] = crlb.polygon_covariance(scene.region)
-    else:
-        xx, xy, yy = config.prior_cov
-        place[:2, :2] = [[xx, xy], [xy, yy]]
-    if d == 3:
-        place[2, 2] = scene.room_height**2 / 12.0 if config.prior_z is None else config.prior_z
-    if config.motion == "waypoint":
-        return place
-    out = np.zeros((2 * d, 2 * d))
-    out[:d, :d], out[d:, d:] = place, config.sigma_speed**2 * np.eye(d)
-    return out
+def _by_target(told: Records) -> list[tuple[int, Ints]]:
+    """Rows of each target of a block, by rising identity."""
+    return [(target, np.flatnonzero(told["target"] == target)) for target in np.unique(told["target"]).tolist()]

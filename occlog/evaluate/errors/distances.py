@@ -13,7 +13,7 @@ from occlog.scans.impossible import Differences
 from occlog.scans.measured import Radio, make_stations, pack, with_strengths
 from occlog.scans.shadowing import LastReads
 
-from .bound import Measured
+from .information import Measured
 
 
 class DistancesOfTargets:

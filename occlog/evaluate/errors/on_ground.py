@@ -1,4 +1,4 @@
-"""Errors of tracks: which track is of which target, and the error of each estimate.
+"""Errors of tracks: which track is of which target, the error of each estimate, and figures of all errors.
 
 Errors are those of (x, y).  Where a track has heights and its target's height is known, errors in space
 stand beside them.
@@ -6,8 +6,8 @@ stand beside them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,13 +15,20 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import (
     normalised_squared_errors,
     normalised_squared_errors_in_space,
-    pair_tracks,
+    pair_by_sums,
     ratio,
 )
+from occlog.core.metrics.mot.couples import Couples
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Path, paths_of
-from occlog.records.tables import Errors, Tracks, Truth
+from occlog.evaluate.matching.paths import Path
+from occlog.io.files.put_aside.spool import IN_MEMORY
+from occlog.records.columns import rows_by_label
+from occlog.records.tables import Errors, Tracks
+
+from .stretches import Stretch
+from .sums import ErrorFigures
+from .survey import Survey
 
 Metrics = dict[str, float]
 
@@ -50,50 +57,24 @@ def errors_in_space(tracks: Tracks, error: Floats, covariance: Floats, truth_z: 
     }
 
 
-def in_space(errors: Errors) -> Bools:
-    """(N,) bool: errors of estimates whose height and true height are known."""
-    return np.isfinite(errors.error_space)
+def pairs_by_number(known: Survey) -> dict[int, int]:
+    """Tracks with the number of a target, each with that target.
 
-
-class Matched(NamedTuple):
-    """Errors of the matched tracks and what was left out."""
-
-    errors: Errors
-    pairs: dict[int, int]  # identity of a track -> identity of its target
-    counts: Metrics
-
-
-def match_tracks(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> dict[int, int]:
-    """Which target each track is of: the one of its own number, or the assignment of least overall RMSE.
-
-    Tracks that are of no target are left out.  InputError if none is of any, unless the truth is empty.
+    Raises:
+        InputError: there are tracks and targets, and no track has the number of a target.
     """
-    if not len(truth):
-        return {}
-    targets, estimated = paths_of(truth, "target"), paths_of(tracks)
-    if not targets:
-        raise InputError("truth: has no rows of role target; nothing to compare with")
-    if config.match == "id":
-        pairs = {track: track for track in estimated if track in targets}
-        if estimated and not pairs:
-            raise InputError(
-                f"tracks: no track number ({_some(list(estimated))}) is a target of the truth "
-                f"({_some(list(targets))}); pair them by distance (match optimal)"
-            )
-        return pairs
-    squares = [[_squares(path, target, config) for target in targets.values()] for path in estimated.values()]
-    names, goals = list(estimated), list(targets)
-    return {names[i]: goals[j] for i, j in pair_tracks(squares)}
+    pairs = {track: track for track in known.tracks if track in known.targets}
+    if known.tracks and known.targets and not pairs:
+        raise InputError(
+            f"tracks: no track number ({_some(list(known.tracks))}) is a target of the truth "
+            f"({_some(list(known.targets))}); pair them by distance (match optimal)"
+        )
+    return pairs
 
 
 def _some(numbers: list[int]) -> str:
     shown = ", ".join(str(n) for n in numbers[:8])
     return f"{shown}, ..." if len(numbers) > 8 else shown or "none"
-
-
-def _squares(path: Path, target: Path, config: EvaluateConfig) -> Floats:
-    true, good = target.at(path.t_ns, config.limit_ns)
-    return np.asarray(np.sum((path.xy[good] - true[good]) ** 2, axis=1))
 
 
 class Gaps:
@@ -128,47 +109,6 @@ class Gaps:
             f"{self._widest_ns / NS:.3g} s, which are not bridged: no figure knows of their errors; where the truth "
             "holds still or runs straight over such a gap, bridge it (max_gap)"
         )
-
-
-def gaps_note(tracks: Tracks, truth: Truth, pairs: Mapping[int, int], config: EvaluateConfig) -> str | None:
-    """What `Gaps` says of whole tables."""
-    targets, found = paths_of(truth, "target"), Gaps()
-    for track, target in pairs.items():
-        t_ns = targets[target].t_ns
-        found.add(tracks.t_ns[tracks.target_id == track], targets[target], (int(t_ns[0]), int(t_ns[-1])), config)
-    return found.note
-
-
-def compare(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> Matched:
-    """Errors of every estimate that has a truth near enough in time, and counts of those that have not.
-
-    InputError if the truth covers the time of no estimate at all.
-    """
-    pairs = match_tracks(tracks, truth, config)
-    targets = paths_of(truth, "target")
-    parts, left_out, interpolated = [], 0, 0
-    for track, target in pairs.items():
-        rows = tracks.take(tracks.target_id == track)
-        part, good = errors_of(rows, target, targets[target], config)
-        parts.append(part)
-        left_out += int(np.count_nonzero(~good))
-        interpolated += int(np.count_nonzero(~targets[target].sampled(part.t_ns)))
-    errors = Errors.merge(parts)
-    if not len(errors) and len(tracks) and len(truth):
-        raise apart((tracks.t_ns[0], tracks.t_ns[-1]), (truth.t_ns[0], truth.t_ns[-1]), config)
-    matched = np.isin(tracks.target_id, list(pairs))
-    counts: Metrics = {
-        "estimates": len(errors),
-        "estimates_without_truth": left_out,
-        "estimates_interpolated_truth": interpolated,
-        "estimates_unmatched": int(np.count_nonzero(~matched)),
-        "tracks": len(np.unique(tracks.target_id)),
-        "tracks_unmatched": len(np.unique(tracks.target_id[~matched])),
-        "targets": len(targets),
-        "targets_unmatched": len(set(targets) - set(pairs.values())),
-        "time_coverage": _coverage(tracks, targets, pairs, config),
-    }
-    return Matched(errors, pairs, counts)
 
 
 def apart(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> InputError:
@@ -218,17 +158,6 @@ def errors_of(rows: Tracks, target: int, path: Path, config: EvaluateConfig) -> 
     return table, good
 
 
-def _coverage(tracks: Tracks, targets: dict[int, Path], pairs: dict[int, int], config: EvaluateConfig) -> float:
-    """Share of the targets' true positions at which their track gives one too (interpolated under the same limit)."""
-    estimated = {pairs[k]: path for k, path in paths_of(tracks).items() if k in pairs}
-    covered = sum(
-        int(np.count_nonzero(estimated[k].at(path.t_ns, config.bridge_ns)[1]))
-        for k, path in targets.items()
-        if k in estimated
-    )
-    return ratio(covered, sum(len(path.t_ns) for path in targets.values()))
-
-
 def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None = None) -> Bools:
     """(N,) bool: errors after the transient, by `skip_s` after each target's first estimate and `from_ns`.
 
@@ -247,3 +176,146 @@ def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None
     if config.from_ns is not None:
         keep &= errors.t_ns >= config.from_ns
     return keep
+
+
+def no_targets() -> InputError:
+    """What is said of a truth that has rows, but none of a target."""
+    return InputError("truth: has no rows of role target; nothing to compare with")
+
+
+class PairSums:
+    """Squared distances of each track from each target, for the one-to-one pairs of least overall RMSE."""
+
+    def __init__(self, known: Survey) -> None:
+        """No estimate yet."""
+        self._tracks, self._targets = list(known.tracks), list(known.targets)
+        self._place = {label: n for n, label in enumerate(self._targets)}
+        self._sums, self._worst = Couples(len(self._targets), len(self._tracks), sums=3), 0.0
+
+    def update(self, part: Stretch, config: EvaluateConfig) -> None:
+        """Estimates of another stretch."""
+        rows = part.rows
+        number = np.searchsorted(self._tracks, rows.target_id)
+        xy = np.column_stack([rows.x, rows.y])
+        found = []
+        for label, path in part.targets.items():
+            begin, end = np.searchsorted(rows.t_ns, path.t_ns[0]), np.searchsorted(rows.t_ns, path.t_ns[-1], "right")
+            true, good = path.at(rows.t_ns[begin:end], config.limit_ns)
+            if not good.any():
+                continue
+            square = np.sum((xy[begin:end][good] - true[good]) ** 2, axis=1)
+            self._worst = max(self._worst, float(square.max()))
+            track, which, shared = np.unique(number[begin:end][good], return_inverse=True, return_counts=True)
+            found.append((np.full(len(track), self._place[label]), track, shared, np.bincount(which, square)))
+        if found:
+            target, track, shared, more = (np.concatenate(column) for column in zip(*found, strict=True))
+            # The rounding of each addition is kept beside the sum (Neumaier 1974)
+            before = self._sums.at(target, track)[1]
+            total = before + more
+            lost = np.where(before >= more, (before - total) + more, (more - total) + before)
+            self._sums.add(target, track, np.stack([shared, more, lost]))
+
+    def pairs(self) -> dict[int, int]:
+        """Which target each track is of."""
+        target, track, (shared, squares, lost) = self._sums.all()
+        made = pair_by_sums(track, target, shared, squares + lost, self._worst)
+        return {self._tracks[track[n]]: self._targets[target[n]] for n in made.tolist()}
+
+
+class TrackErrors:
+    """Errors of tracks against their targets, and the figures of them."""
+
+    def __init__(
+        self, known: Survey, pairs: Mapping[int, int], config: EvaluateConfig, unit: str, in_memory: int = IN_MEMORY
+    ) -> None:
+        """No estimate yet.
+
+        Args:
+            known: of all chunks.
+            pairs: which target each track is of.
+            config: limits in time, length of the transient.
+            unit: of lengths.
+            in_memory: how many distances are kept in memory.
+        """
+        self._known, self._pairs, self._config = known, pairs, config
+        self._track_of = {target: track for track, target in pairs.items()}
+        self._figures, self._late = ErrorFigures(unit, in_memory), ErrorFigures(unit, in_memory)
+        self._gaps, self._begun = Gaps(), dict[int, int]()
+        self._transient = config.skip_s > 0 or config.from_ns is not None
+        self._left_out = self._interpolated = self._covered = 0
+        self.late: Bools = np.zeros(0, dtype=np.bool_)
+        """Which errors of the last stretch are after the transient; none without one."""
+
+    def update(self, part: Stretch) -> Errors:
+        """Estimates of another stretch, in the order of time; their errors."""
+        config, nothing = self._config, Path(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
+        found = []
+        for track, which in rows_by_label(part.rows.target_id):
+            target = self._pairs.get(track)
+            if target is None:
+                continue
+            rows = part.rows.take(which)
+            path = part.targets.get(target, replace(nothing, gap_ns=self._known.gaps_ns[target]))
+            errors, good = errors_of(rows, target, path, config)
+            life = self._known.targets[target]
+            self._gaps.add(rows.t_ns, path, (life.first_ns, life.last_ns), config)
+            self._left_out += int(np.count_nonzero(~good))
+            self._interpolated += int(np.count_nonzero(~path.sampled(errors.t_ns)))
+            found.append(errors)
+        own = np.flatnonzero(part.truth.role == "target")
+        for target, which in rows_by_label(part.truth.target_id[own]):
+            estimated = part.tracks.get(self._track_of[target]) if target in self._track_of else None
+            if estimated is not None:
+                times = part.truth.t_ns[own[which]]
+                self._covered += int(np.count_nonzero(estimated.at(times, config.bridge_ns)[1]))
+        errors = Errors.merge(found)
+        self._figures.update(errors)
+        self.late = np.zeros(len(errors), dtype=np.bool_)
+        if self._transient and len(errors):
+            self.late = settled(errors, config, self._begun)
+            self._late.update(errors.take(self.late))
+        return errors
+
+    @property
+    def rows(self) -> int:
+        """Number of errors so far."""
+        return self._figures.rows
+
+    @property
+    def note(self) -> str | None:
+        """A line on gaps of the truth where there is one to say."""
+        return self._gaps.note
+
+    def result(self) -> Metrics:
+        """All figures.
+
+        Raises:
+            InputError: the truth covers the time of no estimate.
+        """
+        known, figures, matched = self._known, self._figures, self._pairs
+        if not figures.rows and known.tracks_ns is not None and known.truth_ns is not None:
+            raise apart(known.tracks_ns, known.truth_ns, self._config)
+        unmatched = [life.rows for label, life in known.tracks.items() if label not in matched]
+        metrics: Metrics = {
+            "estimates": figures.rows,
+            "estimates_without_truth": self._left_out,
+            "estimates_interpolated_truth": self._interpolated,
+            "estimates_unmatched": sum(unmatched),
+            "tracks": len(known.tracks),
+            "tracks_unmatched": len(unmatched),
+            "targets": len(known.targets),
+            "targets_unmatched": len(set(known.targets) - set(matched.values())),
+            "time_coverage": ratio(self._covered, sum(life.rows for life in known.targets.values())),
+            **figures.result(),
+        }
+        if known.unknown:
+            metrics = {name: value for name, value in metrics.items() if not name.startswith("nees_")}
+        return metrics
+
+    def settled(self, bound: Callable[[], Metrics] | None = None) -> Metrics:
+        """The figures of errors, and of the bound, once more after the transient; none where there is none."""
+        if not (self._transient and self._figures.rows):
+            return {}
+        after = {**self._late.result(), "estimates": self._late.rows}
+        after |= {} if bound is None or not self._late.rows else bound()
+        return {f"settled_{name}": value for name, value in after.items()}

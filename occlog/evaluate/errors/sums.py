@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import (
     CHI2_95_2D,
     CHI2_95_3D,
@@ -21,16 +21,12 @@ from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.columns import rows_by_label
 from occlog.records.tables import Errors
 
-from .on_ground import in_space
-
 Metrics = dict[str, float]
 
 
-def error_metrics(errors: Errors, unit: str) -> Metrics:
-    """Figures over all targets, from sums over all rows, then for each target."""
-    found = ErrorFigures(unit)
-    found.add(errors)
-    return found.metrics()
+def in_space(errors: Errors) -> Bools:
+    """(N,) bool: errors of estimates whose height and true height are known."""
+    return np.isfinite(errors.error_space)
 
 
 class Consistency:
@@ -41,14 +37,20 @@ class Consistency:
         self._limit, self._sum = limit, Sum()
         self.told = self.inside = self.rows = 0
 
-    def add(self, nees: Floats) -> None:
+    def update(self, nees: Floats) -> None:
         """Some more, NaN where the covariance is singular."""
         told = nees[np.isfinite(nees)]
         self._sum.add(float(told.sum()))
         self.rows, self.told = self.rows + len(nees), self.told + len(told)
         self.inside += int(np.count_nonzero(told <= self._limit))
 
-    def metrics(self, name: str, whose: str) -> Metrics:
+    def merge(self, other: Consistency) -> None:
+        """Take in the errors of others."""
+        self._sum.merge(other._sum)
+        self.told, self.inside = self.told + other.told, self.inside + other.inside
+        self.rows += other.rows
+
+    def result(self, name: str, whose: str) -> Metrics:
         """The figures, under names that begin with `name`."""
         return {
             f"{name}_mean{whose}": ratio(self._sum.value, self.told),
@@ -66,21 +68,21 @@ class InSpace:
         self._squares, self._squares_z = Sum(), Sum()
         self._nees = Consistency(CHI2_95_3D)
 
-    def add(self, high: Errors) -> None:
+    def update(self, high: Errors) -> None:
         """Some more, in space all of them."""
         self.rows += len(high)
         self._squares.add(float(np.sum(np.square(high.error_space))))
         self._squares_z.add(float(np.sum(np.square(high.error_z))))
-        self._nees.add(high.nees_space)
+        self._nees.update(high.nees_space)
 
-    def metrics(self, unit: str, whose: str) -> Metrics:
+    def result(self, unit: str, whose: str) -> Metrics:
         """RMSE along z and in space and consistency there (mean NEES 3); nothing if no error in space is known."""
         if not self.rows:
             return {}
         return {
             f"rmse_z{whose}_{unit}": float(np.sqrt(self._squares_z.value / self.rows)),
             f"rmse_space{whose}_{unit}": float(np.sqrt(self._squares.value / self.rows)),
-            **self._nees.metrics("nees_space", whose),
+            **self._nees.result("nees_space", whose),
             f"estimates_space{whose}": self.rows,
         }
 
@@ -118,13 +120,20 @@ class Spread:
         """Their mean."""
         return ratio(self._sum.value, self._values.count)
 
-    def add(self, values: Floats) -> None:
+    def update(self, values: Floats) -> None:
         """Some more."""
         self._values.add(values)
         self._sum.add(float(values.sum()))
         self._most = float(np.fmax(self._most, values.max())) if len(values) else self._most
 
-    def metrics(self, name: str, unit: str) -> Metrics:
+    def merge(self, other: Spread) -> None:
+        """Take in the distances of others."""
+        for block in other._values.blocks():
+            self._values.add(block)
+        self._sum.merge(other._sum)
+        self._most = float(np.fmax(self._most, other._most))
+
+    def result(self, name: str, unit: str) -> Metrics:
         """Mean, median, 95 % quantile and the largest one."""
         middle, high = quantiles_of(self._values, (0.5, 0.95))
         return {
@@ -144,13 +153,13 @@ class _Target:
         self.nees = Consistency(CHI2_95_2D)
         self.space = InSpace()
 
-    def add(self, errors: Errors, high: Errors) -> None:
+    def update(self, errors: Errors, high: Errors) -> None:
         found = error_sums(np.column_stack([errors.error_x, errors.error_y]))
         self.rows += found.n
         self.sums[0].add(found.square_x)
         self.sums[1].add(found.square_y)
-        self.nees.add(errors.nees)
-        self.space.add(high)
+        self.nees.update(errors.nees)
+        self.space.update(high)
 
     @property
     def squares(self) -> ErrorSums:
@@ -158,7 +167,7 @@ class _Target:
 
 
 class ErrorFigures:
-    """Gathers errors while they stream by."""
+    """Figures of errors over all targets and for each target."""
 
     def __init__(self, unit: str, in_memory: int = IN_MEMORY) -> None:
         """No errors yet.
@@ -174,34 +183,34 @@ class ErrorFigures:
         self._bias = {axis: Sum() for axis in "xyz"}
         self._nees, self._space = Consistency(CHI2_95_2D), InSpace()
 
-    def add(self, errors: Errors) -> None:
+    def update(self, errors: Errors) -> None:
         """Some more, in any order."""
         self.rows += len(errors)
         for k, rows in rows_by_label(errors.target_id):
             part = errors.take(rows)
-            self._targets.setdefault(k, _Target()).add(part, part.take(in_space(part)))
-        self._spread.add(errors.error)
+            self._targets.setdefault(k, _Target()).update(part, part.take(in_space(part)))
+        self._spread.update(errors.error)
         for axis in "xy":
             self._bias[axis].add(float(getattr(errors, f"error_{axis}").sum()))
-        self._nees.add(errors.nees)
+        self._nees.update(errors.nees)
         high = errors.take(in_space(errors))
-        self._space.add(high)
-        self._spread_space.add(high.error_space)
+        self._space.update(high)
+        self._spread_space.update(high.error_space)
         self._bias["z"].add(float(high.error_z.sum()))
 
-    def metrics(self) -> Metrics:
+    def result(self) -> Metrics:
         """Figures over all targets, then for each target."""
         unit, targets = self._unit, dict(sorted(self._targets.items()))
         out = _accuracy(add_sums(t.squares for t in targets.values()), unit, "")
-        out |= self._spread.metrics("error", unit)
+        out |= self._spread.result("error", unit)
         out |= {f"bias_{axis}_{unit}": ratio(self._bias[axis].value, self.rows) for axis in "xy"}
-        out |= self._nees.metrics("nees", "") | self._space.metrics(unit, "")
+        out |= self._nees.result("nees", "") | self._space.result(unit, "")
         if self._space.rows:
-            out |= self._spread_space.metrics("error_space", unit)
+            out |= self._spread_space.result("error_space", unit)
             out[f"bias_z_{unit}"] = ratio(self._bias["z"].value, self._space.rows)
         for k, own in targets.items():
-            out |= _accuracy(own.squares, unit, f"_target_{k}") | own.nees.metrics("nees", f"_target_{k}")
-            out |= own.space.metrics(unit, f"_target_{k}")
+            out |= _accuracy(own.squares, unit, f"_target_{k}") | own.nees.result("nees", f"_target_{k}")
+            out |= own.space.result(unit, f"_target_{k}")
             out[f"estimates_target_{k}"] = own.rows
         return out
 

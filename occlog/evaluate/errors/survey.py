@@ -41,7 +41,7 @@ class Survey:
         unknown: whether the covariance of an estimate is not known.
         tracks_ns: first and last time of the tracks; None: they have no rows.
         truth_ns: first and last time of the truth with all its roles; None: it has no rows.
-        frames: number of distinct times of true targets.
+        frames: number of distinct times of true targets; of an empty truth those of the tracks.
         gaps_ns: of each target the widest gap of the truth that is bridged unless one is given.
     """
 
@@ -92,19 +92,26 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = IN
             before = found.targets.get(label)
             steps.add(label, at, None if before is None else before.last_ns)
             _live(found.targets, label, at)
-        times = np.unique(t_ns)
-        found.frames += int(np.count_nonzero(times != latest)) if latest is not None else len(times)
-        latest = int(times[-1]) if len(times) else latest
+        found.frames, latest = _counted(found.frames, latest, t_ns)
     for part in tracks:
         if not len(part):
             continue
         found.tracks_ns = _span(found.tracks_ns, part.t_ns)
+        if found.truth_ns is None:
+            found.frames, latest = _counted(found.frames, latest, part.t_ns)
         for label, at in _by_identity(part.target_id, part.t_ns):
             _live(found.tracks, label, at)
         found.unknown = found.unknown or bool(np.isnan(part.cov_xx).any())
     found.tracks, found.targets = (dict(sorted(each.items())) for each in (found.tracks, found.targets))
     found.gaps_ns = steps.usual_gaps_ns()
     return found
+
+
+def _counted(frames: int, latest: int | None, t_ns: Ints) -> tuple[int, int | None]:
+    """Number of distinct times with those of some more rows, and the last one; `latest` is the last one before."""
+    times = np.unique(t_ns)
+    new = len(times) if latest is None else int(np.count_nonzero(times != latest))
+    return frames + new, int(times[-1]) if len(times) else latest
 
 
 def _span(before: tuple[int, int] | None, t_ns: Ints) -> tuple[int, int]:

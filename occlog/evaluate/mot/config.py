@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.evaluate.matching.config import BRIDGE_S, GROUND, IMAGES
-from occlog.settings import Settings, setting
+from occlog.evaluate.matching.config import BRIDGE_S, GROUND, IMAGES, EvaluateConfig
+from occlog.settings import Settings, configure, setting
 
 MANY = (IMAGES, GROUND)
 MOST_POWER = 10.0
@@ -201,3 +201,22 @@ class ManyConfig(Settings):
         if self.track_gap_s is not None:
             return round(self.track_gap_s * 1e9)
         return round(BRIDGE_S * 1e9) if limit_ns is None else limit_ns
+
+
+def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
+    """Which target is a track's own unless that is given; see `ManyConfig.own`."""
+    return "label" if config.match == "id" else ("start" if numbered_itself else "best")
+
+
+def many_config(unit: str, own: str, told: Mapping[str, object]) -> tuple[ManyConfig | None, str | None]:
+    """Options of many targets on the ground; or None, and a line on why there are no figures of them.
+
+    Args:
+        unit: of lengths.
+        own: which target is a track's own, unless that was given.
+        told: options that were given.
+    """
+    many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
+    if many.match_distance is None:
+        return None, f"lengths are in {unit}: give --match-distance for the figures of many targets"
+    return many, None

@@ -21,7 +21,7 @@ RULES = {"classic": CLASSIC, "challenge": CHALLENGE}
 
 
 class MotFigures:
-    """Gathers CLEAR-MOT, IDF1, HOTA and GOSPA while frames come by twice.
+    """CLEAR-MOT, IDF1, HOTA and GOSPA of frames that come in parts, twice: to `prepare`, then to `update`.
 
     Numbers of targets and tracks are the same in all parts of a recording.
     """
@@ -38,28 +38,33 @@ class MotFigures:
         self._config, points = config, not np.isnan(frames.limit)
         rule = RULES[config.clear_rule]._replace(threshold=0.5 if points else config.overlap)
         self._matcher, self._clear = Matcher(targets, rule), ClearCounts(targets)
-        self._identity = IdentityCounts(targets, tracks, rule.threshold)
+        self.identity = IdentityCounts(targets, tracks, rule.threshold)
         self._alignment = Alignment(targets, tracks)
-        self._hota: HotaCounts | None = None
+        self._hota = HotaCounts(self._alignment)
         cutoff = config.gospa_cutoff or (frames.limit if points else 1.0 - rule.threshold or 1.0)
         self._gospa = GospaFigures(config, cutoff)
 
-    def first(self, frames: Frames) -> Matches:
+    def prepare(self, frames: Frames) -> None:
+        """Learn how targets and tracks agree in some more frames."""
+        self._alignment.update(frames)
+
+    def update(self, frames: Frames) -> Matches:
         """Some more frames, in the order of time; the pairs of CLEAR-MOT."""
-        made = self._matcher.add(frames)
-        self._clear.add(frames, made)
-        self._identity.add(frames)
-        self._alignment.add(frames)
-        self._gospa.add(frames)
+        made = self._matcher.update(frames)
+        self._clear.update(frames, made)
+        self.identity.update(frames)
+        self._hota.update(frames)
+        self._gospa.update(frames)
         return made
 
-    def second(self, frames: Frames) -> None:
-        """The same frames once more, after all of them have been by."""
-        if self._hota is None:
-            self._hota = HotaCounts(self._alignment)
-        self._hota.add(frames)
+    def merge(self, other: MotFigures) -> None:
+        """Take in another recording, with no target and no track in common; no frame is added after it."""
+        self._clear.merge(other._clear)
+        self.identity.merge(other.identity)
+        self._hota.merge(other._hota)
+        self._gospa.merge(other._gospa)
 
-    def metrics(self, cells: int, whose: str = "", unit: str = "") -> Metrics:
+    def result(self, cells: int, whose: str = "", unit: str = "") -> Metrics:
         """The figures.
 
         Args:
@@ -67,12 +72,11 @@ class MotFigures:
             whose: ending of the names, such as `_sensor_NAME`.
             unit: of the distance; empty: 1 - IoU.
         """
-        found = HotaCounts(self._alignment) if self._hota is None else self._hota
-        out = _clear(self._clear.result(), whose, unit) | _identity(self._identity.result(), whose)
+        out = _clear(self._clear.result(), whose, unit) | _identity(self.identity.result(), whose)
         named = {"hota": "hota", "det_a": "deta", "ass_a": "assa", "loc_a": "loca"}
         named |= {"det_re": "detre", "det_pr": "detpr", "ass_re": "assre", "ass_pr": "asspr"}
-        out |= {f"{named[name]}{whose}": value for name, value in found.result().means().items()}
-        return out | self._gospa.metrics(cells, whose, unit)
+        out |= {f"{named[name]}{whose}": value for name, value in self._hota.result().means().items()}
+        return out | self._gospa.result(cells, whose, unit)
 
 
 def _clear(got: ClearMot, whose: str, unit: str) -> Metrics:
@@ -102,17 +106,21 @@ def _identity(got: Identity, whose: str) -> Metrics:
 
 
 class GospaFigures:
-    """Gathers the mean of GOSPA over frames while they come by."""
+    """Mean of GOSPA over frames that come in parts."""
 
     def __init__(self, config: ManyConfig, cutoff: float) -> None:
         """No frame yet; exponent and alpha, and the largest distance that counts."""
         self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
 
-    def add(self, frames: Frames) -> None:
+    def update(self, frames: Frames) -> None:
         """Some more frames."""
-        self._sums.add(gospa(frames, self._cutoff, self._config.gospa_p, self._config.gospa_alpha))
+        self._sums.update(gospa(frames, self._cutoff, self._config.gospa_p, self._config.gospa_alpha))
 
-    def metrics(self, cells: int, whose: str, unit: str) -> Metrics:
+    def merge(self, other: GospaFigures) -> None:
+        """Take in the frames of another recording."""
+        self._sums.merge(other._sums)
+
+    def result(self, cells: int, whose: str, unit: str) -> Metrics:
         """Mean over so many frames, in the unit of the distance, and its parts, in that unit to the power of p."""
         means = self._sums.means(max(cells, 1))
         end = f"{whose}_{unit}" if unit else whose
@@ -138,20 +146,25 @@ def centres(side: Objects) -> Objects:
 
 
 class FailureCounts:
-    """Counts failures while they come by."""
+    """Failure rates of failures that come in parts."""
 
     def __init__(self) -> None:
         """None yet."""
         self._label = self._position = self._total = 0
 
-    def add(self, found: Failures, rows: Bools, total: int) -> None:
+    def update(self, found: Failures, rows: Bools, total: int) -> None:
         """Some of the failures, of `total` true rows."""
         label = int(np.count_nonzero(found.label[rows]))
         self._label += label
         self._position += int(np.count_nonzero(rows)) - label
         self._total += total
 
-    def metrics(self, whose: str = "") -> Metrics:
+    def merge(self, other: FailureCounts) -> None:
+        """Take in the failures of another recording."""
+        self._label, self._position = self._label + other._label, self._position + other._position
+        self._total += other._total
+
+    def result(self, whose: str = "") -> Metrics:
         """Failure rates over all true rows."""
         return {
             f"fr_p{whose}": ratio(self._position, self._total),

@@ -20,9 +20,11 @@ from occlog.core.metrics.mot.ospa2 import Ospa2Sums, Ospa2Windows
 from occlog.core.metrics.mot.trajectory_gospa.distance import TrajectoryCosts
 from occlog.core.metrics.sums import Sum
 from occlog.errors import InputError
+from occlog.evaluate.errors.on_ground import no_targets
 from occlog.evaluate.errors.sums import Consistency, Spread
+from occlog.evaluate.errors.survey import Survey, survey
 from occlog.evaluate.matching.paths import Path, paths_of
-from occlog.evaluate.stage import Evaluation
+from occlog.evaluate.results import Evaluation
 from occlog.io.files.put_aside.spool import IN_MEMORY
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Tracks, Truth
@@ -59,12 +61,14 @@ def evaluate_ground(
     Raises:
         InputError: no distance is given, or the truth has rows, but no target.
     """
+    known = survey(iter([tracks]), iter([truth]))
     times = times_of(tracks, truth)
     places = points_in_true_frames(tracks, truth, times, config, limit_ns, unit)
-    found = GroundFigures(np.unique(truth.target_id), np.unique(tracks.target_id), len(times), config, unit)
+    found = GroundFigures.of(known, config, unit)
     part = GroundPart(places, 0, tracks, paths_of(truth, "target"))
-    counts, failures = found.first(part), found.second(part)
-    return Evaluation(found.metrics(), failures=failures, counts=counts, notes=found.notes())
+    found.prepare(part)
+    counts, failures = found.update(part)
+    return Evaluation(found.result(), failures=failures, counts=counts, notes=tuple(found.notes()))
 
 
 class GroundPart(NamedTuple):
@@ -78,10 +82,10 @@ class GroundPart(NamedTuple):
 
 
 class GroundFigures:
-    """Gathers every figure of many targets on the ground, while the parts of a recording come by twice.
+    """Every figure of many targets on the ground, of parts of a recording that come twice: to `prepare`, to `update`.
 
-    What it keeps grows with the number of targets and tracks, not with that of frames, but for pieces of time in which
-    trajectory GOSPA is sure of nobody.
+    What it keeps grows with the number of targets and tracks, not with that of frames, but for stretches of time in
+    which trajectory GOSPA is sure of no pair.
     """
 
     def __init__(
@@ -93,7 +97,7 @@ class GroundFigures:
         unit: str,
         in_memory: int = IN_MEMORY,
     ) -> None:
-        """Nothing yet.
+        """No frame yet.
 
         Args:
             targets: all identities of targets, rising; more of them do no harm.
@@ -128,52 +132,74 @@ class GroundFigures:
         self._each_matcher, self._pairs = Matcher(g, EACH_FRAME), PairErrors(unit, in_memory)
         self._counts = CountSums()
 
+    @classmethod
+    def of(cls, known: Survey, config: ManyConfig, unit: str) -> GroundFigures:
+        """Those of tracks and truth of which a survey was made."""
+        targets, tracks = (np.array(list(each), dtype=np.int64) for each in (known.targets, known.tracks))
+        return cls(targets, tracks, known.frames, config, unit)
+
     def _frames_of(self, part: GroundPart) -> Frames:
         found = of_points(part.places.truth, part.places.tracks, self._limit)
         found = numbered(found, *self._keys)
         return found._replace(frame=found.frame + part.begin)
 
-    def first(self, part: GroundPart) -> Counts:
-        """Another part, in the order of time; how many targets and tracks its frames have."""
-        places, frames = part.places, self._frames_of(part)
+    def prepare(self, part: GroundPart) -> None:
+        """Learn what must be known of all frames; parts are in the order of time."""
+        places = part.places
         self._labels[0].update(np.unique(places.truth.label).tolist())
         self._labels[1].update(np.unique(places.tracks.label).tolist())
-        self._owners.add(places.truth, places.tracks, places.tau, places.times(places.tracks))
+        self._owners.update(places.truth, places.tracks, places.tau, places.times(places.tracks))
+        self._mot.prepare(self._frames_of(part))
+
+    def update(self, part: GroundPart) -> tuple[Counts, Failures]:
+        """Some more frames, in the order of time: how many targets and tracks they have, and failures of trackers."""
+        places, frames = part.places, self._frames_of(part)
         self._interpolated += _interpolated(places, part.targets)
-        made = self._mot.first(frames)
+        made = self._mot.update(frames)
         near = frames._replace(limit=self._moda_limit)
-        self._moda.add(near, self._moda_matcher.add(near))
-        self._ospa2.add(frames)
+        self._moda.update(near, self._moda_matcher.update(near))
+        self._ospa2.update(frames)
         if self._windows is not None:
             ends = range(part.begin, part.begin + len(places.t_ns[0]))
-            for each in self._windows.add(frames, ends):
+            for each in self._windows.update(frames, ends):
                 self._window_sum.add(each.ospa2)
-        self._trajectories.add(frames, part.begin, part.over)
-        self._pairs.add(frames, self._each_matcher.add(frames), places, part.rows)
+        self._trajectories.update(frames, part.begin, part.over)
+        self._pairs.update(frames, self._each_matcher.update(frames), places, part.rows)
         counts = counts_over_time(frames, made, places, part.begin)
-        self._counts.add(counts)
-        return counts
+        self._counts.update(counts)
+        found = find_failures(places, self._owners)
+        self._failures.update(found, found.frame >= 0, len(places.truth.frame))
+        return counts, failure_rows(found, places)
 
-    def second(self, part: GroundPart) -> Failures:
-        """The same part once more, after all of them have been by; its failures."""
-        self._mot.second(self._frames_of(part))
-        found = find_failures(part.places, self._owners)
-        self._failures.add(found, found.frame >= 0, len(part.places.truth.frame))
-        return failure_rows(found, part.places)
+    def merge(self, other: GroundFigures) -> None:
+        """Take in another recording, with no target and no track in common; no frame is added after it.
 
-    def metrics(self) -> Metrics:
+        Counts are added up before rates are made of them, as TrackEval's COMBINED does.
+        """
+        self._cells += other._cells
+        self._interpolated += other._interpolated
+        self._mot.merge(other._mot)
+        self._moda.merge(other._moda)
+        self._ospa2.merge(other._ospa2)
+        self._window_sum.merge(other._window_sum)
+        self._trajectories.merge(other._trajectories)
+        self._pairs.merge(other._pairs)
+        self._counts.merge(other._counts)
+        self._failures.merge(other._failures)
+
+    def result(self) -> Metrics:
         """All figures."""
         unit, cells = self._unit, self._cells
-        out = self._failures.metrics() | {"objects_interpolated": self._interpolated}
-        out |= self._mot.metrics(cells, unit=unit) | {"frames": cells}
+        out = self._failures.result() | {"objects_interpolated": self._interpolated}
+        out |= self._mot.result(cells, unit=unit) | {"frames": cells}
         out |= self._detection() | self._trajectory(cells, unit)
-        out |= self._pairs.metrics() | self._counts.metrics()
+        out |= self._pairs.result() | self._counts.result()
         return {name: float(value) for name, value in out.items()}
 
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> list[str]:
         """Lines that the user must know of."""
         theirs, ours = (np.array(sorted(each), dtype=np.int64) for each in self._labels)
-        return tuple(without_common_numbers(ours, theirs, self._config))
+        return without_common_numbers(ours, theirs, self._config)
 
     def _detection(self) -> Metrics:
         """MODA and MODP: how many people are found, and how near, whatever their identities.
@@ -191,7 +217,7 @@ class GroundFigures:
 
     def _trajectory(self, cells: int, unit: str) -> Metrics:
         """OSPA(2) and trajectory GOSPA, the latter as a mean over so many frames."""
-        whole = self._ospa2.distance()
+        whole = self._ospa2.result()
         out: Metrics = {
             f"ospa2_{unit}": whole.ospa2,
             f"ospa2_localisation_{unit}": whole.localisation,
@@ -222,7 +248,7 @@ class PairErrors:
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
-    def add(self, frames: Frames, made: Matches, places: Places, tracks: Tracks) -> None:
+    def update(self, frames: Frames, made: Matches, places: Places, tracks: Tracks) -> None:
         """Pairs of some more frames.
 
         Args:
@@ -238,17 +264,24 @@ class PairErrors:
         own = row >= 0
         at = tracks.take(row[own])
         covariance = np.stack([at.cov_xx, at.cov_xy, at.cov_xy, at.cov_yy], axis=1).reshape(-1, 2, 2)
-        self._nees.add(normalised_squared_errors(error[own], covariance))
+        self._nees.update(normalised_squared_errors(error[own], covariance))
         distance = np.hypot(error[:, 0], error[:, 1])
-        self._distances.add(distance)
+        self._distances.update(distance)
         self._squares.add(float(np.sum(np.square(distance))))
         self._pairs += len(distance)
 
-    def metrics(self) -> Metrics:
+    def merge(self, other: PairErrors) -> None:
+        """Take in the pairs of another recording."""
+        self._distances.merge(other._distances)
+        self._squares.merge(other._squares)
+        self._nees.merge(other._nees)
+        self._pairs += other._pairs
+
+    def result(self) -> Metrics:
         """RMSE, median and 95 % quantile of the distances, and consistency."""
         unit = self._unit
-        spread = self._distances.metrics("pairs_error", unit)
-        nees = self._nees.metrics("pairs_nees", "")
+        spread = self._distances.result("pairs_error", unit)
+        nees = self._nees.result("pairs_nees", "")
         return {
             f"pairs_rmse_{unit}": math.sqrt(ratio(self._squares.value, self._pairs)),
             f"pairs_error_median_{unit}": spread[f"pairs_error_median_{unit}"],
@@ -295,7 +328,7 @@ class CountSums:
         """No frame yet."""
         self._frames = self._targets = self._tracks = self._off = self._squares = self._most = 0
 
-    def add(self, counts: Counts) -> None:
+    def update(self, counts: Counts) -> None:
         """Some more frames."""
         off = counts.tracks.astype(np.int64) - counts.targets
         self._frames += len(counts)
@@ -305,7 +338,13 @@ class CountSums:
         self._squares += int(np.sum(off**2))
         self._most = max(self._most, int(np.abs(off).max(initial=0)))
 
-    def metrics(self) -> Metrics:
+    def merge(self, other: CountSums) -> None:
+        """Take in the frames of another recording."""
+        self._frames, self._targets = self._frames + other._frames, self._targets + other._targets
+        self._tracks, self._off = self._tracks + other._tracks, self._off + other._off
+        self._squares, self._most = self._squares + other._squares, max(self._most, other._most)
+
+    def result(self) -> Metrics:
         """The figures."""
         n = self._frames
         return {
@@ -327,11 +366,6 @@ def _interpolated(places: Places, paths: Mapping[int, Path]) -> int:
 def times_of(tracks: Tracks, truth: Truth) -> Ints:
     """(T,) times at which the truth has a target [ns]; those of the tracks where it is empty."""
     return np.unique(truth.t_ns[truth.role == "target"] if len(truth) else tracks.t_ns)
-
-
-def no_targets() -> InputError:
-    """What is said of a truth that has rows, but none of a target."""
-    return InputError("truth: has no rows of role target; nothing to compare with")
 
 
 def points_in_true_frames(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,22 +13,22 @@ import numpy as np
 
 from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError
-from occlog.evaluate.inputs import Paths, Tables, provenance_of
-from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.stage import Evaluation
-from occlog.evaluate.stretches.sources import any_long
+from occlog.evaluate.inputs import Paths, provenance_of
+from occlog.evaluate.results import Evaluation
+from occlog.evaluate.sources import opened_rows, rows_of
 from occlog.io.boxes.kitti import is_kitti
 from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layout
 from occlog.io.boxes.mot_classes import DISTRACTORS, has_classes, read_marks
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.rows import fill_frames
 from occlog.io.files.atomic import check_outputs
-from occlog.io.files.tables.table_writer import TableWriter, write_table
+from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.csv_rows import first_line, is_header
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.records.declared.views import Failures, ViewTracks, boxes_of_ellipses
+from occlog.records.pieces import windows
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
 from occlog.settings import configure
@@ -41,13 +42,10 @@ from .annotations import (
     read_annotation,
     timed_like,
 )
-from .apart import line_of_errors_apart
 from .classes import pedestrians
+from .compared import ComparedBoxes, Sides
 from .config import ManyConfig
-from .in_stretches import BoxStreams
-from .on_ground import evaluate_ground
-from .stage import evaluate_views
-from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, frame_rate, image_size, view_boxes
+from .truth_and_tracks import TruthAndTracks, frame_rate, image_size, joined, view_boxes
 
 B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")
@@ -72,60 +70,23 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
         given: settings of `ManyConfig` that were given.
     """
     check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
-    result = _in_stretches(paths, overlap, given)
-    if result is not None:
-        return result
     compared, config, scene = compared_boxes(paths, overlap, given)
     begin_work()
-    result = _with_notes(evaluate_views(compared, config), paths, config, given)
-    if paths.mot is not None and paths.tracks is not None:
-        write_layout(paths.mot, paths.tracks.stem, _sequences(compared, scene), overwrite=paths.overwrite)
-    _write(paths, result, config)
-    return result
-
-
-def box_streams(paths: Paths, overlap: float, given: Mapping[str, object]) -> tuple[BoxStreams, ManyConfig] | None:
-    """Tracks in images and true boxes that are compared in flat memory, with the settings.
-
-    None where there is a format of others, a short recording, or rows that are wrong.  Arguments: as `compared_boxes`.
-    """
-    ours, theirs = (None if path is None else open_if_ours(path) for path in (paths.tracks, paths.truth))
-    if ours is None or theirs is None or not theirs.has(TruthBoxes):
-        return None
-    if any(each.foreign is not None for each in (ours, theirs)):
-        return None
-    if theirs.recording is not None and not any_long(ours, theirs):
-        return None
-    config = _configured(paths, ours, overlap, given)
-    check_counted(theirs.path, None, False, config)
-    _benchmark(theirs.path, config, text=False)
-    begin_work()
-    looked = _strings(ours.provenance.parameters.get("cameras")) if ours.has(ViewTracks) else ()
-    streams = BoxStreams(ours, theirs, config, looked)
-    return None if streams.known is None else (streams, config)
-
-
-def _in_stretches(paths: Paths, overlap: float, given: Mapping[str, object]) -> Evaluation | None:
-    """The same in flat memory; None where that cannot be."""
-    found = None if paths.mot is not None else box_streams(paths, overlap, given)
-    if found is None:
-        return None
-    streams, config = found
+    provenance = provenance_of(paths, asdict(config))
     with ExitStack() as stack:
-        written: TableWriter | None = None
+        take: Callable[[Failures], None] | None = None
         if paths.failures is not None:
-            writer = TableWriter(
-                paths.failures, Failures, provenance_of(paths, asdict(config)), overwrite=paths.overwrite
-            )
-            written = stack.enter_context(writer)
-
-        def take(rows: Failures) -> None:
-            if written is not None:
-                written.write(rows)
-
-        result = streams.evaluate(take)
+            writer = TableWriter(paths.failures, Failures, provenance, overwrite=paths.overwrite)
+            take = stack.enter_context(writer).write
+        result = compared.evaluate(take)
     result = _with_notes(result, paths, config, given)
-    _write(replace(paths, failures=None), result, config)
+    if paths.mot is not None and paths.tracks is not None:
+        whole = joined([part for _, part in compared.parts()])
+        write_layout(paths.mot, paths.tracks.stem, _sequences(whole, scene), overwrite=paths.overwrite)
+    result = replace(result, verdicts=provenance.judged)
+    if paths.output is not None:
+        values = {**result.figures, "_provenance": provenance.as_dict()}
+        write_json(paths.output, values, overwrite=paths.overwrite)
     return result
 
 
@@ -150,8 +111,8 @@ def _configured(paths: Paths, ours: Opened | None, overlap: float, given: Mappin
 
 def compared_boxes(
     paths: Paths, overlap: float, given: Mapping[str, object]
-) -> tuple[TruthAndTracks, ManyConfig, Scene | None]:
-    """Read tracks and truth and lay them against each other; with the settings, and the scene of the truth.
+) -> tuple[ComparedBoxes, ManyConfig, Scene | None]:
+    """Open tracks and truth and lay them against each other; with the settings, and the scene of the truth.
 
     Args:
         paths: tracks and truth.
@@ -162,22 +123,41 @@ def compared_boxes(
         raise UsageError("tracks in images need --truth: a recording or a table with true boxes, or MOTChallenge text")
     text, counted = _is_text(paths.tracks), annotation_format(paths.truth)
     ours = None if text else open_input(paths.tracks)
-    named = ours is not None and ours.has(ViewTracks)
     config = _configured(paths, ours, overlap, given)
     in_text = counted is None and _is_text(paths.truth)
-    by_number = text or in_text or counted is not None
     check_counted(paths.truth, counted, in_text, config)
     rule = _benchmark(paths.truth, config, in_text)
-    if counted is None:
-        tracks, truth, scene = _read_both(paths.tracks, paths.truth, config, rule)
-    else:
-        (tracks, truth), scene = _read_annotated(paths.tracks, paths.truth, config, counted), None
+    looked = _strings(ours.provenance.parameters.get("cameras")) if ours is not None and ours.has(ViewTracks) else ()
     with _named({"tracks": paths.tracks, "truth": paths.truth}):
-        looked = _strings(ours.provenance.parameters.get("cameras")) if named and ours is not None else ()
-        compared = boxes_in_true_frames(tracks, truth, config, by_number=by_number, looked=looked)
+        if ours is not None and counted is None and not in_text:
+            theirs = open_input(paths.truth)
+            theirs.require(TruthBoxes)
+            return ComparedBoxes(_timed(ours, theirs), config, looked=looked), config, theirs.scene
+        if counted is None:
+            tracks, truth, scene = _read_both(paths.tracks, paths.truth, config, rule)
+        else:
+            (tracks, truth), scene = _read_annotated(paths.tracks, paths.truth, config, counted), None
+        adjust = None
         if rule in DISTRACTORS:
-            compared = pedestrians(compared, read_marks(paths.truth), DISTRACTORS[rule])
+            adjust = partial(pedestrians, marks=read_marks(paths.truth), distractors=DISTRACTORS[rule])
+        sides: Sides = lambda: iter([(tracks, truth)])  # noqa: E731
+        compared = ComparedBoxes(sides, config, looked=looked, by_number=True, adjust=adjust)
     return compared, config, scene
+
+
+def _timed(ours: Opened, theirs: Opened) -> Sides:
+    """Tracks and true boxes of the same times, in chunks."""
+    kind: type[Boxes] = TruthBoxes if ours.has(TruthBoxes) else Boxes
+    ellipses = opened_rows(ours, ViewTracks)
+    boxes = opened_rows(ours, kind)
+    truth = opened_rows(theirs, TruthBoxes)
+
+    def sides() -> Iterator[tuple[Boxes, TruthBoxes]]:
+        rows = rows_of(boxes) if ellipses is None else map(boxes_of_ellipses, ellipses())
+        for part in windows(rows, rows_of(truth), (kind, TruthBoxes), 0):
+            yield part.a, part.b
+
+    return sides
 
 
 def _benchmark(truth: Path, config: ManyConfig, text: bool) -> str:
@@ -294,15 +274,6 @@ def _read_text(
     return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
 
 
-def _write(paths: Paths, result: Evaluation, config: ManyConfig) -> None:
-    provenance = provenance_of(paths, asdict(config))
-    if paths.failures is not None:
-        write_table(paths.failures, result.failures, provenance, overwrite=paths.overwrite)
-    if paths.output is not None:
-        values = {**result.metrics, "_provenance": provenance.as_dict()}
-        write_json(paths.output, values, overwrite=paths.overwrite)
-
-
 def _sequences(compared: TruthAndTracks, scene: Scene | None) -> list[MotSequence]:
     sizes = {camera.name: camera.image_size for camera in (scene.cameras if scene is not None else ())}
     out = []
@@ -312,57 +283,3 @@ def _sequences(compared: TruthAndTracks, scene: Scene | None) -> list[MotSequenc
         info = SequenceInfo(name, frames, frame_rate(compared, view), width, height)
         out.append(MotSequence(info, *view_boxes(compared, view)))
     return out
-
-
-def ground_figures(
-    result: Evaluation,
-    tables: Tables,
-    config: EvaluateConfig,
-    *,
-    told: Mapping[str, object],
-    own: str,
-    wanted: bool,
-    path: Path | None = None,
-) -> tuple[Evaluation, ManyConfig | None]:
-    """The evaluation with the figures of many targets, and the options behind these; None where there are none.
-
-    They are given where there are several tracks or targets, where nobody is there, or where they are asked for.
-
-    Args:
-        result: the other figures.
-        tables: what was read.
-        config: of the other figures.
-        told: options of many targets that were given.
-        own: which target is a track's own, unless that was given.
-        wanted: a table of failures or counts is to be written.
-        path: file of the tracks.
-    """
-    tracks, truth, unit = tables.tracks, tables.truth, tables.scene.length_unit
-    if tracks is None or truth is None:
-        return result, None
-    several = max(len(np.unique(tracks.target_id)), len(np.unique(truth.target_id[truth.role == "target"]))) > 1
-    if not (several or told or wanted or not len(truth)):
-        return result, None
-    many, unknown = many_config(unit, own, told)
-    if many is None:
-        return replace(result, notes=(*result.notes, str(unknown))), None
-    made = evaluate_ground(tracks, truth, many, config.limit_ns, unit)
-    metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
-    apart = line_of_errors_apart(metrics, unit, config.match)
-    notes = (*result.notes, *made.notes, *own_notes(path, many.own, _asked(told)), *apart)
-    whole = replace(result, metrics=metrics, failures=made.failures, counts=made.counts, notes=notes)
-    return whole, many
-
-
-def many_config(unit: str, own: str, told: Mapping[str, object]) -> tuple[ManyConfig | None, str | None]:
-    """Options of many targets on the ground; or None, and a line on why there are no figures of them.
-
-    Args:
-        unit: of lengths.
-        own: which target is a track's own, unless that was given.
-        told: options that were given.
-    """
-    many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
-    if many.match_distance is None:
-        return None, f"lengths are in {unit}: give --match-distance for the figures of many targets"
-    return many, None

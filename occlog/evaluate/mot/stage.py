@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from functools import cached_property
 from typing import NamedTuple
 
@@ -19,7 +20,6 @@ from occlog.core.metrics.mot.failure_rates import NONE
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, numbered, of_boxes, of_points
 from occlog.core.metrics.mot.idf1 import IdentityCounts
 from occlog.core.numerics.assignment import maximum_weight_matching
-from occlog.evaluate.stage import Evaluation
 from occlog.records.declared.views import Failures
 
 from .config import ManyConfig
@@ -48,7 +48,7 @@ def own_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: s
             one-to-one assignment over all views in which most estimates are on their own target.
     """
     found = Owners(how)
-    found.add(truth, tracks, tau, t_ns)
+    found.update(truth, tracks, tau, t_ns)
     return found.of(tracks.label)
 
 
@@ -61,7 +61,7 @@ class Owners:
         self._first: dict[int, int] = {}
         self._met: Counter[tuple[int, int]] = Counter()
 
-    def add(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
+    def update(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
         """Another part; see `own_targets`."""
         if self._how == "label":
             return
@@ -130,83 +130,81 @@ class Places(NamedTuple):
         return np.concatenate([*values, np.zeros(0, np.int64)])[starts[_views_of(side)] + side.frame]
 
 
-def evaluate_views(compared: TruthAndTracks, config: ManyConfig) -> Evaluation:
-    """Figures of boxes that have been laid against each other: all views pooled, then each view."""
-    found = ViewFigures(compared.views, keys_of(compared.truth), keys_of(compared.tracks), config)
-    begin = [0] * len(compared.views)
-    found.first(compared, begin)
-    failures = found.second(compared, begin)
-    metrics = found.metrics(compared.frames, compared.counts)
-    notes = (*left_out_note(compared.left_out), *found.notes())
-    return Evaluation(metrics, failures=failures, notes=notes)
-
-
 def keys_of(side: Objects) -> Ints:
     """(G, 2) view and label of every object."""
     return np.unique(np.column_stack([_views_of(side), side.label]), axis=0).astype(np.int64)
 
 
 class ViewFigures:
-    """Gathers every figure of many targets in images, while the parts of a recording come by twice.
+    """Every figure of many targets in images, of parts of a recording that come twice: to `prepare`, then to `update`.
 
     What it keeps grows with the number of targets and tracks, not with that of frames.
     """
 
-    def __init__(
-        self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: ManyConfig, *, apart: bool = True
-    ) -> None:
-        """Nothing yet.
+    def __init__(self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: ManyConfig) -> None:
+        """No frame yet.
 
         Args:
             views: names of the cameras.
             targets: (G, 2) view and label of every target, rising.
             tracks: (K, 2) view and label of every track, rising.
             config: options.
-            apart: of several views give the figures of each one, too.
         """
         self._views, self._keys, self._config = views, (targets, tracks), config
         self._owners = Owners(config.own)
         self._pooled = _Boxes(targets, tracks, config)
         # Objects of one view alone have no view
         own = [[side[side[:, 0] == v] * [0, 1] for side in self._keys] for v in range(len(views))]
-        self._each = [_Boxes(theirs, ours, config) for theirs, ours in own] if apart and len(views) > 1 else []
-        labels = [np.unique(side[:, 1]) for side in self._keys]
-        self._labels = labels
+        self._each = [_Boxes(theirs, ours, config) for theirs, ours in own] if len(views) > 1 else []
+        self._labels = labels = [np.unique(side[:, 1]) for side in self._keys]
         self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.overlap)
 
-    def first(self, part: TruthAndTracks, begin: Sequence[int]) -> None:
-        """Another part, in the order of time; `begin`: number of frames of each view before it."""
+    def prepare(self, part: TruthAndTracks, begin: Sequence[int]) -> None:
+        """Learn what must be known of all frames; `begin`: number of frames of each view before this part."""
         points = centres_and_limits(part, self._config)
-        self._owners.add(points.truth, points.tracks, points.tau, points.times(points.tracks))
-        self._pooled.first(part.truth, part.tracks, begin)
+        self._owners.update(points.truth, points.tracks, points.tau, points.times(points.tracks))
+        self._pooled.prepare(part.truth, part.tracks, begin)
         for v, each in enumerate(self._each):
-            each.first(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
-        if len(self._views) > 1:
-            self._across.add(_across_views(part.truth, part.tracks, self._labels))
+            each.prepare(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
 
-    def second(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
-        """The same part once more, after all of them have been by; its failures."""
+    def update(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
+        """Some more frames, in the order of time; their failures."""
         points = centres_and_limits(part, self._config)
         found = find_failures(points, self._owners)
-        self._pooled.second(part.truth, part.tracks, begin, found, found.frame >= 0)
+        self._pooled.update(part.truth, part.tracks, begin, found, found.frame >= 0)
         for v, each in enumerate(self._each):
-            each.second(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1], found, found.view == v)
+            each.update(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1], found, found.view == v)
+        if len(self._views) > 1:
+            self._across.update(_across_views(part.truth, part.tracks, self._labels))
         return failure_rows(found, points)
 
-    def metrics(self, frames: Sequence[int], counts: Mapping[str, float]) -> Metrics:
+    def merge(self, other: ViewFigures) -> None:
+        """Take in another recording, in which every view is another one; figures of single views are dropped.
+
+        No frame is added after it.
+        """
+        # Of one view identities across views are those of the view
+        self._across, across = (
+            each._across if len(each._views) > 1 else deepcopy(each._pooled.mot.identity) for each in (self, other)
+        )
+        self._across.merge(across)
+        self._pooled.merge(other._pooled)
+        self._views, self._each = (*self._views, *other._views), []
+
+    def result(self, frames: Sequence[int], counts: Mapping[str, float]) -> Metrics:
         """All figures.
 
         Args:
             frames: number of frames of each view.
             counts: of what was compared and what was left out.
         """
-        out = self._pooled.metrics(sum(frames), counts)
+        out = self._pooled.result(sum(frames), counts)
         if len(self._views) > 1:
             got = self._across.result()
             out |= {"idf1_across_views": got.idf1, "idp_across_views": got.idp, "idr_across_views": got.idr}
         for v, each in enumerate(self._each):
             whose = f"_sensor_{self._views[v]}"
-            out |= each.metrics(frames[v], {f"frames{whose}": frames[v]}, whose)
+            out |= each.result(frames[v], {f"frames{whose}": frames[v]}, whose)
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
@@ -220,31 +218,39 @@ class _Boxes:
 
     def __init__(self, targets: Ints, tracks: Ints, config: ManyConfig) -> None:
         self._keys, self._config, self._failures = (targets, tracks), config, FailureCounts()
+        self._sizes = len(targets), len(tracks)
         none = np.zeros(0, dtype=np.int64)
         empty = Objects(none, none, np.zeros((0, 4)))
-        self._mot = MotFigures(numbered(of_boxes(empty, empty), targets, tracks), config)
+        self.mot = MotFigures(numbered(of_boxes(empty, empty), targets, tracks), config)
         self._centres = None if config.gospa_px is None else GospaFigures(config, config.gospa_px)
 
     def _frames_of(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> Frames:
         found = numbered(of_boxes(truth, tracks), *self._keys)
         return found._replace(frame=found.frame + np.asarray(begin, dtype=np.int64)[found.view])
 
-    def first(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> None:
-        self._mot.first(self._frames_of(truth, tracks, begin))
-        if self._centres is not None and self._config.gospa_px is not None:
-            self._centres.add(of_points(centres(truth), centres(tracks), self._config.gospa_px))
+    def prepare(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> None:
+        self.mot.prepare(self._frames_of(truth, tracks, begin))
 
-    def second(
+    def update(
         self, truth: Objects, tracks: Objects, begin: Sequence[int], found: failure_rates.Failures, own: Bools
     ) -> None:
-        self._mot.second(self._frames_of(truth, tracks, begin))
-        self._failures.add(found, own, len(truth.frame))
+        self.mot.update(self._frames_of(truth, tracks, begin))
+        if self._centres is not None and self._config.gospa_px is not None:
+            self._centres.update(of_points(centres(truth), centres(tracks), self._config.gospa_px))
+        self._failures.update(found, own, len(truth.frame))
 
-    def metrics(self, cells: int, counts: Mapping[str, float], whose: str = "") -> Metrics:
-        out = self._failures.metrics(whose) | self._mot.metrics(cells, whose)
-        known: Metrics = {f"targets{whose}": len(self._keys[0]), f"tracks{whose}": len(self._keys[1])}
+    def merge(self, other: _Boxes) -> None:
+        self.mot.merge(other.mot)
+        self._failures.merge(other._failures)
+        self._sizes = self._sizes[0] + other._sizes[0], self._sizes[1] + other._sizes[1]
+        if self._centres is not None and other._centres is not None:
+            self._centres.merge(other._centres)
+
+    def result(self, cells: int, counts: Mapping[str, float], whose: str = "") -> Metrics:
+        out = self._failures.result(whose) | self.mot.result(cells, whose)
+        known: Metrics = {f"targets{whose}": self._sizes[0], f"tracks{whose}": self._sizes[1]}
         out |= known | dict(counts) if whose else dict(counts) | known
-        return out if self._centres is None else out | self._centres.metrics(cells, whose, "px")
+        return out if self._centres is None else out | self._centres.result(cells, whose, "px")
 
 
 def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> Frames:

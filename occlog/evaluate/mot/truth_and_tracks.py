@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from occlog.records.tables import Boxes, TruthBoxes
 
 from .config import ManyConfig
 from .figures import of_view
-
-B = TypeVar("B", bound=Boxes)
 
 
 class TruthAndTracks(NamedTuple):
@@ -35,7 +33,6 @@ class TruthAndTracks(NamedTuple):
         t_ns: for each view the times of its frames.
         number: for each view the numbers of its frames in the camera's stream.
         counts: what was compared and what was left out.
-        left_out: cameras of the truth that have no track.
     """
 
     views: tuple[str, ...]
@@ -45,7 +42,6 @@ class TruthAndTracks(NamedTuple):
     t_ns: tuple[Ints, ...]
     number: tuple[Ints, ...]
     counts: dict[str, float]
-    left_out: tuple[str, ...]
 
     @property
     def frames(self) -> list[int]:
@@ -59,32 +55,19 @@ def places(boxes: Boxes) -> Floats:
 
 
 def boxes_in_true_frames(
-    tracks: Boxes,
-    truth: TruthBoxes,
-    config: ManyConfig,
-    *,
-    by_number: bool = False,
-    looked: Collection[str] = (),
-    views: tuple[str, ...] | None = None,
+    tracks: Boxes, truth: TruthBoxes, views: tuple[str, ...], *, by_number: bool = False
 ) -> TruthAndTracks:
-    """Tracks and truth of the frames that the truth has, with a box or known to have none.
+    """Tracks and truth of the frames that the truth has, with a box or known to have none, of a part of a recording.
 
     Args:
         tracks: boxes with identities; `boxes_of_ellipses` makes them of ellipses.
         truth: true boxes with identities.
-        config: cameras and frames that are to be compared.
+        views: cameras that are compared, of which some may be missing in this part.
         by_number: frames are the same when camera and number are; otherwise when camera and time are.
-        looked: cameras that are compared even if no track is in them.
-        views: cameras that are compared of a part of a recording, of which some may be missing in it; None: this is the
-            whole.
 
     Raises:
-        InputError: nothing is to be compared of the whole, an object has no identity, or the same one twice in a frame.
+        InputError: an object has no identity, or the same one twice in a frame.
     """
-    whole, left_out = views is None, tuple[str, ...]()
-    if views is None:
-        truth, tracks = _wanted(truth, config, "truth"), _wanted(tracks, config, "tracks", looked)
-        views, left_out = _views(tracks, truth, looked)
     truth = truth.take(np.isin(truth.sensor, views))
     key = "frame" if by_number else "t_ns"
     times, numbers, keys = _frames(truth, views, key)
@@ -93,15 +76,14 @@ def boxes_in_true_frames(
     _check_identities("truth", there, true_view, true_cell)
     view, cell = _cells(found, views, keys, key)
     known = cell >= 0
-    if whole and len(found) and not known.any():
-        raise InputError(_apart(found, truth, by_number))
     found, view, cell = found.take(known), view[known], cell[known]
     _check_identities("tracks", found, view, cell)
     counts = {
         "frames": sum(len(t) for t in times),
         "frames_without_tracks": sum(len(t) for t in times) - len(np.unique(view * 2**40 + cell)),
         "estimates_other_frames": int(np.count_nonzero(~known)),
-        "views_without_tracks": len(left_out),
+        "views_without_tracks": 0,
+        "estimates_compared": len(found),
     }
     return TruthAndTracks(
         views=views,
@@ -111,7 +93,6 @@ def boxes_in_true_frames(
         t_ns=times,
         number=numbers,
         counts={name: float(n) for name, n in counts.items()},
-        left_out=left_out,
     )
 
 
@@ -123,32 +104,24 @@ def asked_for(boxes: Boxes, config: ManyConfig) -> Bools:
     return keep
 
 
-def _wanted(boxes: B, config: ManyConfig, what: str, looked: Collection[str] = ()) -> B:
-    """Rows of the cameras and frames asked for."""
-    names = sorted({*np.unique(boxes.sensor).tolist(), *looked})
-    if missing := [name for name in config.cameras if name not in names]:
-        raise InputError(f"{what}: no camera {', '.join(missing)}; there is {', '.join(names) or 'none'}")
-    keep = asked_for(boxes, config)
-    if what == "truth" and config.frames is not None and len(boxes) and not keep.any():
-        first, stop = config.frames
-        raise InputError(f"truth: no row in frames {first}:{stop}; they are {_span(boxes.frame)}")
-    return boxes.take(keep)
+def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Cameras of tracks and truth, and those of the truth without a track.
 
-
-def _views(tracks: Boxes, truth: TruthBoxes, looked: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Cameras of both, and those of the truth without a track."""
-    ours, theirs = sorted({*np.unique(tracks.sensor).tolist(), *looked}), np.unique(truth.sensor).tolist()
-    if not theirs:
+    Raises:
+        InputError: the truth has no camera, or the tracks have others than the truth.
+    """
+    tracked, true = sorted(ours), sorted(theirs)
+    if not true:
         raise InputError("truth: has no boxes; nothing to compare with")
-    if not ours:  # nothing was tracked at all, which is to be counted
-        return tuple(theirs), ()
-    both = tuple(name for name in theirs if name in ours)
+    if not tracked:  # nothing was tracked at all, which is to be counted
+        return tuple(true), ()
+    both = tuple(name for name in true if name in ours)
     if not both:
         raise InputError(
-            f"tracks: their cameras ({', '.join(ours)}) are none of the truth ({', '.join(theirs)}); "
+            f"tracks: their cameras ({', '.join(tracked)}) are none of the truth ({', '.join(true)}); "
             "the names must be the same"
         )
-    return both, tuple(name for name in theirs if name not in ours)
+    return both, tuple(name for name in true if name not in ours)
 
 
 def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[Ints, ...], tuple[Ints, ...], list[Ints]]:
@@ -177,22 +150,6 @@ def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -
     return view, cell
 
 
-def _apart(tracks: Boxes, truth: TruthBoxes, by_number: bool) -> str:
-    if by_number:
-        return (
-            f"tracks: their frames ({_span(tracks.frame)}) are none of the truth's ({_span(truth.frame)}); "
-            "frames must have the same numbers"
-        )
-    return (
-        f"tracks: the time of no frame of theirs (first: {tracks.sensor[0]} at {tracks.t_ns[0]} ns) is among the true "
-        f"boxes (first: {truth.sensor[0]} at {truth.t_ns[0]} ns); times must be the same"
-    )
-
-
-def _span(values: Ints) -> str:
-    return f"{values.min()} to {values.max()}"
-
-
 def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
     """InputError where an object has no identity, or the same one as another in the frame."""
     order = np.lexsort((boxes.target_id, cell, view))
@@ -206,6 +163,26 @@ def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
                 f"{what}: camera {boxes.sensor[row]}, frame {boxes.frame[row]}: {found}; "
                 "each object needs an identity of its own in every frame"
             )
+
+
+def joined(parts: Sequence[TruthAndTracks]) -> TruthAndTracks:
+    """Parts of a recording, one or more in the order of time, as one."""
+    begin = np.zeros(len(parts[0].views), dtype=np.int64)
+    truth, tracks = list[Objects](), list[Objects]()
+    for part in parts:
+        for out, side in ((truth, part.truth), (tracks, part.tracks)):
+            assert side.view is not None
+            out.append(side._replace(frame=side.frame + begin[side.view]))
+        begin += part.frames
+    both = [Objects(*(np.concatenate(column) for column in zip(*side, strict=True))) for side in (truth, tracks)]
+    times, numbers = ([getattr(part, name) for part in parts] for name in ("t_ns", "number"))
+    return parts[0]._replace(
+        truth=both[0],
+        tracks=both[1],
+        visible=np.concatenate([part.visible for part in parts]),
+        t_ns=tuple(np.concatenate(view) for view in zip(*times, strict=True)),
+        number=tuple(np.concatenate(view) for view in zip(*numbers, strict=True)),
+    )
 
 
 def view_boxes(compared: TruthAndTracks, view: int) -> tuple[TruthBoxes, Boxes]:

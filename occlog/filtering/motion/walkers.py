@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.filtering.gaussian import symmetric
 
 
 class Walkers(NamedTuple):
@@ -96,8 +97,3 @@ def take(walkers: Walkers, rows: object) -> Walkers:
 def join(first: Walkers, second: Walkers) -> Walkers:
     """The objects of both."""
     return Walkers(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
-
-
-def symmetric(matrix: Floats) -> Floats:
-    """Make (..., N, N) matrices symmetric, which are so but for rounding."""
-    return 0.5 * (matrix + matrix.swapaxes(-1, -2))

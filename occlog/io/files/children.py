@@ -27,7 +27,9 @@ def environment_for_children() -> dict[str, str]:
     found = {k: v for k, v in os.environ.items() if not k.startswith(_OF_OPENCV)}
     package = str(Path(occlog.__file__).resolve().parents[1])
     found["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and NumPy computes nothing there
-    found["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
+    # Entries that are empty or relative would name the current folder, or one in it
+    others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if Path(path).is_absolute()]
+    found["PYTHONPATH"] = os.pathsep.join([package, *others])
     return found
 
 

@@ -19,12 +19,13 @@ from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
-from occlog.track.images.interface import START, AnyVisual, Birth, Outlines
-from occlog.track.images.methods.config import MipfConfig
-from occlog.track.images.methods.state import VisualState
-from occlog.track.images.methods.timing import likelihood_seconds
+from occlog.track.images.interface import START, Birth, Outlines
+from occlog.track.images.methods.config import BmctConfig, MipfConfig
+from occlog.track.images.methods.state import VisualState, initial_state
+from occlog.track.images.methods.step import advance, initiate_trackers
 
 from .staged import Staging, video_of
+from .timing import likelihood_seconds
 from .world import FLYING, looks_of, truth_of, views_of
 
 
@@ -41,8 +42,7 @@ class Astray(NamedTuple):
 class Runner(NamedTuple):
     """A method on a video."""
 
-    visual: AnyVisual
-    config: MipfConfig  # the settings of every method extend these
+    config: MipfConfig  # settings of the method, which say how it tracks
     geometry: Geometry
     births: tuple[Birth, ...]
     seed: int
@@ -137,19 +137,19 @@ def follow(
         for label, r in runners.items():
             looks = looks_of(frame, r.use)
             if not frames:
-                fresh = r.visual.init(views[: r.use], r.geometry, r.config, rngs[label])
-                states[label] = r.visual.born(fresh, looks, r.births)
+                empty = initial_state(views[: r.use], r.geometry, r.config)
+                states[label] = initiate_trackers(empty, looks, r.births)
                 done[label].append(_first(r.births))
                 continue
             if r.exchange is not None and r.exchange[3] == frame.frame:
                 states[label] = exchanged(states[label], *r.exchange[:3])
             if r.astray is not None and r.astray.frame == frame.frame:
                 states[label] = led_astray(states[label], r.astray)
-            if r.timed and frame.frame % EVERY == 1:
+            if r.timed and isinstance(r.config, BmctConfig) and frame.frame % EVERY == 1:
                 rng = np.random.default_rng(frame.frame)
-                parts[label].append(likelihood_seconds(states[label], looks, rng, REPEATS))
+                parts[label].append(likelihood_seconds(states[label], r.config, looks, rng, REPEATS))
             start = time.thread_time()
-            states[label], outlines = r.visual.step(states[label], looks, rngs[label])
+            states[label], outlines = advance(states[label], looks, rngs[label])
             seconds[label].append(time.thread_time() - start)
             done[label].append(_rows(frame.frame, outlines))
         if watch is not None:
@@ -159,10 +159,8 @@ def follow(
     return {label: _joined(done[label], seconds[label], parts[label]) for label in runners}, truth, radius
 
 
-def exchanged(state: object, view: int, one: int, other: int) -> VisualState[MipfConfig]:
+def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualState:
     """Return the state with two trackers of a view exchanged; InputError where it has no such trackers."""
-    if not isinstance(state, VisualState):
-        raise InputError("trial: trackers of this method cannot be exchanged")
     t = state.trackers
     rows = [np.flatnonzero((t.view == view) & (t.target == k)) for k in (one, other)]
     if any(len(r) != 1 for r in rows):
@@ -172,10 +170,8 @@ def exchanged(state: object, view: int, one: int, other: int) -> VisualState[Mip
     return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
 
 
-def led_astray(state: object, astray: Astray) -> VisualState[MipfConfig]:
+def led_astray(state: VisualState, astray: Astray) -> VisualState:
     """Return the state with a tracker at rest in another place; InputError where there is no such tracker."""
-    if not isinstance(state, VisualState):
-        raise InputError("trial: trackers of this method cannot be led astray")
     t = state.trackers
     rows = np.flatnonzero((t.view == astray.view) & (t.target == astray.target))
     if len(rows) != 1:

@@ -23,8 +23,8 @@ from occlog.errors import InputError
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
-from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES, AnyVisual
+from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES
+from occlog.track.images.methods.config import CONFIGS, MipfConfig
 
 from .follow import Astray, Followed, Runner, follow
 from .staged import Staging, staging_of
@@ -155,7 +155,7 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
     Args:
         spec: `seed` of the video, and of the trackers where they have no `track_seed`; `balls` (fields of
             `BallsConfig`; `views` may be a number); `tau` (factor of a target's radius within which a tracker
-            is on it, default 1).  One method: `method` (a name of `VISUAL`), `set` (its settings),
+            is on it, default 1).  One method: `method` (a name of `CONFIGS`), `set` (its settings),
             `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
             the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
             `use` (the first so many views only), `astray` (fields of `Astray`), `timed` (also `local_ms`,
@@ -199,18 +199,17 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
     return out
 
 
-def visual_of(name: str) -> AnyVisual:
-    """Return a method by name; InputError for an unknown name."""
-    if name not in VISUAL:
-        raise InputError(f"trial: no method {name!r} that tracks in images; there are: {', '.join(VISUAL)}")
-    return VISUAL[name]
+def defaults_of(method: str) -> MipfConfig:
+    """Return the default settings of a method by name; InputError for an unknown name."""
+    if method not in CONFIGS:
+        raise InputError(f"trial: no method {method!r} that tracks in images; there are: {', '.join(CONFIGS)}")
+    return CONFIGS[method]()
 
 
 def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
     """Make one method of a trial from its description; InputError or UsageError for values that do not fit."""
     _check(own, OWN)
-    visual = visual_of(str(own.get("method")))
-    settings = configure(visual.config(), dict(own.get("set", {})))
+    settings = configure(defaults_of(str(own.get("method"))), dict(own.get("set", {})))
     matrices = own.get("fundamental", "true")
     kind, amount = (matrices, 0.0) if isinstance(matrices, str) else matrices
     use = int(own.get("use", config.views))
@@ -222,7 +221,6 @@ def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
     geometry = geometry_of(config, use, kind, float(amount))
     exchange = (int(wrong[0]), int(wrong[1]), int(wrong[2]), int(wrong[3])) if len(wrong) == 4 else None
     return Runner(
-        visual=visual,
         config=settings,
         geometry=geometry,
         births=births,
@@ -250,17 +248,9 @@ def _check(spec: Spec, keys: tuple[str, ...]) -> None:
 def warm(method: str) -> None:
     """Run a method on a few small frames, so that nothing is compiled while a trial is timed."""
     config = configure(BallsConfig(), WARM)
-    visual = visual_of(method)
-    births = births_of(first_frame(config, 0), 2)
-    follow(
-        config,
-        0,
-        {
-            method: Runner(
-                visual=visual, config=visual.config(), geometry=geometry_of(config, 2), births=births, seed=0, use=2
-            )
-        },
-    )
+    births, geometry = births_of(first_frame(config, 0), 2), geometry_of(config, 2)
+    runner = Runner(config=defaults_of(method), geometry=geometry, births=births, seed=0, use=2)
+    follow(config, 0, {method: runner})
 
 
 def scores(truth: Objects, followed: Followed, tau: Floats) -> dict[str, float]:

@@ -17,6 +17,8 @@ from occlog.console.details import THREADS
 
 from .interface import Lost, R, T
 
+SAFE_PATH = {"PYTHONSAFEPATH": "1"}
+"""Workers look for no modules in the current folder, where a file `pickle.py` would run in the place of Python's."""
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS)
 """Variables that give each worker one thread: as many workers as processors then share them evenly."""
 AHEAD = 2
@@ -91,8 +93,9 @@ class _Pool(Generic[T, R]):
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Let processes that are started meanwhile have one thread."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    own = dict.fromkeys(ONE_THREAD, "1") | SAFE_PATH
+    before = {name: os.environ.get(name) for name in own}
+    os.environ.update(own)
     try:
         yield
     finally:

@@ -9,7 +9,7 @@ from occlog import __version__
 from occlog.errors import UsageError
 
 from .interface import Lost, R, T, done_alike
-from .processes import ONE_THREAD
+from .processes import ONE_THREAD, SAFE_PATH
 
 
 class RayCluster:
@@ -29,7 +29,7 @@ class RayCluster:
         try:
             library.init(
                 address=None if self._address == "ray" else self._address,
-                runtime_env={"env_vars": dict.fromkeys(ONE_THREAD, "1")},
+                runtime_env={"env_vars": dict.fromkeys(ONE_THREAD, "1") | SAFE_PATH},
                 log_to_driver=False,
                 include_dashboard=False if self._address == "ray" else None,
             )

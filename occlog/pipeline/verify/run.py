@@ -10,6 +10,7 @@ from typing import NamedTuple
 import click
 
 from occlog import __version__
+from occlog.console.text import counted
 from occlog.errors import ExitCode, InputError, OcclogError, UsageError
 from occlog.examine.diff.result import Comparison, DiffSettings, Tolerances
 from occlog.examine.diff.run import compare_files, stage_order
@@ -20,7 +21,7 @@ from occlog.pipeline.pack.archive import take, unpack
 from occlog.pipeline.pack.manifest import INPUTS, OUTPUTS, Manifest
 from occlog.pipeline.run.inputs import files_of, places_of
 from occlog.pipeline.run.run import Step, do_stages, inside
-from occlog.pipeline.run.stages import Config, check_settings, plan, read_config
+from occlog.pipeline.run.stages import check_settings, plan, read_config
 
 
 class Verified(NamedTuple):
@@ -74,7 +75,7 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
         made = folder / INPUTS / manifest.folder
         try:
             with outputs_below(folder / INPUTS):
-                steps = _make_again(read_config(folder / INPUTS / manifest.config), folder, made, begin)
+                steps = _make_again(manifest, folder, made, begin)
         except (OcclogError, click.ClickException) as error:
             reason = str(error).replace(f"{folder}/", "")
             raise InputError(f"{archive}: cannot be made again: {reason}") from error
@@ -98,8 +99,10 @@ def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: 
             take(inputs / file.path, folder / file.path, file)
 
 
-def _make_again(config: Config, folder: Path, made: Path, begin: Callable[[str], None]) -> list[Step]:
-    """Do all stages; InputError for a configuration that names files outside of the archive."""
+def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[str], None]) -> list[Step]:
+    """Do all stages; InputError for a configuration that names files outside of the archive, or not all inside."""
+    config = read_config(folder / INPUTS / manifest.config)
+    unused = {(folder / INPUTS / file.path).resolve() for file in manifest.inputs} - {config.path.resolve()}
     for stage in plan(config, made):
         check_settings(config, stage)
         with inside(config.path.parent):
@@ -108,6 +111,10 @@ def _make_again(config: Config, folder: Path, made: Path, begin: Callable[[str],
                 outside = [p for p in named if folder not in p.resolve().parents]
                 if outside:
                     raise InputError(f"stage {stage.name} names {outside[0]}, which is not in the archive")
+                unused -= {path.resolve() for path in named}
+    if unused:
+        first = min(unused).relative_to(folder / INPUTS)
+        raise InputError(f"no stage names {counted(len(unused), 'input')} of it, such as {first}; pack the run again")
     return list(do_stages(config, made, force=False, dry_run=False, begin=begin))
 
 

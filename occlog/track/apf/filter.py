@@ -26,6 +26,7 @@ from occlog.array_types import NS, Bools, Floats
 from occlog.consistency.particles import FEW
 from occlog.core.occlusion.priors import Priors, without_own
 from occlog.errors import InputError
+from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
 from occlog.filtering.likelihood.directions import PackedScan, agreement
 from occlog.filtering.likelihood.distance_errors import direct
 from occlog.filtering.likelihood.distances import Distances, linearise, residuals
@@ -51,7 +52,7 @@ class ApfState(NamedTuple):
     particles: Particles
     weights: Floats  # (L,)
     t_ns: int | None
-    astray: int  # reports against the likeliest place more than for it, see `_astray`
+    astray: int  # reports against the likeliest place more than for it, see `_track_loss`
     calibration: Calibration | None = None  # None: errors of poses are white noise
     trace: Trace = ()  # what the last step leaves for the way back; none where nothing looks back
 
@@ -92,13 +93,15 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     if scan.occluders is not None:
         model = _informed(model, scan.occluders, state)
         state = state._replace(model=model)
-    # Propose, weigh, resample ([Ercan] Alg. 1)
-    draw, trace = _take_in(state, scan.t_ns, looks, rng)
-    # Restart: a filter that most reports have contradicted for some scans is lost
-    astray = _astray(state, draw, looks)
-    if config.lost_after and astray >= config.lost_after:
-        draw, trace = _begin(model, looks, "restart", rng)
-        astray = 0
+    # Propose, weigh, resample ([Ercan] Alg. 1); a filter that most reports have contradicted for some scans is lost
+    (draw, trace), astray = advance(
+        elapsed(state.t_ns, scan.t_ns),
+        config.max_gap_s,
+        known=state.t_ns is not None or model.views is None or config.start is not None,
+        initiate=lambda reason: _begin(model, looks, reason, rng),
+        update=lambda dt: _updated(state, looks, dt, rng),
+        loss=lambda taken: _track_loss(state, taken[0], looks),
+    )
     # Estimate: weighted mean and covariance ([Ercan] Alg. 3, last line)
     estimate = _estimate(model, draw, looks)
     # Calibrate: learn the errors of the poses
@@ -131,20 +134,13 @@ def predict(state: ApfState, t_ns: int, rng: Generator) -> Cloud:
     return Cloud(drift(state.model, state.particles, dt, rng).xy, state.weights)
 
 
-def _take_in(state: ApfState, t_ns: int, looks: PackedScan, rng: Generator) -> tuple[Draw, Trace]:
-    """Weighted particles at the time of a scan; drawn anew at the start, after a gap, and where none agrees."""
+def _updated(state: ApfState, looks: PackedScan, dt: float, rng: Generator) -> tuple[Draw, Trace] | None:
+    """Weighted particles at the time of a scan, a time dt [s] after the last one; None where no particle agrees."""
     model = state.model
     if state.t_ns is None:
         start = model.config.start
-        if model.views is not None and start is None:
-            return _begin(model, looks, "", rng)
         draw = weigh_start(model, state.particles, None if start is None else start[2], looks, rng)
         return draw, _last(model, draw, 0.0)
-    dt = (t_ns - state.t_ns) / NS
-    if dt < 0:
-        raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {state.t_ns} ns")
-    if dt > model.config.max_gap_s:
-        return _begin(model, looks, "gap", rng)
     # Predict without measurements, as far as one step does not reach
     particles, weights, parts = state.particles, state.weights, parts_of(dt, model)
     links: Trace = ()
@@ -154,9 +150,7 @@ def _take_in(state: ApfState, t_ns: int, looks: PackedScan, rng: Generator) -> t
             links = (*links, link(particles, weights, None, dt / parts, model))
     # Take the scan in
     draw = auxiliary_step(model, particles, weights, looks, dt / parts, rng)
-    if not math.isfinite(draw.log_likelihood):
-        return _begin(model, looks, "restart", rng)
-    return draw, links + _last(model, draw, dt / parts)
+    return (draw, links + _last(model, draw, dt / parts)) if math.isfinite(draw.log_likelihood) else None
 
 
 def _last(model: Model, draw: Draw, dt: float) -> Trace:
@@ -172,8 +166,8 @@ def _begin(model: Model, looks: PackedScan, reason: str, rng: Generator) -> tupl
     return draw, _last(model, draw, 0.0)
 
 
-def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
-    """How many more reports spoke against where the target is thought to be than for it, since they last were even.
+def _track_loss(state: ApfState, draw: Draw, looks: PackedScan) -> tuple[int, bool]:
+    """The track-loss counter after a scan, and whether the track is lost.
 
     A report speaks against it if the target should be elsewhere; a scan counts for two
     reports at most, either way.  A single sensor may speak: a filter that is lost among
@@ -187,14 +181,15 @@ def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
     if model.measured is not None:
         count += len(model.measured.kind)
     if not count:
-        return state.astray
+        return state.astray, False
     best = int(np.argmax(draw.weights))
     here = draw.particles.xy[best : best + 1]
     agree = agreement(here, looks, model.sensors, model.noise, model.detection)
     against = int(np.count_nonzero(reports & ~agree))
     if model.measured is not None:
         against += int(np.count_nonzero(direct(residuals(model.measured, here)[0], model.measured.errors) < 0.5))
-    return max(0, state.astray + max(-2, min(2, 2 * against - count)))
+    after = loss_count(state.astray, against, count)
+    return (0, True) if is_lost(after, model.config.lost_after) else (after, False)
 
 
 def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:

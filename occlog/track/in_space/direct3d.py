@@ -24,6 +24,7 @@ from numpy.random import Generator
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.filtering.backward_simulation import best_width, knot
 from occlog.filtering.kernel_density import moments, redraw
+from occlog.filtering.lifecycle import advance, elapsed, is_lost
 from occlog.filtering.motion.white_acceleration import moved
 from occlog.filtering.particles import effective_size, log_of, normalise
 from occlog.records.scene import Scene
@@ -83,19 +84,23 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
     """The state after a scan and the estimate; ValueError for a scan that is earlier than the last."""
     space, config = state.space, state.space.config
     heard = pack_directions(scan, space.ears, state.near, use_score=config.use_score)
+
+    def loss(draw: Draw) -> tuple[Ints, bool]:
+        best = draw.cloud[:3, int(np.argmax(draw.weights))]
+        return contradicted(state.astray, agrees(best[None], heard, config.gate)[0], heard, config)
+
     # Propose and weigh ([Lee] Eqs. 2.6-2.7 by particles)
-    draw = _take_in(state, scan.t_ns, heard, rng)
+    draw, astray = advance(
+        elapsed(state.t_ns, scan.t_ns),
+        config.max_gap_s,
+        known=state.t_ns is not None or state.cloud.shape[1] > 0,
+        initiate=lambda reason: begin(space, heard, reason, rng),
+        update=lambda dt: _updated(state, heard, dt, rng),
+        loss=loss,
+    )
     # Estimate: weighted mean and covariance
     mean, covariance = moments(draw.cloud, draw.weights)
-    # Gate and restart: a filter that a sensor has contradicted for some scans begins anew from the scan
-    best = draw.cloud[:3, int(np.argmax(draw.weights))]
-    good = agrees(np.stack([best, mean[:3]]), heard, config.gate)
-    astray, lost = contradicted(state.astray, good[0], heard, config)
-    if lost:
-        draw = begin(space, heard, "restart", rng)
-        mean, covariance = moments(draw.cloud, draw.weights)
-        good = agrees(mean[None, :3], heard, config.gate)
-    estimate = estimate_of(mean, covariance, draw, heard, good[-1])
+    estimate = estimate_of(mean, covariance, draw, heard, agrees(mean[None, :3], heard, config.gate)[0])
     # Resample from a kernel density: what begins has more particles, what moves blindly may have few effective ones
     cloud, weights = draw.cloud, draw.weights
     few = config.proposal == "motion" and estimate.ess < config.resample_below * config.particles
@@ -126,15 +131,9 @@ def predict(state: Direct3dState, t_ns: int, rng: Generator) -> Cloud:
     return Cloud(np.ascontiguousarray(cloud[:2].T), weights / weights.sum())
 
 
-def _take_in(state: Direct3dState, t_ns: int, heard: ScanDirections, rng: Generator) -> Draw:
-    """Weighted particles at the time of a scan; drawn anew at the start, after a gap, and where none agrees."""
-    space, dt = state.space, 0.0
-    if state.t_ns is None and not state.cloud.shape[1]:
-        return begin(space, heard, "", rng)
-    if state.t_ns is not None:
-        dt = elapsed(state.t_ns, t_ns)
-        if dt > space.config.max_gap_s:
-            return begin(space, heard, "gap", rng)
+def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Generator) -> Draw | None:
+    """Weighted particles at the time of a scan, a time dt [s] after the last one; None where no particle agrees."""
+    space = state.space
     cloud, weights, log_sum = taken_in(
         state.cloud,
         state.log_weights,
@@ -145,9 +144,7 @@ def _take_in(state: Direct3dState, t_ns: int, heard: ScanDirections, rng: Genera
         rng=rng,
         log_going=lambda before, after: log_leaving(None if state.t_ns is None else before, after, space),
     )
-    if not math.isfinite(log_sum):
-        return begin(space, heard, "restart", rng)
-    return Draw(cloud, weights, log_sum, "")
+    return Draw(cloud, weights, log_sum, "") if math.isfinite(log_sum) else None
 
 
 def begin(space: Space[C], heard: ScanDirections, reason: str, rng: Generator) -> Draw:
@@ -155,13 +152,6 @@ def begin(space: Space[C], heard: ScanDirections, reason: str, rng: Generator) -
     cloud, log_weights = found(space, heard, space.config.particles * space.config.start_factor, rng)
     weights, log_sum = normalise(log_weights)
     return Draw(cloud, weights, log_sum - math.log(len(weights)), reason)
-
-
-def elapsed(before_ns: int, t_ns: int) -> float:
-    """Seconds between two scans; ValueError for a time that goes back."""
-    if t_ns < before_ns:
-        raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {before_ns} ns")
-    return (t_ns - before_ns) / NS
 
 
 def contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
@@ -183,7 +173,7 @@ def contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: Space
     for sensor in heard.sensor[reports & good]:
         astray[sensor] = max(0, astray[sensor] - 1)
     astray[heard.sensor[reports & ~good]] += 1
-    lost = config.lost_after > 0 and bool(np.any(astray >= config.lost_after))
+    lost = is_lost(int(astray.max(initial=0)), config.lost_after)
     if lost:
         astray = np.where(astray > 0, -PATIENCE * config.lost_after, 0)
     return astray, lost

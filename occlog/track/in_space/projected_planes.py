@@ -28,6 +28,7 @@ from occlog.core.bounds.in_space import plane_axes
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
 from occlog.filtering.backward_simulation import best_width, root_of
 from occlog.filtering.kernel_density import moments, redraw
+from occlog.filtering.lifecycle import advance, elapsed
 from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, turn_jump
 from occlog.filtering.particles import effective_size, log_of
 from occlog.records.scene import Scene
@@ -35,7 +36,7 @@ from occlog.scans.scan import Scan
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
 from .config import PpsConfig
-from .direct3d import REFERENCE_S, Draw, begin, contradicted, elapsed
+from .direct3d import REFERENCE_S, Draw, begin, contradicted
 from .importance_step import Way, sight_lines, taken_in
 from .plane_errors import begun, combination_of, moved_errors, woken
 from .planes import (
@@ -101,10 +102,55 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
     heard = pack_directions(scan, space.ears, near[:2], use_score=config.use_score)
     # Project the directions into the planes ([Lee] Eqs. 2.1-2.3, corrected)
     angles = plane_angles(heard)
-    dt = 0.0 if state.t_ns is None else elapsed(state.t_ns, scan.t_ns)
-    if state.joined is None or dt > config.max_gap_s:
-        draw = _first(state, heard, rng) if state.t_ns is None else begin(space, heard, "gap", rng)
-        return _started(state, scan.t_ns, heard, angles, draw, rng)
+
+    def initiate(reason: str) -> Draw | Taken:
+        return begin(space, heard, reason, rng) if reason else _first(state, heard, rng)
+
+    def loss(found: Draw | Taken) -> tuple[Ints, bool]:
+        """Planes that a sensor has contradicted for some scans, or that explain nothing, are lost."""
+        if isinstance(found, Draw):
+            return state.astray, False
+        agree = agrees(found.joined.mean[None, :3], heard, config.gate)[0]
+        astray, lost = contradicted(state.astray, agree, heard, config)
+        return astray, lost or not all(math.isfinite(f.log_evidence) for f in found.used)
+
+    found, astray = advance(
+        elapsed(state.t_ns, scan.t_ns),
+        config.max_gap_s,
+        known=state.joined is not None,
+        initiate=initiate,
+        update=partial(_updated, state, heard, angles, rng),
+        loss=loss,
+    )
+    if isinstance(found, Draw):
+        return _started(state._replace(astray=astray), scan.t_ns, heard, angles, found, rng)
+    after = state._replace(
+        clouds=found.clouds,
+        errors=found.errors,
+        joined=found.joined,
+        pair=found.pair,
+        t_ns=scan.t_ns,
+        astray=astray,
+        begun=False,
+    )
+    ess, log_sum = min(f.ess for f in found.used), sum(f.log_evidence for f in found.used)
+    return after, _estimate(found.joined, heard, config, ess, log_sum, "", found.pair)
+
+
+class Taken(NamedTuple):
+    """Posterior of the planes after a scan."""
+
+    clouds: Clouds
+    errors: Floats  # (12, 12)
+    joined: Joined
+    pair: Pair
+    used: tuple[Flat, Flat]  # what the two planes know
+
+
+def _updated(state: PpsState, heard: ScanDirections, angles: Angles, rng: Generator, dt: float) -> Draw | Taken:
+    """The planes at the time of a scan, a time dt [s] after the last one."""
+    space, config = state.space, state.space.config
+    assert state.joined is not None
     # Select the two planes whose angles vary least, about where the target should be by now
     ahead = state.joined.mean[:3] + dt * state.joined.mean[3:]
     pair = choose_pair(config.selection, heard, angles, ahead, state.pair)
@@ -116,17 +162,7 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
     # Combine the two planes to one state in space (Eqs. 2.17-2.21)
     used = flats[pair[0][1]], flats[pair[1][1]]
     joined = combine((pair[0][1], pair[1][1]), used, config.combining, errors)
-    # Gate and restart: planes that a sensor has contradicted for some scans begin anew from the scan
-    astray, lost = contradicted(state.astray, agrees(joined.mean[None, :3], heard, config.gate)[0], heard, config)
-    if lost or not all(math.isfinite(f.log_evidence) for f in used):
-        return _started(
-            state._replace(astray=astray), scan.t_ns, heard, angles, begin(space, heard, "restart", rng), rng
-        )
-    after = state._replace(
-        clouds=clouds, errors=errors, joined=joined, pair=pair, t_ns=scan.t_ns, astray=astray, begun=False
-    )
-    ess, log_sum = min(f.ess for f in used), sum(f.log_evidence for f in used)
-    return after, _estimate(joined, heard, config, ess, log_sum, "", pair)
+    return Taken(clouds, errors, joined, pair, used)
 
 
 def predict(state: PpsState, t_ns: int, rng: Generator) -> Cloud:

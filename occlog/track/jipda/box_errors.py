@@ -21,8 +21,8 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 
 from .config import JipdaConfig
+from .kernels.detections import Boxes
 from .kernels.disagreement import Disagreement
-from .kernels.joint import Boxes
 
 PRIOR_BOXES = 5.0
 """The first noise of edges is worth so many boxes of each of five sizes."""

@@ -16,7 +16,8 @@ from occlog.array_types import Bools, Floats
 
 from .box_errors import LASTS_S, Edges, lasting_of, noise_of, slowness_of
 from .config import JipdaConfig
-from .kernels.joint import BLIND, SIZES, WIDER, Boxes, Rates, Result
+from .kernels.detections import LOG_SIZE_RANGE, Boxes, Rates
+from .kernels.joint import BLIND_FRAME, NOISE_INFLATION, Result
 from .people import BENDING, CALM, TURNING, People
 
 CURVE = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
@@ -170,10 +171,11 @@ def seen_again(boxes: Boxes, before: Sequence[Nobodys], again: Floats, noise: Fl
         # Density of the new box about the old one, against that of a box anywhere in the image
         width, height = (old[:, 2:] - old[:, :2]).T
         extent = np.column_stack([height, width, height, height])
-        variance = 2.0 * WIDER * (noise[:, 0] + noise[:, 1] * extent**2)
+        variance = 2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2)
         off = _middles_and_sizes(now)[:, None] - _middles_and_sizes(old)
         log = -0.5 * (off**2 / variance + np.log(2.0 * np.pi * variance)).sum(axis=2)
-        log += np.log(size[c]).sum() + (np.log(np.maximum(now[:, 2:] - now[:, :2], 1.0)) + SIZES).sum(axis=1)[:, None]
+        sizes = (np.log(np.maximum(now[:, 2:] - now[:, :2], 1.0)) + LOG_SIZE_RANGE).sum(axis=1)
+        log += np.log(size[c]).sum() + sizes[:, None]
         out[here] = again[c] * (np.exp(np.minimum(log, MOST_LOG)) * before[c].free).sum(axis=1)
     return out
 
@@ -193,7 +195,7 @@ def blind_looks(boxes: Boxes, existence: Floats, detection: Floats) -> Bools:
         detection: (L, N) probabilities of detection.
     """
     missed = np.log1p(-existence * np.minimum(detection, DETECTION_RANGE[1])).sum(axis=1)
-    return np.asarray((np.diff(boxes.first) == 0) & (missed < math.log(BLIND)))
+    return np.asarray((np.diff(boxes.first) == 0) & (missed < math.log(BLIND_FRAME)))
 
 
 def learn(

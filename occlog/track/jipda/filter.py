@@ -40,8 +40,9 @@ from .detectors import (
 )
 from .interface import NOBODY, Event, Look, Moment, Support, X, Y
 from .kernels.body_box import Views, pack_views
+from .kernels.detections import Boxes
 from .kernels.disagreement import disagreement
-from .kernels.joint import Boxes, update
+from .kernels.joint import update
 from .kernels.newborn import Arrival, newborn
 from .people import People, born, corrected, doubles, join, kept_apart, nobody, predict, shown_covariance, take
 from .place_map import SMOOTH, PlaceMap, arrivals, first_velocity, leaving_at, no_map, watch

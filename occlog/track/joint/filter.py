@@ -4,8 +4,9 @@ A particle has a place and a velocity for every object.  In it nothing is left t
 camera or does not.  So a report of one object tells of all that may stand in between, and priors are not needed.  Its
 price is that weights are products over all objects: the more there are, the fewer particles are left.
 
-Objects move as in `occlog.track.kalman.motion`.  Each is proposed by the motion and its own rows, linearised at the
-particle's prediction (Doucet, Godsill and Andrieu 2000); the weights are prior times likelihood over that.
+Objects move as in `occlog.filtering.motion.ornstein_uhlenbeck`.  Each is proposed by the motion and its own rows,
+linearised at the particle's prediction (Doucet, Godsill and Andrieu 2000); the weights are prior times likelihood
+over that.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import NS, Bools, Floats
+from occlog.array_types import Bools, Floats
 from occlog.consistency.particles import FEW
 from occlog.core.sight.visibility import seen_from
+from occlog.filtering.gaussian import Gaussian, predicted
+from occlog.filtering.lifecycle import elapsed, is_lost, loss_count
 from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.likelihood.linearised import Rows, World, linearised, measured, residuals, rows_of
 from occlog.filtering.particles import effective_size, mean_and_covariance, normalise, systematic_ancestors
@@ -26,8 +29,7 @@ from occlog.records.scene import Scene
 from occlog.scans.scan import Scan
 from occlog.track.apf.sensing import pack_scan, read_noise
 from occlog.track.interface import Estimate, Together
-from occlog.track.kalman.filter import anywhere_of, first_place, world_of
-from occlog.track.kalman.motion import Gaussian, transition
+from occlog.track.kalman.filter import anywhere_of, first_place, motion_of, world_of
 from occlog.track.kalman.updates import agreeing
 
 from .config import JointConfig
@@ -93,9 +95,7 @@ def chances_of(scene: Scene, config: JointConfig) -> Chances:
 def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, list[tuple[int, Estimate]]]:
     """The state after a scan of labelled rows, and the estimate of every object; ValueError for an earlier scan."""
     config, L = state.config, state.config.particles
-    dt = 0.0 if state.t_ns is None else (scan.t_ns - state.t_ns) / NS
-    if dt < 0:
-        raise ValueError(f"scan at {scan.t_ns} ns is earlier than the last one at {state.t_ns} ns")
+    dt = elapsed(state.t_ns, scan.t_ns)
     looks = {}
     for target in sorted(set(scan.target_id.tolist()).union(state.objects)):
         packed = pack_scan(scan.take(scan.target_id == target), state.read_px, use_score=False)
@@ -106,7 +106,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     lost = [
         t
         for t, astray in zip(state.objects, state.astray, strict=True)
-        if config.lost_after and astray >= config.lost_after and len(looks[t].rows.sensor)
+        if is_lost(astray, config.lost_after) and len(looks[t].rows.sensor)
     ]
     # Propose object by object, and weigh by what was linearised
     particles, log_weights = np.empty((L, len(objects), 4)), np.zeros(L)
@@ -124,10 +124,8 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
             continue
         before = state.particles[:, j]
         known = Gaussian(*mean_and_covariance(np.full(L, 1.0 / L), before))
-        F, Q = transition(dt, config)
-        inside = agreeing(Gaussian(F @ known.mean, F @ known.covariance @ F.T + Q), rows, state.world, config.gate)
-        against = int(np.count_nonzero(~inside))
-        astray[target] = max(0, astray[target] + max(-2, min(2, 2 * against - len(inside))))
+        inside = agreeing(predicted(known, *motion_of(config).transition(dt)), rows, state.world, config.gate)
+        astray[target] = loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
         particles[:, j], corrected = _proposed(before, rows.take(inside), dt, state, rng)
         log_weights += corrected
     # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
@@ -173,7 +171,7 @@ def _proposed(before: Floats, rows: Rows, dt: float, state: JointState, rng: Gen
         rng: draws.
     """
     L = len(before)
-    F, Q = transition(dt, state.config)
+    F, Q = motion_of(state.config).transition(dt)
     ahead = before @ F.T
     prior = Q[:2, :2] + 1e-12 * np.trace(state.anywhere.covariance[:2, :2]) * np.eye(2)
     P0 = np.linalg.inv(prior)

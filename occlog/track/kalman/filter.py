@@ -7,26 +7,28 @@ them: that a camera did not see the target, moving occluders, and several places
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane.floor import make_floor, sample_floor
 from occlog.core.sight.view_prior import draw
 from occlog.errors import InputError
+from occlog.filtering.gaussian import Gaussian, Link, predicted, rts_smooth
+from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
 from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.likelihood.linearised import Rows, World, azimuths, linearised, measured, residuals, rows_of
+from occlog.filtering.motion.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from occlog.records.scene import Scene
 from occlog.scans.scan import Scan
 from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
-from occlog.track.interface import Estimate, Online, Smoothing
+from occlog.track.interface import Estimate, Online, Past, Smoothing
 
 from . import updates
 from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
-from .motion import Gaussian, Link, predicted, smooth, velocity_variance
 from .updates import Updated, agreeing, descended, linear
 
 K = TypeVar("K", bound=KalmanConfig)
@@ -79,10 +81,15 @@ def anywhere_of(scene: Scene, world: World, config: WalkConfig, rng: Generator) 
     return gaussian_of(places.mean(axis=0), np.cov(places.T), config)
 
 
+def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:
+    """The motion model of the settings."""
+    return OrnsteinUhlenbeck(config.speed, config.turn_s, config.sigma_v)
+
+
 def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
     """A state with an unknown velocity."""
     whole = np.zeros((4, 4))
-    whole[:2, :2], whole[2:, 2:] = covariance, velocity_variance(config) * np.eye(2)
+    whole[:2, :2], whole[2:, 2:] = covariance, motion_of(config).velocity_variance * np.eye(2)
     return Gaussian(np.array([*xy, 0.0, 0.0]), whole)
 
 
@@ -96,34 +103,47 @@ def stepper(update: Update[K]) -> Callable[[KalmanState[K], Scan, Generator], tu
         config, world = state.config, state.world
         looks = pack_scan(scan, state.read_px, use_score=False)
         rows = rows_of(looks)
-        dt = 0.0 if state.t_ns is None else (scan.t_ns - state.t_ns) / NS
-        if dt < 0:
-            raise ValueError(f"scan at {scan.t_ns} ns is earlier than the last one at {state.t_ns} ns")
-        # Begin: where the first bearings meet; anew after a gap
-        gap = dt > config.max_gap_s
-        if gap or (state.t_ns is None and config.start is None):
-            return _anew(state, scan, looks, rows, "gap" if gap else "")
-        # Predict, gate, then update by the rows that agree
-        known = predicted(state.known, dt, config)
-        inside = agreeing(known, rows, world, config.gate)
-        used, begun = rows.sensor[inside], state.t_ns is None
-        if _outvoted(rows, inside):
-            # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
-            done, used = first_place(_widened(known, config), rows, world, config.gate)
-            done, begun = done._replace(fallback=WIDENED), True
-        elif inside.any():
-            done = update(known, rows.take(inside), world, config)
-        else:
-            done = Updated(known, 0.0)
-        # Begin anew: a filter is lost that most reports have contradicted for some scans, or that has left the scene
-        astray = _astray(state.astray, looks, used)
-        if (config.lost_after and astray >= config.lost_after) or left_scene(done.state, world):
-            return _anew(state, scan, looks, rows, "restart")
-        link = Link(done.state, dt, begun=begun)
+        dt = elapsed(state.t_ns, scan.t_ns)
+
+        def initiate(reason: str) -> Taken:
+            done, used = first_place(state.anywhere, rows, world, config.gate)
+            return Taken(done._replace(fallback=reason), used, begun=True, anew=True)
+
+        def predict_and_update(dt: float) -> Taken:
+            known = predicted(state.known, *motion_of(config).transition(dt))
+            inside = agreeing(known, rows, world, config.gate)
+            used, begun = rows.sensor[inside], state.t_ns is None
+            if _outvoted(rows, inside):
+                # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
+                done, used = first_place(_widened(known, config), rows, world, config.gate)
+                return Taken(done._replace(fallback=WIDENED), used, begun=True)
+            if inside.any():
+                return Taken(update(known, rows.take(inside), world, config), used, begun)
+            return Taken(Updated(known, 0.0), used, begun)
+
+        def loss(taken: Taken) -> tuple[int, bool]:
+            count = 0 if taken.anew else _track_loss(state.astray, looks, taken.used)
+            lost = not taken.anew and (is_lost(count, config.lost_after) or left_scene(taken.done.state, world))
+            return (0, True) if lost else (count, False)
+
+        known = state.t_ns is not None or config.start is not None
+        (done, used, begun, anew), astray = advance(
+            dt, config.max_gap_s, known=known, initiate=initiate, update=predict_and_update, loss=loss
+        )
+        link = Link(done.state, 0.0 if anew else dt, begun=begun)
         state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
         return state, _estimate(done, looks, used)
 
     return step
+
+
+class Taken(NamedTuple):
+    """A posterior, the sensors that it is from, and whether it forgets what was known before."""
+
+    done: Updated
+    used: Ints
+    begun: bool
+    anew: bool = False  # from the scan alone
 
 
 def _outvoted(rows: Rows, inside: Bools) -> bool:
@@ -143,16 +163,6 @@ def left_scene(known: Gaussian, world: World) -> bool:
     low, high = world.floor.room.min(axis=0), world.floor.room.max(axis=0)
     xy = known.mean[:2]
     return not bool(np.all((xy >= 2.0 * low - high) & (xy <= 2.0 * high - low)))
-
-
-def _anew(
-    state: KalmanState[K], scan: Scan, looks: PackedScan, rows: Rows, reason: str
-) -> tuple[KalmanState[K], Estimate]:
-    """A filter that begins with this scan."""
-    done, used = first_place(state.anywhere, rows, state.world, state.config.gate)
-    link = Link(done.state, 0.0, begun=True)
-    state = state._replace(known=done.state, t_ns=scan.t_ns, astray=0, link=link)
-    return state, _estimate(done._replace(fallback=reason), looks, used)
 
 
 def first_place(anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Updated, Ints]:
@@ -198,11 +208,10 @@ def crossings(rows: Rows, world: World) -> Floats:
     return np.asarray(origin[i][ahead] + along_i[ahead, None] * e[i][ahead])
 
 
-def _astray(before: int, looks: PackedScan, agree: Ints) -> int:
-    """Reports outside the gate more than inside, counted as those of `apf`: a scan counts for two at most."""
+def _track_loss(before: int, looks: PackedScan, agree: Ints) -> int:
+    """The track-loss counter after a scan of which the sensors `agree` are inside the gate."""
     reports = looks.sensor[looks.labelled & (np.diff(looks.first) > 0)]
-    against = int(np.count_nonzero(~np.isin(reports, agree)))
-    return max(0, before + max(-2, min(2, 2 * against - len(reports)))) if len(reports) else before
+    return loss_count(before, int(np.count_nonzero(~np.isin(reports, agree))), len(reports))
 
 
 def _estimate(done: Updated, looks: PackedScan, agree: Ints) -> Estimate:
@@ -227,6 +236,11 @@ def _trace(state: KalmanState[K]) -> Link:
     return state.link
 
 
+def _smoothed(traces: Sequence[Link], config: K) -> list[Past]:
+    found = rts_smooth(traces, motion_of(config).transition)
+    return [Past(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
+
+
 def _method(config: type[K], update: Update[K]) -> Online[KalmanState[K], K]:
     return Online(
         config=config,
@@ -236,7 +250,7 @@ def _method(config: type[K], update: Update[K]) -> Online[KalmanState[K], K]:
         smoothing=Smoothing(
             wanted=lambda own: own,
             trace=_trace,
-            back=lambda traces, own, rng: smooth(traces, own),  # noqa: ARG005
+            back=lambda traces, own, rng: _smoothed(traces, own),  # noqa: ARG005
         ),
     )
 

@@ -13,11 +13,9 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.sight.camera import wrap_angle
+from occlog.filtering.gaussian import Gaussian, symmetric
 from occlog.filtering.likelihood.directions import NEAREST
 from occlog.filtering.likelihood.linearised import Rows, World, azimuths, linearised
-from occlog.filtering.motion.walkers import symmetric
-
-from .motion import Gaussian
 
 
 def along_the_ray(state: Gaussian, rows: Rows, world: World) -> Gaussian | None:

@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
+from occlog.filtering.gaussian import Gaussian, log_normal, symmetric, updated
 from occlog.filtering.likelihood.linearised import Rows, World, linearised, measured, residuals, visible
-from occlog.filtering.motion.walkers import symmetric
 
 from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
-from .motion import Gaussian
 from .one_sensor import along_the_ray
 
 SPREAD = math.sqrt(3.0)
@@ -31,8 +30,6 @@ BESIDE = 1.0
 """A place is beside a sensor if the standard deviation of its distance is larger than this share of it."""
 LEAST_SQUARE = 1e-30
 """The same of a squared distance, so that nothing is divided by 0."""
-LEAST_SHARE = 1e-13
-"""Variance of a row at least, as a share of what the state expects of it: less is lost in their sum's rounding."""
 STUCK, DISCARDED = "stuck", "discarded"
 """Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
 
@@ -71,20 +68,9 @@ def linear(state: Gaussian, at: Floats, rows: Rows, world: World) -> Updated:
     H = np.hstack([H2, np.zeros_like(H2)])
     # Innovation of the measurement that is linear about `at`
     off = residuals(expected[0], rows) - H2 @ (state.mean[:2] - at)
-    found = _joseph(state, H, off, R)
-    wedge = _wedges(at, rows, world, found.state.covariance[:2, :2])
-    return found if (wedge == 1.0).all() else _joseph(state, H, off, R * wedge)
-
-
-def _joseph(state: Gaussian, H: Floats, off: Floats, R: Floats) -> Updated:
-    """Update by an innovation of linear measurements with independent noise."""
-    expected_spread = H @ state.covariance @ H.T
-    R = np.maximum(R, LEAST_SHARE * np.diagonal(expected_spread))
-    S = expected_spread + np.diag(R)
-    K = np.linalg.solve(S, H @ state.covariance).T
-    left = np.eye(4) - K @ H
-    covariance = left @ state.covariance @ left.T + (K * R) @ K.T
-    return Updated(Gaussian(state.mean + K @ off, symmetric(covariance)), _log_normal(off, S))
+    found = updated(state, H, off, R)
+    wedge = _wedges(at, rows, world, found[0].covariance[:2, :2])
+    return Updated(*(found if (wedge == 1.0).all() else updated(state, H, off, R * wedge)))
 
 
 def _wedges(at: Floats, rows: Rows, world: World, covariance: Floats) -> Floats:
@@ -98,11 +84,6 @@ def _wedges(at: Floats, rows: Rows, world: World, covariance: Floats) -> Floats:
     r2 = np.maximum((away**2).sum(axis=1), LEAST_SQUARE)
     along = np.einsum("ri,ij,rj->r", away, covariance, away) / r2
     return np.where(along > BESIDE**2 * r2, 1.0 + along / r2, 1.0)
-
-
-def _log_normal(off: Floats, S: Floats) -> float:
-    _, volume = np.linalg.slogdet(S)
-    return float(-0.5 * (off @ np.linalg.solve(S, off) + volume + len(off) * math.log(2.0 * math.pi)))
 
 
 def ukf(state: Gaussian, rows: Rows, world: World, config: UkfConfig) -> Updated:
@@ -135,7 +116,7 @@ def ukf(state: Gaussian, rows: Rows, world: World, config: UkfConfig) -> Updated
         K = state.covariance[:, :2] @ np.linalg.solve(P, across) / S
         covariance = state.covariance - S * np.outer(K, K)
         state = Gaussian(state.mean + K * off, symmetric(covariance))
-        score += _log_normal(np.array([off]), np.array([[S]]))
+        score += log_normal(np.array([off]), np.array([[S]]))
     return Updated(state, score, DISCARDED if left == len(rows.sensor) else "")
 
 
@@ -164,8 +145,7 @@ def iekf(state: Gaussian, rows: Rows, world: World, config: IekfConfig, starts: 
             return linear(state, first[0], rows, world)._replace(fallback=STUCK)
     found = [descended(place, state, rows, world, config) for place in tried]
     best = min(found, key=lambda one: one[1])
-    updated = linear(state, best[0], rows, world)
-    return updated._replace(fallback=STUCK if best[2] else "")
+    return linear(state, best[0], rows, world)._replace(fallback=STUCK if best[2] else "")
 
 
 def map_cost(places: Floats, state: Gaussian, rows: Rows, world: World) -> Floats:

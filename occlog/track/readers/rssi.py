@@ -15,6 +15,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane.polygons import inside_polygon
+from occlog.filtering.lifecycle import advance, elapsed
 from occlog.filtering.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
 
 from .path_loss import PathLoss, Shadowing, no_shadowing, predict_shadowing, update_shadowing
@@ -48,6 +49,14 @@ class Cloud(NamedTuple):
     shadowing: Shadowing
 
 
+class Draw(NamedTuple):
+    """Particles after a window."""
+
+    cloud: Cloud
+    log_likelihood: float  # of the window; -inf: no particle explains it
+    restarted: bool = False
+
+
 class Located(NamedTuple):
     """The estimate of a window."""
 
@@ -76,22 +85,31 @@ def step(rules: Rules, cloud: Cloud, t_ns: int, count: Ints, rssi: Floats, rng: 
         rssi: (R,) their mean strength [dBm]; NaN: not told.
         rng: random numbers.
     """
-    # Propose: the prior, velocities that are forgotten (Ornstein-Uhlenbeck)
-    moved = _predict(rules, cloud, t_ns, rng)
-    # Weigh: strengths with the shadowing integrated out, coverage, walls
-    updated, log_weights = _weigh(rules, moved, count, rssi)
-    weights, total = normalise(log_weights)
-    restarted = not total > -math.inf
-    if restarted:
-        fresh = begin(rules, t_ns, rng)
-        updated, log_weights = _weigh(rules, fresh, count, rssi)
-        weights, _ = normalise(log_weights)
-        moved = fresh
+
+    def weighed(moved: Cloud) -> Draw:
+        """Particles weighed by strengths with the shadowing integrated out, coverage, and walls."""
+        shadowing, log_weights = _weigh(rules, moved, count, rssi)
+        weights, total = normalise(log_weights)
+        return Draw(moved._replace(weights=weights, shadowing=shadowing), total)
+
+    def update(dt_s: float) -> Draw | None:
+        """Propose: the prior, velocities that are forgotten (Ornstein-Uhlenbeck)."""
+        draw = weighed(_predict(rules, cloud, t_ns, dt_s, rng))
+        return draw if draw.log_likelihood > -math.inf else None
+
+    (after, _, restarted), _ = advance(
+        elapsed(cloud.t_ns, t_ns),
+        math.inf,
+        known=True,
+        initiate=lambda _: weighed(begin(rules, t_ns, rng))._replace(restarted=True),
+        update=update,
+        loss=lambda _: (0, False),
+    )
+    weights = after.weights
     # Estimate
-    mean, covariance = mean_and_covariance(weights, np.column_stack([moved.xy, moved.velocity]))
+    mean, covariance = mean_and_covariance(weights, np.column_stack([after.xy, after.velocity]))
     effective = effective_size(weights)
     found = Located(mean[:2], mean[2:], covariance, effective, restarted)
-    after = moved._replace(weights=weights, shadowing=updated)
     # Resample: systematic, where fewer than half of the particles count
     if effective < 0.5 * rules.particles:
         rows = systematic_ancestors(weights, rules.particles, float(rng.random()))
@@ -100,14 +118,13 @@ def step(rules: Rules, cloud: Cloud, t_ns: int, count: Ints, rssi: Floats, rng: 
             after.xy[rows],
             after.velocity[rows],
             np.full(rules.particles, 1.0 / rules.particles),
-            Shadowing(updated.mean[rows], updated.variance),
+            Shadowing(after.shadowing.mean[rows], after.shadowing.variance),
         )
     return after, found
 
 
-def _predict(rules: Rules, cloud: Cloud, t_ns: int, rng: Generator) -> Cloud:
+def _predict(rules: Rules, cloud: Cloud, t_ns: int, dt_s: float, rng: Generator) -> Cloud:
     """Move the particles to the time of the next window."""
-    dt_s = (t_ns - cloud.t_ns) / 1e9
     decay = math.exp(-dt_s / rules.turn_s)
     noise = rng.standard_normal(cloud.velocity.shape)
     velocity = decay * cloud.velocity + rules.speed * math.sqrt(1.0 - decay**2) * noise

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bearing_scenes import CASES
 from evaluate_scenes import array, both, box, camera, directions, pixels, scene, tracks
 
-from occlog.cli.main import run
-from occlog.errors import ExitCode, InputError
-from occlog.evaluate.bearings.held_out import SHIFTS, HeldOutStreams, held_out_metrics
+from occlog.errors import InputError
+from occlog.evaluate.bearings.held_out import SHIFTS, HeldOutFigures
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import paths_of
 from occlog.evaluate.stage import evaluate
-from occlog.io import open as opening
-from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.parquet import iter_table
-from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_to_yaml
-from occlog.records.pieces import Side, in_step
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks
 
@@ -137,21 +127,17 @@ def test_names_that_are_not_there() -> None:
 
 
 @pytest.mark.parametrize("what", CASES)
-@pytest.mark.parametrize(("rows", "block"), [(1, 7), (29, 13), (10**6, 5)])
-def test_figures_of_pieces_are_those_of_whole_tables(what: str, rows: int, block: int) -> None:
+def test_figures_do_not_depend_on_blocks_and_memory(what: str) -> None:
     case, names = CASES[what](7), ("c",) if what == "in space" else ("a", "c")
-    config = EvaluateConfig(held_out=names, held_out_gate=0.02)
-    whole = held_out_metrics(case.tracks, case.bearings, case.place, config)
-    found = HeldOutStreams(case.place, np.unique(case.tracks.target_id).tolist(), config, block, in_memory=100)
-    chunks = [case.bearings.take(slice(s, s + rows)) for s in range(0, len(case.bearings), rows)]
-    sides = Side(chunks, Bearings), Side([case.tracks], Tracks)
-    for limits in in_step(sides, (0, config.bridge_ns + 1)):
-        found.add(limits.of(sides[0]), paths_of(limits.about(sides[1], config.bridge_ns + 1)))
-    assert found.metrics() == pytest.approx(whole, rel=1e-9, nan_ok=True)
-    assert whole["held_out_frames"] > 20
-    assert whole["held_out_reported"] > 0
-    exact = [n for n, value in whole.items() if "median" in n or "p95" in n or float(value).is_integer()]
-    assert {n: found.metrics()[n] for n in exact} == pytest.approx({n: whole[n] for n in exact}, rel=1e-12, nan_ok=True)
+    config, tracks = EvaluateConfig(held_out=names, held_out_gate=0.02), paths_of(case.tracks)
+    found, whole = (
+        HeldOutFigures(case.place, list(tracks), config, 7, 100),
+        HeldOutFigures(case.place, list(tracks), config),
+    )
+    for each in (found, whole):
+        each.update(case.bearings, tracks)
+    assert found.result() == pytest.approx(whole.result(), rel=1e-9, nan_ok=True)
+    assert whole.result()["held_out_frames"] > 20
 
 
 def test_chance_by_the_definition() -> None:
@@ -169,20 +155,3 @@ def test_chance_by_the_definition() -> None:
     turned = [abs(math.atan(u[(n + s) % 40] / 100) - math.atan(predicted[n] / 100)) for s in shifts for n in range(40)]
     within = np.count_nonzero(np.array(turned) <= EvaluateConfig().held_out_gate)
     assert m["held_out_share_within_chance"] == pytest.approx(within / len(turned))
-
-
-@pytest.mark.parametrize("rows", [11, 10**6])
-def test_the_command_takes_tables_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
-    case, config = CASES["simulated"](7), EvaluateConfig(held_out=("a",))
-    (tmp_path / "scene.yaml").write_text(scene_to_yaml(case.place))
-    for name in ("tracks", "truth", "bearings"):
-        write_table(tmp_path / f"{name}.parquet", getattr(case, name), Provenance("track"), length_unit="m")
-    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
-    args = [str(tmp_path / "tracks.parquet"), "--truth", str(tmp_path / "truth.parquet"), "--held-out", "a"]
-    args += ["--bearings", str(tmp_path / "bearings.parquet"), "--scene", str(tmp_path / "scene.yaml")]
-    assert run(["evaluate", *args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
-    whole = evaluate(case.tracks, case.truth, case.bearings, case.place, config).metrics
-    said = json.loads((tmp_path / "m.json").read_text())
-    assert set(whole) <= set(said)
-    told = {n: NAN if said[n] is None else said[n] for n in whole}
-    assert told == pytest.approx(whole, rel=1e-10, abs=1e-13, nan_ok=True)

@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.evaluate.bearings.noise import FEWEST_SCANS, noise_metrics, noise_scale
+from occlog.evaluate.bearings.noise import FEWEST_SCANS, NoiseFigures, noise_scale
+from occlog.evaluate.bearings.scans import ScanCuts, labelled
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.matching.paths import sensors_of
+from occlog.records.pieces import LAST
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Bearings
 
@@ -51,6 +54,14 @@ def bearings(place: Scene, scans: int, scale: float, false: float = 0.0, seed: i
         sigma_px=np.full(scans * n, 5.0),
         score=np.full(scans * n, np.nan),
     )
+
+
+def noise_metrics(rows: Bearings, place: Scene, config: EvaluateConfig) -> dict[str, float]:
+    found, own = NoiseFigures(config), labelled(rows, config)
+    found.see(own)
+    for scans in ScanCuts(config).update(own, LAST):
+        found.update(scans, sensors_of(place, set(own.sensor.tolist())))
+    return found.result()
 
 
 @pytest.mark.jit

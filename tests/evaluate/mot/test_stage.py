@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from occlog.errors import InputError
+from occlog.evaluate.mot.compared import ComparedBoxes
 from occlog.evaluate.mot.config import ManyConfig
-from occlog.evaluate.mot.stage import evaluate_views
-from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames
-from occlog.evaluate.stage import Evaluation
-from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
+from occlog.evaluate.results import Evaluation
+from occlog.records.declared.views import Failures, ViewTracks, boxes_of_ellipses
 from occlog.records.tables import Boxes, TruthBoxes
 
 NS = 1_000_000_000
@@ -24,8 +24,9 @@ Row = tuple[int, str, int, float, float]
 
 def evaluate_boxes(tracks: Boxes, truth: TruthBoxes, config: ManyConfig | None = None, **options: bool) -> Evaluation:
     """Figures of tables that have yet to be laid against each other."""
-    config = config or ManyConfig()
-    return evaluate_views(boxes_in_true_frames(tracks, truth, config, **options), config)
+    failures: list[Failures] = []
+    compared = ComparedBoxes(lambda: iter([(tracks, truth)]), config or ManyConfig(), **options)
+    return replace(compared.evaluate(failures.append), failures=Failures.concat(failures))
 
 
 def table(kind: type[Boxes], rows: list[Row], **more: Any) -> Any:
@@ -233,7 +234,7 @@ def test_tracks_that_cannot_be_compared(tracks: list[Row], words: str) -> None:
 )
 def test_nothing_that_was_asked_for(config: ManyConfig, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        boxes_in_true_frames(table(Boxes, tracked_rows()), truth(), config)
+        evaluate_boxes(table(Boxes, tracked_rows()), truth(), config)
 
 
 @pytest.mark.parametrize(

@@ -193,6 +193,22 @@ def test_a_configuration_may_name_no_file_outside_of_the_archive(
     assert (code, "which is not in the archive" in str(found["error"])) == (ExitCode.BAD_INPUT, True)
 
 
+def test_an_input_that_no_stage_names_is_refused(
+    tmp_path: Path, packed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = b"cache_dir: /tmp"
+    with zipfile.ZipFile(packed / "x.zip") as old, zipfile.ZipFile(tmp_path / "x.zip", "w") as new:
+        told = json.loads(old.read(MANIFEST))
+        more = {"path": "study/.numba_config.yaml", "sha256": sha256(text).hexdigest(), "bytes": len(text)}
+        told["inputs"].append(more)
+        new.writestr(f"{INPUTS}/{more['path']}", text)
+        for name in old.namelist():
+            new.writestr(name, json.dumps(told).encode() if name == MANIFEST else old.read(name))
+    code, found = verify(tmp_path / "x.zip", capsys)
+    assert code == ExitCode.BAD_INPUT
+    assert "study/.numba_config.yaml" in str(found["error"])
+
+
 def test_a_stage_may_write_nothing_outside_of_the_inputs(
     packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,8 +14,10 @@ from occlog.measure.epipolar.views import Geometry, View
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import Birth, FrameSet, Outlines
+from occlog.track.images.methods.config import CONFIGS
+from occlog.track.images.methods.state import initial_state
+from occlog.track.images.methods.step import advance, initiate_trackers
 
 PERIOD_NS = 40_000_000
 SMALL = BallsConfig(frames=40, width=120, height=90, balls=3, radius=9.0, speed=2.0, clutter=2)
@@ -63,9 +65,8 @@ def begun(
     method: str, frames: Sequence[BallsFrame], config: BallsConfig = SMALL, seed: int = 0, **settings: Any
 ) -> Any:
     """State with trackers on all balls of the first frame, and the generator."""
-    visual, rng = VISUAL[method], np.random.default_rng(seed)
-    state = visual.init(views_of(config), geometry_of(config), visual.config(**settings), rng)
-    return visual.born(state, frame_set(frames[0]), births_of(frames[0])), rng
+    state = initial_state(views_of(config), geometry_of(config), CONFIGS[method](**settings))
+    return initiate_trackers(state, frame_set(frames[0]), births_of(frames[0])), np.random.default_rng(seed)
 
 
 def tracked(
@@ -84,7 +85,7 @@ def tracked(
     state, rng = begun(method, frames, config, seed, **settings)
     out = []
     for t, frame in enumerate(frames[1:], 1):
-        state, said = VISUAL[method].step(between(t, state), frame_set(frame, without(t)), rng)
+        state, said = advance(between(t, state), frame_set(frame, without(t)), rng)
         out.append(said)
     return out, state
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.interface import Birth, FrameSet
-from occlog.track.images.methods.config import BmctConfig, CmctConfig, MipfConfig
-from occlog.track.images.methods.loop_check import check_new_pairs
-from occlog.track.images.methods.state import VisualState, add_trackers, initial_state
+from occlog.track.images.methods.config import MipfConfig
+from occlog.track.images.methods.state import VisualState, initial_state
+from occlog.track.images.methods.step import initiate_trackers
 
 W, H = 120, 90
 VIEWS = (View("a", W, H), View("b", W, H))
@@ -23,8 +23,6 @@ ROWS = Geometry(np.array([[UNKNOWN, LEVEL], [LEVEL.T, UNKNOWN]]), (None, None))
 BLIND = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
 RED, BLUE = (30, 40, 220), (220, 60, 30)
 GROUND = (90, 120, 60)
-
-C = TypeVar("C", bound=MipfConfig)
 
 
 def disc(x: float, y: float, r: float = 8.0) -> np.ndarray:
@@ -48,25 +46,21 @@ def frames_at(period: float, *images: np.ndarray | None, number: int = 0, **more
 
 
 def state_of(
-    config: C,
+    config: MipfConfig,
     births: Sequence[tuple[int, int, np.ndarray]],
     images: Sequence[np.ndarray],
     geometry: Geometry = ROWS,
-    memory: int = 1,
-) -> VisualState[C]:
+) -> VisualState:
     """State with trackers (view, target, ellipse) born at time 0, whose views have frames at a regular rate.
 
     Counterparts have been checked where the settings have a loop check.
     """
-    state = initial_state(VIEWS, geometry, config, np.random.default_rng(0), memory)
-    state = add_trackers(state, frames_at(0, *images), [Birth(*birth) for birth in births])
+    state = initial_state(VIEWS, geometry, config)
+    state = initiate_trackers(state, frames_at(0, *images), [Birth(*birth) for birth in births])
     clock = state.clock._replace(interval_ns=np.full_like(state.clock.interval_ns, PERIOD_NS))
-    state = state._replace(clock=clock)
-    if isinstance(config, BmctConfig | CmctConfig):
-        return state._replace(trackers=check_new_pairs(state))
-    return state
+    return state._replace(clock=clock)
 
 
-def changed(state: VisualState[C], **fields: np.ndarray) -> VisualState[C]:
+def changed(state: VisualState, **fields: np.ndarray) -> VisualState:
     """The state with some fields of its trackers replaced."""
     return state._replace(trackers=state.trackers._replace(**fields))

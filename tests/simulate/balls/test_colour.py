@@ -8,7 +8,7 @@ from view_reference import bins_of
 
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import render_balls
-from occlog.track.images.kernels.ellipse_colour import histograms, likenesses
+from occlog.track.images.kernels.ellipse_colour import colour_likeness, colours_in
 from occlog.track.images.methods.config import MipfConfig
 
 RING = np.array([[np.cos(t), np.sin(t)] for t in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
@@ -19,14 +19,15 @@ RING = np.array([[np.cos(t), np.sin(t)] for t in np.linspace(0, 2 * np.pi, 8, en
 def test_the_likelihood_of_a_visible_ball_falls_beside_it(step):
     frames = list(render_balls(replace(BallsConfig(), frames=40), 4))
     first = frames[0]
-    models = [histograms(bins_of(im), e, 72, 1) for im, e in zip(first.images, first.ellipses, strict=True)]
+    whole = np.zeros(len(first.ellipses[0]), dtype=bool)
+    models = [colours_in(bins_of(im), e, whole, 1) for im, e in zip(first.images, first.ellipses, strict=True)]
     better, ratio = [], []
     for frame in frames[10::5]:
         for image, ellipses, share, model in zip(frame.images, frame.ellipses, frame.share, models, strict=True):
             for k in np.flatnonzero(share == 1.0):
                 moved = np.repeat(ellipses[k : k + 1], 9, axis=0)
                 moved[1:, :2] += 11.0 * RING  # half a radius
-                alike = likenesses(bins_of(image), moved, np.full(9, k), model, step)
+                alike = colour_likeness(bins_of(image), moved, np.full(9, k), model, whole, step)
                 likelihood = np.exp((alike - 1.0) / (2.0 * MipfConfig().sigma_colour ** 2))
                 better.append(alike[0] > alike[1:].max())
                 ratio.append(likelihood[1:].mean() / likelihood[0])
@@ -39,5 +40,6 @@ def test_the_likelihood_of_a_visible_ball_falls_beside_it(step):
 def test_balls_look_alike_to_the_trackers():
     """That is the point of the video: the histogram of one ball suits every other one."""
     frame = next(render_balls(replace(BallsConfig(), frames=1), 4))
-    h = histograms(bins_of(frame.images[0]), frame.ellipses[0], 72, 1)
+    e = frame.ellipses[0]
+    h = colours_in(bins_of(frame.images[0]), e, np.zeros(len(e), dtype=bool), 1)
     assert (np.sqrt(h) @ np.sqrt(h).T).min() > 0.93

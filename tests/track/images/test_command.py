@@ -24,7 +24,7 @@ from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Boxes, Tracks, TruthBoxes
 from occlog.track.catalogue import METHODS
-from occlog.track.images.catalogue import VISUAL
+from occlog.track.images.methods.config import CONFIGS
 from occlog.track.images.run.inputs import first_free
 
 pytestmark = pytest.mark.jit
@@ -69,8 +69,8 @@ def refused(capsys, code: ExitCode, wanted: ExitCode = ExitCode.BAD_INPUT) -> st
 
 
 def test_names_are_those_of_the_methods():
-    assert tuple(VISUAL) == IN_IMAGES
-    assert all(METHODS[name].images for name in VISUAL)
+    assert tuple(CONFIGS) == IN_IMAGES
+    assert all(METHODS[name].images for name in CONFIGS)
 
 
 @pytest.mark.parametrize("method", IN_IMAGES)

@@ -7,8 +7,8 @@ import pytest
 
 from occlog.track.jipda.box_errors import Edges, first_edges, lasting_of, learn_edges, noise_of, slowness_of, sway_of
 from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.kernels.detections import Boxes
 from occlog.track.jipda.kernels.disagreement import Disagreement
-from occlog.track.jipda.kernels.joint import Boxes
 
 N = 8
 

@@ -25,7 +25,8 @@ from occlog.track.jipda.detectors import (
     seen_again,
     turning_rate,
 )
-from occlog.track.jipda.kernels.joint import BLIND, Boxes, Rates, Result
+from occlog.track.jipda.kernels.detections import Boxes, Rates
+from occlog.track.jipda.kernels.joint import BLIND_FRAME, Result
 from occlog.track.jipda.people import People, born
 
 N = 6
@@ -115,7 +116,7 @@ def test_a_look_at_nobody_of_many_is_blind_and_teaches_nothing() -> None:
 
 
 def test_a_look_is_blind_if_that_is_more_probable_than_that_everybody_was_missed() -> None:
-    few = int(np.log(BLIND) / np.log(0.5))
+    few = int(np.log(BLIND_FRAME) / np.log(0.5))
     for people, blind in ((few, False), (few + 1, True)):
         assert blind_looks(look_at(0), np.ones(people), np.full((1, people), 0.5)).tolist() == [blind]
     assert not blind_looks(look_at(1), np.ones(9), np.full((1, 9), 0.5)).any()

@@ -13,7 +13,7 @@ from occlog.array_types import Floats
 from occlog.cli.main import run
 from occlog.consistency.doubts import covariances
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.errors import ExitCode
+from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
@@ -122,3 +122,9 @@ def test_options_of_other_filters_are_refused(command: list[str], option: list[s
     assert run([*command, "--method", "ekf", *option]) == ExitCode.USAGE
     assert said in capsys.readouterr().err
     assert not Path(command[5]).exists()
+
+
+@pytest.mark.parametrize(("name", "value"), [("start", (0.0, 0.0, 0.0)), ("turn_s", 0.0), ("gate", 0.0)])
+def test_settings_without_a_width_are_refused(name: str, value: object) -> None:
+    with pytest.raises(InputError, match=name):
+        EkfConfig(**{name: value})

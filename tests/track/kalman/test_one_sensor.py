@@ -7,11 +7,11 @@ import pytest
 from tracker_scenes import room100
 
 from occlog.core.plane.floor import make_floor
+from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.linearised import Rows, World, azimuths, measured
 from occlog.track.apf.sensing import pack_noise, pack_sensors
 from occlog.track.kalman import updates
 from occlog.track.kalman.config import IGNORE, IekfConfig
-from occlog.track.kalman.motion import Gaussian
 from occlog.track.kalman.one_sensor import along_the_ray
 
 pytestmark = pytest.mark.jit

@@ -8,11 +8,11 @@ from scipy.optimize import minimize
 from tracker_scenes import room100
 
 from occlog.core.plane.floor import make_floor
+from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.linearised import Rows, World, linearised, measured
 from occlog.track.apf.sensing import pack_noise, pack_sensors
 from occlog.track.kalman import updates
 from occlog.track.kalman.config import DESCENT, IGNORE, VISIBLE, IekfConfig, UkfConfig
-from occlog.track.kalman.motion import Gaussian
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=True)

@@ -116,7 +116,7 @@ class Matcher:
         self._held = np.full(targets, -1, dtype=np.int64)
         self._when = np.zeros(targets, dtype=np.int64)
 
-    def add(self, frames: Frames) -> Matches:
+    def update(self, frames: Frames) -> Matches:
         """Pairs of some more frames; targets and tracks have the same numbers in all parts."""
         rule, held, when = self._rule, self._held, self._when
         parts: list[Matches] = []
@@ -149,11 +149,11 @@ def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
         frames: truth and tracks.
         rule: how they are paired.
     """
-    return Matcher(len(frames.truth_key), rule).add(frames)
+    return Matcher(len(frames.truth_key), rule).update(frames)
 
 
 class ClearCounts:
-    """Gathers what the CLEAR-MOT figures are made of while frames come by, in the order of time."""
+    """CLEAR-MOT figures of frames that come in the order of time."""
 
     def __init__(self, targets: int) -> None:
         """No frame yet; number of all targets."""
@@ -162,7 +162,7 @@ class ClearCounts:
         self._life, self._paired, self._stretches = np.zeros((3, targets), dtype=np.int64)
         self._goes_on = np.zeros(targets, dtype=np.bool_)  # the target was paired when it was there last
 
-    def add(self, frames: Frames, made: Matches) -> None:
+    def update(self, frames: Frames, made: Matches) -> None:
         """Count some more frames and their pairs; targets have the same numbers in all parts."""
         size = len(self._life)
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
@@ -181,6 +181,16 @@ class ClearCounts:
         self._stretches += np.bincount(who[there & ~before], minlength=size)
         last = np.append(~same[1:], True)[: len(who)]
         self._goes_on[who[last]] = there[last]
+
+    def merge(self, other: ClearCounts) -> None:
+        """Take in another recording, whose targets get the numbers behind these; no frame is added after it."""
+        self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates
+        self._tp, self._switches = self._tp + other._tp, self._switches + other._switches
+        self._distance.merge(other._distance)
+        self._similarity.merge(other._similarity)
+        self._life = np.concatenate([self._life, other._life])
+        self._paired = np.concatenate([self._paired, other._paired])
+        self._stretches = np.concatenate([self._stretches, other._stretches])
 
     def result(self) -> ClearMot:
         """The figures of all frames."""
@@ -218,7 +228,7 @@ def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None
         matches: what `match` gave for the same frames and rule; None: it is called.
     """
     counts = ClearCounts(len(frames.truth_key))
-    counts.add(frames, match(frames, rule) if matches is None else matches)
+    counts.update(frames, match(frames, rule) if matches is None else matches)
     return counts.result()
 
 

@@ -27,7 +27,7 @@ class Couples:
             tracks: number of all tracks.
             sums: how many sums each couple has.
         """
-        self._tracks, self._sums = max(tracks, 1), sums
+        self._targets, self._tracks, self._sums = targets, tracks, sums
         self._matrix = np.zeros((sums, targets, tracks)) if sums * targets * tracks <= DENSE else None
         self._keys, self._values = np.zeros(0, dtype=np.int64), np.zeros((sums, 0))
         self._pending: list[tuple[Ints, Floats]] = []
@@ -44,7 +44,7 @@ class Couples:
         if self._matrix is not None:
             self._matrix[:, target, track] += values
             return
-        self._pending.append((target * self._tracks + track, values))
+        self._pending.append((target * max(self._tracks, 1) + track, values))
         self._waiting += len(target)
         if self._waiting > PENDING + len(self._keys) // 2:
             self._settle()
@@ -54,7 +54,7 @@ class Couples:
         if self._matrix is not None:
             return np.asarray(self._matrix[:, target, track])
         self._settle()
-        keys = target * self._tracks + track
+        keys = target * max(self._tracks, 1) + track
         place = np.searchsorted(self._keys, keys)
         place[place == len(self._keys)] = 0
         out = np.zeros((self._sums, len(keys)))
@@ -68,7 +68,17 @@ class Couples:
             target, track = np.nonzero(self._matrix.any(axis=0))
             return target, track, self._matrix[:, target, track]
         self._settle()
-        return self._keys // self._tracks, self._keys % self._tracks, self._values
+        tracks = max(self._tracks, 1)
+        return self._keys // tracks, self._keys % tracks, self._values
+
+    def merge(self, other: Couples) -> None:
+        """Take in the couples of other targets and tracks, which get the numbers behind these."""
+        (target, track, values), (its_target, its_track, more) = self.all(), other.all()
+        tracks = self._tracks + other._tracks
+        theirs = (its_target + self._targets) * tracks + its_track + self._tracks
+        self._keys = np.concatenate([target * tracks + track, theirs])
+        self._values = np.concatenate([values, more], axis=1)
+        self._matrix, self._targets, self._tracks = None, self._targets + other._targets, tracks
 
     def _settle(self) -> None:
         """Sum up what was added since, in the order in which it was, as a matrix does."""

@@ -48,22 +48,27 @@ class Gospa(NamedTuple):
             frames: number of frames to divide by, where some have neither target nor estimate; None: those given.
         """
         sums = GospaSums(self.p)
-        sums.add(self)
+        sums.update(self)
         return sums.means(len(self.frame) if frames is None else frames)
 
 
 class GospaSums:
-    """Sums over frames that come in parts."""
+    """GOSPA of frames that come in parts."""
 
     def __init__(self, p: float) -> None:
         """No frame yet; the exponent."""
         self._p = p
         self._sums = {name: Sum() for name in ("gospa", "localisation", "missed", "false")}
 
-    def add(self, part: Gospa) -> None:
+    def update(self, part: Gospa) -> None:
         """Some more frames."""
         for name, found in self._sums.items():
             found.add(float(np.sum(getattr(part, name))))
+
+    def merge(self, other: GospaSums) -> None:
+        """Take in the frames of another recording."""
+        for name, found in self._sums.items():
+            found.merge(other._sums[name])
 
     def means(self, frames: int) -> dict[str, float]:
         """Means over so many frames, as `Gospa.means` has them."""

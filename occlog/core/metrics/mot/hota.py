@@ -59,7 +59,7 @@ class Hota(NamedTuple):
 
 
 class Alignment:
-    """How well each target and track agree over all frames, while frames come by."""
+    """How well each target and track agree over all frames."""
 
     def __init__(self, targets: int, tracks: int) -> None:
         """No frame yet; number of all targets and tracks."""
@@ -67,7 +67,7 @@ class Alignment:
         self.life = np.zeros(targets, dtype=np.int64)
         self.length = np.zeros(tracks, dtype=np.int64)
 
-    def add(self, frames: Frames) -> None:
+    def update(self, frames: Frames) -> None:
         """Some more frames; a frame adds to a pair its similarity over the similarities of both to anything."""
         for t in frames.meeting():
             left, right = frames.rows(t)
@@ -88,7 +88,7 @@ class Alignment:
 
 
 class HotaCounts:
-    """Counts pairs by couple and threshold while the same frames come by once more, in the same order.
+    """HOTA of frames that come in parts, of all of which the alignment is known.
 
     A couple is a target with a track that it is ever paired with.
     """
@@ -105,7 +105,7 @@ class HotaCounts:
         self._tpa = np.zeros((0, len(alphas)), dtype=np.int64)
         self._similarity = [Sum() for _ in alphas]
 
-    def add(self, frames: Frames) -> None:
+    def update(self, frames: Frames) -> None:
         """Some more frames."""
         _, target, track, similarity = _assigned(frames, self._known)
         couple = target * max(len(self._known.length), 1) + track
@@ -119,6 +119,24 @@ class HotaCounts:
             counts[:, a] += np.bincount(place[good], minlength=len(both))
             self._similarity[a].add(float(np.sum(similarity[good])))
         self._couples, self._tpa = both, counts
+
+    def merge(self, other: HotaCounts) -> None:
+        """Take in another recording, whose targets and tracks get the numbers behind these; no frame is added after it.
+
+        Both have the same thresholds.
+        """
+        mine, its = self._known, other._known
+        targets, own, more = len(mine.life), max(len(mine.length), 1), max(len(its.length), 1)
+        tracks = max(len(mine.length) + len(its.length), 1)
+        target, track = self._couples // own, self._couples % own
+        its_target, its_track = targets + other._couples // more, len(mine.length) + other._couples % more
+        self._couples = np.concatenate([target * tracks + track, its_target * tracks + its_track])
+        self._tpa = np.concatenate([self._tpa, other._tpa])
+        for similarity, theirs in zip(self._similarity, other._similarity, strict=True):
+            similarity.merge(theirs)
+        self._known = Alignment(0, 0)
+        self._known.life = np.concatenate([mine.life, its.life])
+        self._known.length = np.concatenate([mine.length, its.length])
 
     def result(self) -> Hota:
         """The figures of all frames."""
@@ -160,7 +178,7 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
         alphas: (A,) thresholds of similarity in (0, 1).
     """
     counts = HotaCounts(_aligned(frames), alphas)
-    counts.add(frames)
+    counts.update(frames)
     return counts.result()
 
 
@@ -201,7 +219,7 @@ def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
 def _aligned(frames: Frames) -> Alignment:
     """The alignment of whole tables."""
     out = Alignment(len(frames.truth_key), len(frames.track_key))
-    out.add(frames)
+    out.update(frames)
     return out
 
 

@@ -40,7 +40,7 @@ class Identity(NamedTuple):
 
 
 class IdentityCounts:
-    """Counts the rows in which each target is met by each track, while frames come by."""
+    """IDF1 of frames that come in parts: the rows in which each target is met by each track."""
 
     def __init__(self, targets: int, tracks: int, threshold: float = 0.5) -> None:
         """No frame yet; number of all targets and tracks, and the least similarity at which a track meets a target."""
@@ -48,7 +48,7 @@ class IdentityCounts:
         self._objects = self._estimates = 0
         self._threshold = threshold
 
-    def add(self, frames: Frames) -> None:
+    def update(self, frames: Frames) -> None:
         """Count some more frames; targets and tracks have the same numbers in all parts."""
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
         for t in frames.meeting():
@@ -56,6 +56,12 @@ class IdentityCounts:
             i, j = np.nonzero(reaches(frames.compare(t)[1], self._threshold))
             # No label comes twice in a frame, so no couple is added to twice.
             self._met.add(frames.truth[left][i], frames.track[right][j], np.ones((1, len(i))))
+
+    def merge(self, other: IdentityCounts) -> None:
+        """Take in another recording, whose targets and tracks get the numbers behind these."""
+        self._met.merge(other._met)
+        self._targets += other._targets
+        self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates
 
     def result(self) -> Identity:
         """Assign targets and tracks: the least IDFN + IDFP = N + M - 2 IDTP has the most IDTP."""
@@ -84,5 +90,5 @@ def identity(frames: Frames, threshold: float = 0.5) -> Identity:
         threshold: least similarity at which a track meets a target.
     """
     counts = IdentityCounts(len(frames.truth_key), len(frames.track_key), threshold)
-    counts.add(frames)
+    counts.update(frames)
     return counts.result()

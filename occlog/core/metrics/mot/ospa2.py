@@ -48,8 +48,8 @@ def ospa2(frames: Frames, cutoff: float, p: float = 1.0) -> Ospa2:
         ValueError: an option is outside its range.
     """
     sums = Ospa2Sums(len(frames.truth_key), len(frames.track_key), cutoff, p)
-    sums.add(frames)
-    return sums.distance()
+    sums.update(frames)
+    return sums.result()
 
 
 def ospa2_over_time(frames: Frames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
@@ -67,7 +67,7 @@ def ospa2_over_time(frames: Frames, cutoff: float, p: float, window: int, ends: 
     """
     if window < 1 or len(np.unique(frames.view)) > 1:
         raise ValueError(f"window {window} must be at least 1, and the frames of one view")
-    return list(Ospa2Windows(len(frames.truth_key), len(frames.track_key), cutoff, p, window).add(frames, ends))
+    return list(Ospa2Windows(len(frames.truth_key), len(frames.track_key), cutoff, p, window).update(frames, ends))
 
 
 class _Seen(NamedTuple):
@@ -80,7 +80,7 @@ class _Seen(NamedTuple):
 
 
 class Ospa2Sums:
-    """Sums over frames that come by: how long each trajectory is there, and each pair of them, and how far apart."""
+    """OSPA(2) of frames that come in parts: how long each trajectory and each pair is there, and how far apart."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float) -> None:
         """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""
@@ -91,7 +91,7 @@ class Ospa2Sums:
         self._track: Ints = np.zeros(tracks, dtype=np.int64)
         self._couples = Couples(targets, tracks, sums=2)
 
-    def add(self, frames: Frames) -> None:
+    def update(self, frames: Frames) -> None:
         """Add some more frames; targets and tracks have the same numbers in all parts."""
         for t in range(len(frames.frame)):
             self.count(self.seen(frames, t), 1)
@@ -114,7 +114,14 @@ class Ospa2Sums:
             together = np.stack([np.ones(n * m), seen.apart.reshape(-1)])
             self._couples.add(np.repeat(seen.truth, m), np.tile(seen.track, n), sign * together)
 
-    def distance(self) -> Ospa2:
+    def merge(self, other: Ospa2Sums) -> None:
+        """Take in another recording, whose targets and tracks get the numbers behind these."""
+        self._truth, self._track = (
+            np.concatenate(sides) for sides in ((self._truth, other._truth), (self._track, other._track))
+        )
+        self._couples.merge(other._couples)
+
+    def result(self) -> Ospa2:
         """OSPA(2) of the frames that are counted."""
         n, m, c = np.count_nonzero(self._truth), np.count_nonzero(self._track), self._cutoff**self._p
         if not n and not m:
@@ -141,7 +148,7 @@ class Ospa2Windows:
         self._sums, self._window = Ospa2Sums(targets, tracks, cutoff, p), window
         self._within: deque[_Seen] = deque()
 
-    def add(self, frames: Frames, ends: Iterable[int]) -> Iterator[Ospa2]:
+    def update(self, frames: Frames, ends: Iterable[int]) -> Iterator[Ospa2]:
         """OSPA(2) of the windows that end with each of some frames, which rise, up to the last one of this part."""
         t = 0
         for end in ends:
@@ -151,4 +158,4 @@ class Ospa2Windows:
                 t += 1
             while self._within and self._within[0].frame <= end - self._window:
                 self._sums.count(self._within.popleft(), -1)
-            yield self._sums.distance()
+            yield self._sums.result()

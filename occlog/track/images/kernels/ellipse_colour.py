@@ -43,7 +43,7 @@ def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: in
         weights: (W,) space for the weights of a row.
         bins: (H, W).
         ellipse: (5,).
-        step: see `histograms`.
+        step: see `colours_in`.
         half: `ABOVE` its centre only, `BELOW` and level with it only, or `WHOLE`.
 
     Returns:
@@ -91,113 +91,69 @@ def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: in
     return mass
 
 
+WIDTH = 2 * N_BINS
+"""Numbers in a target's colours: the histograms of its halves, or that of the whole and zeros."""
+
+
 @kernel
-def histograms(bins: Bytes, ellipses: Floats, n_bins: int, step: int) -> Floats:
-    """Weighted histograms of ellipses.
+def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats:
+    """Weighted histograms of the colours in ellipses.
 
     Args:
-        bins: (H, W) bin number of each pixel, all below `n_bins`.
-        ellipses: (P, 5).
-        n_bins: 1 to 256.
+        bins: (H, W) bin number of each pixel, all below `N_BINS` but those of pixels that belong to no target.
+        ellipses: (n, 5).
+        split: (n,) whether the upper and the lower half have a histogram each.
         step: only pixels whose column and row are multiples of it count; 1: all.
 
     Returns:
-        (P, n_bins), each summing to the share of its weight that is on the image: 1 for an
-        ellipse inside it, 0 for one outside it, without a pixel centre or not an ellipse.
+        (n, WIDTH), each summing to the share of its weight that is on the image: 1 for an ellipse inside
+        it, 0 for one outside it, without a pixel centre or not an ellipse.
     """
-    out = np.zeros((ellipses.shape[0], n_bins))
+    out = np.zeros((ellipses.shape[0], WIDTH))
     sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
     for p in range(ellipses.shape[0]):
-        sums[:, :n_bins] = 0.0
-        mass = _weigh(sums, weights, bins, ellipses[p], step, WHOLE)
+        mass = 0.0
+        for part in range(2 if split[p] else 1):
+            sums[:, :N_BINS] = 0.0
+            mass += _weigh(sums, weights, bins, ellipses[p], step, ABOVE + part if split[p] else WHOLE)
+            for k in range(N_BINS):
+                out[p, part * N_BINS + k] = max(sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k], 0.0)
         if mass > 0.0:
-            for k in range(n_bins):
-                out[p, k] = max(sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k], 0.0) / mass
+            out[p] /= mass
     return out
 
 
 @kernel
-def likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, step: int) -> Floats:
-    """Bhattacharyya coefficients between the colours in ellipses and those of their targets.
+def colour_likeness(bins: Bytes, ellipses: Floats, owner: Ints, colours: Floats, split: Bools, step: int) -> Floats:
+    """Bhattacharyya coefficients of the colours in ellipses with those of their targets.
 
-    The same as sum sqrt(h_k m_k) of `histograms` h and models m, without the tables in between.
+    The sums of sqrt(h_k m_k) of `colours_in` h and the targets' m, without the tables in between.
 
     Args:
         bins: (H, W) bin number of each pixel.
         ellipses: (P, 5).
-        owner: (P,) which of the models an ellipse is compared with, 0 to M - 1.
-        models: (M, n_bins) histograms.
-        step: see `histograms`.
+        owner: (P,) row of each one's target.
+        colours: (n, WIDTH) of the targets.
+        split: (n,) whether they are those of halves.
+        step: see `colours_in`.
 
     Returns:
-        (P,) sums of sqrt(h_k m_k), 0 (nothing in common) to 1 (equal).
+        (P,), 0 (nothing in common) to 1 (equal).
     """
-    n_bins = models.shape[1]
-    out = np.empty(ellipses.shape[0])
-    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
-    for p in range(ellipses.shape[0]):
-        sums[:, :n_bins] = 0.0
-        mass = _weigh(sums, weights, bins, ellipses[p], step, WHOLE)
-        model, total = models[owner[p]], 0.0
-        for k in range(n_bins):
-            common = (sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k]) * model[k]
-            if common > 0.0:
-                total += math.sqrt(common)
-        out[p] = min(total / math.sqrt(mass), 1.0) if mass > 0.0 else 0.0
-    return out
-
-
-@kernel
-def half_histograms(bins: Bytes, ellipses: Floats, n_bins: int, step: int) -> Floats:
-    """(P, 2 n_bins) as `histograms`, the pixels above the centre apart from the others; both sum to 1 together."""
-    out = np.zeros((ellipses.shape[0], 2 * n_bins))
-    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
-    for p in range(ellipses.shape[0]):
-        total = 0.0
-        for half in (ABOVE, BELOW):
-            sums[:, :n_bins] = 0.0
-            total += _weigh(sums, weights, bins, ellipses[p], step, half)
-            for k in range(n_bins):
-                out[p, (half - ABOVE) * n_bins + k] = max(sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k], 0.0)
-        if total > 0.0:
-            out[p] /= total
-    return out
-
-
-@kernel
-def half_likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, split: Bools, step: int) -> Floats:
-    """Bhattacharyya coefficients as `likenesses`, where some targets have a histogram for each half.
-
-    Args:
-        bins: (H, W).
-        ellipses: (P, 5).
-        owner: (P,).
-        models: (M, 2 n_bins) of `half_histograms`, or of `histograms` with zeros behind.
-        split: (M,) whether they are of halves.
-        step: see `histograms`.
-
-    Returns:
-        (P,).
-    """
-    n_bins = models.shape[1] // 2
     out = np.empty(ellipses.shape[0])
     sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
     for p in range(ellipses.shape[0]):
         mass, total = 0.0, 0.0
-        for part in range(2 if split[owner[p]] else 1):
-            sums[:, :n_bins] = 0.0
-            half = ABOVE + part if split[owner[p]] else WHOLE
-            mass += _weigh(sums, weights, bins, ellipses[p], step, half)
-            for k in range(n_bins):
-                common = (sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k]) * models[owner[p], part * n_bins + k]
+        model, halves = colours[owner[p]], split[owner[p]]
+        for part in range(2 if halves else 1):
+            sums[:, :N_BINS] = 0.0
+            mass += _weigh(sums, weights, bins, ellipses[p], step, ABOVE + part if halves else WHOLE)
+            for k in range(N_BINS):
+                common = (sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k]) * model[part * N_BINS + k]
                 if common > 0.0:
                     total += math.sqrt(common)
         out[p] = min(total / math.sqrt(mass), 1.0) if mass > 0.0 else 0.0
     return out
-
-
-WIDTH = 2 * N_BINS
-"""Numbers in a target's colours: the histograms of its halves, or that of the whole and zeros."""
 
 
 def upright(ellipses: Floats, share: float) -> Bools:
@@ -213,30 +169,3 @@ def level(ellipses: Floats) -> Floats:
     out[swap, 2:4] = out[swap, 3:1:-1]
     out[:, 4] = np.mod(out[:, 4] + np.where(swap, np.pi, 0.5 * np.pi), np.pi) - 0.5 * np.pi
     return out
-
-
-def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats:
-    """(n, WIDTH) colours in ellipses (n, 5), of their halves where `split` (n,); see `colour_likeness`."""
-    out = np.zeros((len(ellipses), WIDTH))
-    out[~split, :N_BINS] = histograms(bins, ellipses[~split], N_BINS, step)
-    out[split] = half_histograms(bins, ellipses[split], N_BINS, step)
-    return out
-
-
-def colour_likeness(bins: Bytes, ellipses: Floats, owner: Ints, colours: Floats, split: Bools, step: int) -> Floats:
-    """Bhattacharyya coefficients of the colours in ellipses with those of their targets.
-
-    Args:
-        bins: (H, W) bin number of each pixel.
-        ellipses: (P, 5).
-        owner: (P,) row of each one's target.
-        colours: (n, WIDTH) of the targets.
-        split: (n,) whether they are those of halves.
-        step: only pixels whose column and row are multiples of it count.
-
-    Returns:
-        (P,), 0 (nothing in common) to 1 (equal).
-    """
-    if split.any():
-        return half_likenesses(bins, ellipses, owner, colours, split, step)
-    return likenesses(bins, ellipses, owner, np.ascontiguousarray(colours[:, :N_BINS]), step)

@@ -77,29 +77,3 @@ def log_patches(
     """
     power = config.pca_power / len(disc_points())
     return np.asarray(power * patch_log_likelihood(image, ellipses, owner, stack_models(models)))
-
-
-def log_appearance(
-    frames: FrameSet, particles: Floats, view: Ints, target: Ints, appearance: AppearanceModels, config: MipfConfig
-) -> Floats | float:
-    """(n, N) log p_p of the particles of n trackers; 0 where their view has no frame, and for `model=colour`.
-
-    Args:
-        frames: of all views.
-        particles: (n, N, 5).
-        view: (n,) of the trackers.
-        target: (n,) of the trackers.
-        appearance: models of all of them.
-        config: settings.
-    """
-    if config.model != "pca":
-        return 0.0
-    out = np.zeros(particles.shape[:2])
-    for v, image in enumerate(frames.images):
-        rows = np.flatnonzero(view == v)
-        if image is not None and len(rows):
-            models = [appearance[v, int(target[i])] for i in rows]
-            flat = particles[rows].reshape(-1, 5)
-            owner = np.repeat(np.arange(len(rows)), particles.shape[1])
-            out[rows] = log_patches(image, flat, owner, models, config).reshape(len(rows), -1)
-    return out

@@ -1,7 +1,17 @@
-"""Settings of the methods that track in images, with defaults that were measured to work.
+"""Methods that track in images: the settings of each, with defaults that were measured to work.
 
-Lengths are pixels, times are frames.  Each method has its own settings; one that a method
-does not have is refused.
+All methods are one scheme (`occlog.track.images.methods.step`), and the class of a method's settings
+composes it: a part of the scheme is on where the class derives from the class of that part's settings.
+
+    part                                               class of settings   mipf  idmot  cmct  bmct  mcmc
+    motion, local likelihood, regions, ends            MipfConfig           x      x     x     x     x
+    interaction of trackers that touch                 IdmotConfig                 x           x
+    loop check of the views                            LoopCheckConfig                   x     x
+    proposal on epipolar lines, colours that adapt     CmctConfig                        x
+    collaboration of the views, restart on a line      BmctConfig                              x
+    samples of all targets of a view together          McmcConfig                                    x
+
+Lengths are pixels, times are frames.  A setting that a method does not have is refused.
 """
 
 from __future__ import annotations
@@ -83,22 +93,37 @@ class IdmotConfig(MipfConfig):
 
 
 @dataclass(frozen=True)
-class BmctConfig(IdmotConfig):
-    """Settings of method `bmct`: trackers that are close to others are helped by the other views."""
+class LoopCheckConfig(MipfConfig):
+    """Settings of the methods in which views help each other: epipolar lines, and the check of counterparts by them."""
 
-    OWNER: ClassVar[str] = "bmct"
+    ALONE: ClassVar[str]
+    """What the method does where no other view can help."""
 
-    close: float = setting(1.5, "Trackers are close when nearer than this many times the sum of their radii.")
-    band: float = setting(0.3, "Sigma of [Qu] Eq. 5 over the radius.", **ABOVE_0)
     anchor: str = setting(
         "centre", "Point of the ellipse whose epipolar line counts; bottom is for people.", choices=ANCHORS
     )
+    bad_after: int = setting(15, "Loop checks in a row that fail make a counterpart bad.", at_least=1)
+    good_after: int = setting(5, "Loop checks in a row that hold make it good again.", at_least=1)
+
+    @property
+    def bottom(self) -> bool:
+        """Whether the lowest point of an ellipse stands for its target; else its centre."""
+        return self.anchor == "bottom"
+
+
+@dataclass(frozen=True)
+class BmctConfig(LoopCheckConfig, IdmotConfig):
+    """Settings of method `bmct`: trackers that are close to others are helped by the other views."""
+
+    OWNER: ClassVar[str] = "bmct"
+    ALONE: ClassVar[str] = "does what idmot does"
+
+    close: float = setting(1.5, "Trackers are close when nearer than this many times the sum of their radii.")
+    band: float = setting(0.3, "Sigma of [Qu] Eq. 5 over the radius.", **ABOVE_0)
     clear: float = setting(
         1.5, "Less clear counterparts (see `close`) help only trackers that are less clear still; 0: all.", at_least=0
     )
     sweeps: int = setting(2, "Sweeps over the views of targets that are close to others in all of them.", **TURNS)
-    bad_after: int = setting(15, "Loop checks in a row that fail make a counterpart bad.", at_least=1)
-    good_after: int = setting(5, "Loop checks in a row that hold make it good again.", at_least=1)
     restart: bool = setting(
         True, "A tracker with bad counterparts that is on another one or on nothing starts again on a line."
     )
@@ -110,25 +135,21 @@ class BmctConfig(IdmotConfig):
 
 
 @dataclass(frozen=True)
-class CmctConfig(MipfConfig):
+class CmctConfig(LoopCheckConfig):
     """Settings of method `cmct`: particles are drawn on the epipolar lines, colours adapt, no interaction."""
 
     OWNER: ClassVar[str] = "cmct"
+    ALONE: ClassVar[str] = "does what mipf does, with colours that adapt"
 
     particles: int = setting(100, "Particles of each target in each view.", at_least=1, option="--particles")
     on_line: float = setting(0.3, "Share of the particles drawn on the epipolar line.", **SHARE)
     along_px: float = setting(8.0, "Their spread along it, about the tracker.", unit="px", **ABOVE_0)
     across: float = setting(0.5, "Their spread across it over the radius.", **ABOVE_0)
-    anchor: str = setting(
-        "centre", "Point of the ellipse whose epipolar line counts; bottom is for people.", choices=ANCHORS
-    )
     adapt: float = setting(0.1, "How fast the target's colours follow those in the estimate.", **SHARE)
     adapt_above: float = setting(0.9, "Only an estimate at least as alike counts.", **SHARE)
     search_below: float = setting(
         0.7, "After an estimate that is less alike all particles are drawn on the line.", **SHARE
     )
-    bad_after: int = setting(15, "Loop checks in a row that fail make a counterpart bad.", at_least=1)
-    good_after: int = setting(5, "Loop checks in a row that hold make it good again.", at_least=1)
 
 
 @dataclass(frozen=True)
@@ -151,3 +172,9 @@ class McmcConfig(MipfConfig):
         at_least=0,
         at_most=1000,
     )
+
+
+CONFIGS: dict[str, type[MipfConfig]] = {
+    c.OWNER: c for c in (MipfConfig, IdmotConfig, CmctConfig, BmctConfig, McmcConfig)
+}
+"""Settings of each method, by the names that `--method` takes."""

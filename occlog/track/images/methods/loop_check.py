@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.image.ellipse import nearness
 from occlog.track.images.interface import BAD, GOOD, NONE
 from occlog.track.images.kernels.epipolar_lines import TOGETHER, UNKNOWN, hysteresis, loop_check
 
-from .config import BmctConfig, CmctConfig, MipfConfig
+from .config import LoopCheckConfig
 from .state import Trackers, VisualState
 
 IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+APART = 0.5
+"""Nearer than this many times the sum of their radii, two trackers are on the same target."""
 
-LoopState = VisualState[BmctConfig] | VisualState[CmctConfig]
-"""State of a method that checks the loop of views."""
 
-
-def affine_maps(state: VisualState[MipfConfig], estimate: Floats) -> Floats:
+def affine_maps(state: VisualState, estimate: Floats) -> Floats:
     """(n, 2, 3) maps from recorded pixels to those without distortion, linearised at the estimates (n, 5)."""
     t = state.trackers
     out = np.repeat(IDENTITY[None], len(t.view), axis=0)
@@ -34,7 +34,7 @@ def affine_maps(state: VisualState[MipfConfig], estimate: Floats) -> Floats:
     return out
 
 
-def check_loops(state: LoopState, fresh: Bools) -> Trackers:
+def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Trackers:
     """Check the estimates of all counterparts against each other, and say which counterparts are good.
 
     The first check of a pair decides at once.  After that a good counterpart becomes bad when
@@ -42,23 +42,24 @@ def check_loops(state: LoopState, fresh: Bools) -> Trackers:
 
     Args:
         state: after the frame.
+        config: settings.
         fresh: (n,) trackers whose estimate is new enough to be compared.
     """
-    t, config = state.trackers, state.config
-    check = _check(state, fresh)
+    t = state.trackers
+    check = _check(state, config, fresh)
     good, streak = hysteresis(check, t.good, t.streak, config.bad_after, config.good_after)
     good, streak, checked = _first(t, check, good, streak)
     return t._replace(good=good, streak=streak, checked=checked)
 
 
-def check_new_pairs(state: LoopState) -> Trackers:
+def check_new_pairs(state: VisualState, config: LoopCheckConfig) -> Trackers:
     """Check for the first time the pairs that have never been checked; the others stay as they are."""
     t = state.trackers
-    good, streak, checked = _first(t, _check(state, np.ones(len(t.view), dtype=np.bool_)), t.good, t.streak)
+    good, streak, checked = _first(t, _check(state, config, np.ones(len(t.view), dtype=np.bool_)), t.good, t.streak)
     return t._replace(good=good, streak=streak, checked=checked)
 
 
-def _check(state: LoopState, fresh: Bools) -> Ints:
+def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
     """(n, V) outcomes of `loop_check`; unknown where an estimate is old."""
     t = state.trackers
     found = loop_check(
@@ -67,7 +68,7 @@ def _check(state: LoopState, fresh: Bools) -> Ints:
         view=t.view,
         counterpart=t.counterpart,
         fundamental=state.geometry.fundamental,
-        bottom=at_bottom(state.config),
+        bottom=config.bottom,
     )
     return np.where(fresh[:, None] & fresh[t.counterpart], found, UNKNOWN)
 
@@ -88,6 +89,8 @@ def helpers(t: Trackers, fresh: Bools) -> Ints:
     return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
 
 
-def at_bottom(config: BmctConfig | CmctConfig) -> bool:
-    """Whether the lowest point of an ellipse stands for its target; else its centre."""
-    return config.anchor == "bottom"
+def nearest(t: Trackers) -> Floats:
+    """(n,) distance to the nearest tracker of the same view, in sums of radii; inf for none."""
+    return np.asarray(
+        np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1, initial=np.inf)
+    )

@@ -107,16 +107,17 @@ def drawn_at_regions(particles: Floats, own: OwnRegions, normals: Floats, share:
     return out
 
 
-def log_region_likelihood(particles: Floats, own: OwnRegions, spread: float) -> Floats:
-    """(n, N) log likelihood, without its constant, of the distance of particles from their tracker's own region.
+def log_region_likelihood(ellipses: Floats, own: OwnRegions, owner: Ints, spread: float) -> Floats:
+    """(P,) log likelihood, without its constant, of the distance of ellipses from their tracker's own region.
 
     Args:
-        particles: (n, N, 5).
-        own: regions of the trackers; 0 without one.
+        ellipses: (P, 5).
+        own: regions of n trackers; 0 without one.
+        owner: (P,) row of each one's tracker.
         spread: standard deviation of the distance over the region's radius.
     """
     if not own.has.any():
-        return np.zeros(particles.shape[:2])
-    region = own.region[:, None]
-    away = (particles[..., :2] - region[..., :2]) / np.sqrt(region[..., 2] * region[..., 3])[..., None]
-    return np.asarray(np.where(own.has[:, None], -0.5 * (away**2).sum(axis=-1) / spread**2, 0.0))
+        return np.zeros(len(ellipses))
+    region = own.region[owner]
+    away = (ellipses[:, :2] - region[:, :2]) / np.sqrt(region[:, 2] * region[:, 3])[:, None]
+    return np.asarray(np.where(own.has[owner], -0.5 * (away**2).sum(axis=-1) / spread**2, 0.0))

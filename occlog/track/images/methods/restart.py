@@ -15,19 +15,15 @@ import math
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.image.ellipse import nearness, nearness_between
-from occlog.core.image.histogram_bins import update_bins
+from occlog.core.image.ellipse import nearness_between
 from occlog.track.images.interface import FrameSet
 from occlog.track.images.kernels.ellipse_colour import colour_likeness
 from occlog.track.images.kernels.epipolar_lines import anchor, line_of
 
 from .config import BmctConfig
-from .loop_check import affine_maps, at_bottom
-from .regions import mask_outside
-from .state import Trackers, VisualState
+from .loop_check import APART, affine_maps, nearest
+from .state import Trackers, VisualState, update_map
 
-APART = 0.5
-"""Nearer than this many times the sum of their radii, two trackers are on the same target."""
 CLEAR = 0.75
 """Farther than this many times the sum of their radii, one target hardly hides another."""
 STEP_PX = 2.0
@@ -36,14 +32,15 @@ EVERY = 5
 """Places are tried in frames whose number is a multiple of this: mostly none is good, and the next frame is alike."""
 
 
-def restart_one(state: VisualState[BmctConfig], frames: FrameSet) -> VisualState[BmctConfig]:
+def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> VisualState:
     """Restart the first tracker that is wrong and for which there is a place.
 
     Args:
         state: after the frame.
+        config: settings.
         frames: of this time.
     """
-    t, config = state.trackers, state.config
+    t = state.trackers
     bad = t.checked.any(axis=1) & ~t.good.any(axis=1)
     if not (config.restart and bad.any()):
         return state
@@ -54,17 +51,10 @@ def restart_one(state: VisualState[BmctConfig], frames: FrameSet) -> VisualState
         guides = [j for j in t.counterpart[i].tolist() if j >= 0 and clear[j] and _views_agree(t, i, j)]
         if not guides or frames.number[t.view[i]] % EVERY:
             continue
-        place = _best_place(state, i, guides[0], frames)
+        place = _best_place(state, config, i, guides[0], frames)
         if place is not None:
             return state._replace(trackers=_moved_to(t, i, place))
     return state
-
-
-def nearest(t: Trackers) -> Floats:
-    """(n,) distance to the nearest tracker of the same view, in sums of radii; inf for none."""
-    return np.asarray(
-        np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1, initial=np.inf)
-    )
 
 
 def _views_agree(t: Trackers, i: int, j: int) -> bool:
@@ -73,31 +63,28 @@ def _views_agree(t: Trackers, i: int, j: int) -> bool:
     return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
 
 
-def _best_place(state: VisualState[BmctConfig], i: int, guide: int, frames: FrameSet) -> Floats | None:
+def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, frames: FrameSet) -> Floats | None:
     """(5,) ellipse on the line of counterpart `guide` that is most like the target of tracker i; None: no good one."""
-    t, config, v = state.trackers, state.config, int(state.trackers.view[i])
-    view, image, bins = state.views[v], frames.images[v], state.bins[v]
-    if image is None:
+    t, v = state.trackers, int(state.trackers.view[i])
+    view = state.views[v]
+    if frames.images[v] is None:
         return None
     # Try places all along the line, those inside the image at which there is no other tracker
-    tried = _places_on_line(state, i, guide)
+    tried = _places_on_line(state, config, i, guide)
     tried = tried[((tried[:, :2] >= 0) & (tried[:, :2] < [view.width, view.height])).all(axis=1)]
     others = np.flatnonzero((t.view == t.view[i]) & (np.arange(len(t.view)) != i))
     tried = tried[(nearness_between(t.estimate[others], tried) >= APART).all(axis=0)]
     # Weigh them by the colours
-    whole = np.array([[0, 0, view.width, view.height]])
-    update_bins(bins, image, whole, config.pixel_step)
-    mask_outside(bins, whole, frames, v)
-    owner, one = np.zeros(len(tried), dtype=np.int64), slice(i, i + 1)
-    found = colour_likeness(bins, tried, owner, t.colours[one], t.split[one], config.pixel_step)
+    bins = update_map(state, frames, v, np.array([[0, 0, view.width, view.height]]))
+    found = colour_likeness(bins, tried, np.full(len(tried), i), t.colours, t.split, config.pixel_step)
     if not len(tried) or found.max() < config.restart_likeness:
         return None
     return np.asarray(tried[int(np.argmax(found))])
 
 
-def _places_on_line(state: VisualState[BmctConfig], i: int, guide: int) -> Floats:
+def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) -> Floats:
     """(K, 5) ellipses of tracker i, as large as at its start, along the epipolar line of its counterpart."""
-    t, bottom = state.trackers, at_bottom(state.config)
+    t, bottom = state.trackers, config.bottom
     maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
     x, y = anchor(t.estimate[guide], maps[guide], bottom)
     line = line_of(state.geometry.fundamental[t.view[guide], t.view[i]], x, y)

@@ -8,10 +8,9 @@ counterparts: the trackers of the same target in the other views.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numpy.random import Generator
 
 from occlog.array_types import Bools, Bytes, Floats, Ints
 from occlog.core.image.histogram_bins import update_bins
@@ -31,10 +30,6 @@ LONGEST = 10.0
 LEAST = 1e-9
 """A histogram whose sum is below this is empty."""
 NO_APPEARANCE: AppearanceModels = {}
-
-C = TypeVar("C", bound=MipfConfig)
-Idmot = TypeVar("Idmot", bound=IdmotConfig)
-C_co = TypeVar("C_co", bound=MipfConfig, covariant=True)
 
 
 class Trackers(NamedTuple):
@@ -64,43 +59,32 @@ class Clock(NamedTuple):
     interval_ns: Floats  # (V, INTERVALS) between the last ones; NaN: not known
 
 
-class VisualState(NamedTuple, Generic[C_co]):
+class VisualState(NamedTuple):
     """State of a method, see `occlog.track.images.interface`."""
 
     views: tuple[View, ...]
     geometry: Geometry
-    config: C_co
+    config: MipfConfig
     clock: Clock
     bins: tuple[Bytes, ...]  # (V,) maps of bins (H, W); only what the latest frame's trackers look at is up to date
     trackers: Trackers
     appearance: AppearanceModels = NO_APPEARANCE  # models of the targets' patches; empty for `model=colour`
 
 
-def initial_state(
-    views: Sequence[View], geometry: Geometry, config: C, rng: Generator, memory: int = 1
-) -> VisualState[C]:
+def initial_state(views: Sequence[View], geometry: Geometry, config: MipfConfig) -> VisualState:
     """Make a state without trackers.
 
     Args:
         views: V views.
         geometry: between them.
         config: settings of the method.
-        rng: not drawn from.
-        memory: M, displacements in the path of a tracker, >= 1.
     """
-    del rng
     n = len(views)
     clock = Clock(t_ns=np.full(n, -1), interval_ns=np.full((n, INTERVALS), np.nan))
     bins = tuple(np.zeros((view.height, view.width), dtype=np.uint8) for view in views)
-    trackers = _no_trackers(n, config.particles, memory)
+    none, ellipses = np.zeros(0, dtype=np.int64), np.zeros((0, 5))
+    trackers = _at_rest(none, none, ellipses, np.zeros((0, WIDTH)), np.zeros(0, dtype=np.bool_), n, config)
     return VisualState(tuple(views), both_directions(geometry), config, clock, bins, trackers)
-
-
-def initial_state_with_paths(
-    views: Sequence[View], geometry: Geometry, config: Idmot, rng: Generator
-) -> VisualState[Idmot]:
-    """Make a state without trackers for a method whose trackers remember how their targets moved."""
-    return initial_state(views, geometry, config, rng, config.memory)
 
 
 def both_directions(geometry: Geometry) -> Geometry:
@@ -110,27 +94,31 @@ def both_directions(geometry: Geometry) -> Geometry:
     return geometry._replace(fundamental=np.where(np.isnan(given).any(axis=(2, 3), keepdims=True), back, given))
 
 
-def _no_trackers(views: int, particles: int, memory: int) -> Trackers:
+def _at_rest(
+    view: Ints, target: Ints, ellipse: Floats, colours: Floats, split: Bools, views: int, config: MipfConfig
+) -> Trackers:
+    """Trackers with all particles at the given ellipses (n, 5), at rest, without counterparts yet."""
+    n, memory = len(view), config.memory if isinstance(config, IdmotConfig) else 1
     return Trackers(
-        view=np.zeros(0, dtype=np.int64),
-        target=np.zeros(0, dtype=np.int64),
-        particles=np.zeros((0, particles, 5)),
-        estimate=np.zeros((0, 5)),
-        velocity=np.zeros((0, 2)),
-        path=np.zeros((0, memory, 2)),
-        axes=np.zeros((0, 3)),
-        colours=np.zeros((0, WIDTH)),
-        weak=np.zeros(0, dtype=np.int64),
-        likeness=np.zeros(0),
-        counterpart=np.zeros((0, views), dtype=np.int64),
-        good=np.zeros((0, views), dtype=np.bool_),
-        streak=np.zeros((0, views), dtype=np.int64),
-        checked=np.zeros((0, views), dtype=np.bool_),
-        split=np.zeros(0, dtype=np.bool_),
+        view=view,
+        target=target,
+        particles=np.repeat(ellipse[:, None], config.particles, axis=1),
+        estimate=ellipse,
+        velocity=np.zeros((n, 2)),
+        path=np.zeros((n, memory, 2)),
+        axes=ellipse[:, 2:].copy(),
+        colours=colours,
+        weak=np.zeros(n, dtype=np.int64),
+        likeness=np.ones(n),
+        counterpart=np.full((n, views), -1),
+        good=np.zeros((n, views), dtype=np.bool_),
+        streak=np.zeros((n, views), dtype=np.int64),
+        checked=np.zeros((n, views), dtype=np.bool_),
+        split=split,
     )
 
 
-def add_trackers(state: VisualState[C], frames: FrameSet, births: Sequence[Birth]) -> VisualState[C]:
+def add_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
     """Add trackers whose colours are those in the frames; one of the same view and target is replaced.
 
     Raises:
@@ -153,44 +141,38 @@ def keys_of(trackers: Trackers) -> list[TrackerKey]:
     return list(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))
 
 
-def _newborn(state: VisualState[MipfConfig], frames: FrameSet, births: Sequence[Birth]) -> Trackers:
-    """The new trackers: all particles at the given ellipse, at rest, without counterparts yet."""
-    n, views, config = len(births), len(state.views), state.config
+def _newborn(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> Trackers:
+    """New trackers, with the colours in the frames."""
+    config = state.config
     ellipse = level(np.array([birth.ellipse for birth in births], dtype=np.float64))
     split = upright(ellipse, config.halves)
     view = np.array([birth.view for birth in births], dtype=np.int64)
-    colours = np.empty((n, WIDTH))
+    target = np.array([birth.target_id for birth in births], dtype=np.int64)
+    colours = np.empty((len(births), WIDTH))
     for v in np.unique(view).tolist():
-        image, mine = frames.images[v], view == v
-        if image is None:
-            raise ValueError(f"a tracker is born in view {v}, which has no frame")
-        boxes = boxes_of(ellipse[mine][:, None])
-        update_bins(state.bins[v], image, boxes, config.pixel_step)
-        mask_outside(state.bins[v], boxes, frames, v)
-        found = colours_in(state.bins[v], ellipse[mine], split[mine], config.pixel_step)
+        mine = view == v
+        bins = update_map(state, frames, v, boxes_of(ellipse[mine][:, None]))
+        found = colours_in(bins, ellipse[mine], split[mine], config.pixel_step)
         if is_masked(frames, v):
             # The masks leave a share s of the ellipse.  Colours that sum to 1/s give a likeness of 1 to an ellipse of
             # which as much is left, and of sqrt(r/s) to one of which a smaller share r is left.
             found /= np.maximum(found.sum(axis=1, keepdims=True), LEAST) ** 2
         colours[mine] = found
-    blank = _no_trackers(views, config.particles, state.trackers.path.shape[1])
-    return Trackers(
-        view=view,
-        target=np.array([birth.target_id for birth in births], dtype=np.int64),
-        particles=np.repeat(ellipse[:, None], config.particles, axis=1),
-        estimate=ellipse,
-        velocity=np.zeros((n, 2)),
-        path=np.zeros((n, *blank.path.shape[1:])),
-        axes=ellipse[:, 2:].copy(),
-        colours=colours,
-        weak=np.zeros(n, dtype=np.int64),
-        likeness=np.ones(n),
-        counterpart=np.full((n, views), -1),
-        good=np.zeros((n, views), dtype=np.bool_),
-        streak=np.zeros((n, views), dtype=np.int64),
-        checked=np.zeros((n, views), dtype=np.bool_),
-        split=split,
-    )
+    return _at_rest(view, target, ellipse, colours, split, len(state.views), config)
+
+
+def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> Bytes:
+    """Bring a view's map of bins up to date inside boxes (n, 4), and return it.
+
+    Raises:
+        ValueError: the view has no frame.
+    """
+    image, bins = frames.images[view], state.bins[view]
+    if image is None:
+        raise ValueError(f"view {view} has no frame")
+    update_bins(bins, image, boxes, state.config.pixel_step)
+    mask_outside(bins, boxes, frames, view)
+    return bins
 
 
 def _paired(trackers: Trackers, views: int) -> Trackers:
@@ -210,7 +192,7 @@ def _paired(trackers: Trackers, views: int) -> Trackers:
     )
 
 
-def keep_trackers(state: VisualState[C], keep: Bools) -> VisualState[C]:
+def keep_trackers(state: VisualState, keep: Bools) -> VisualState:
     """Remove the trackers for which `keep` (n,) is false."""
     if keep.all():
         return state
@@ -218,13 +200,13 @@ def keep_trackers(state: VisualState[C], keep: Bools) -> VisualState[C]:
     return state._replace(trackers=trackers)
 
 
-def end_trackers(state: VisualState[C], keys: Sequence[TrackerKey]) -> VisualState[C]:
+def end_trackers(state: VisualState, keys: Sequence[TrackerKey]) -> VisualState:
     """Remove the trackers of these views and targets; keys without a tracker change nothing."""
     gone = set(keys)
     return keep_trackers(state, np.array([key not in gone for key in keys_of(state.trackers)], dtype=np.bool_))
 
 
-def advance_clock(state: VisualState[C], frames: FrameSet) -> VisualState[C]:
+def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
     """Put the time of the frames on the clocks of their views; the same frames a second time change nothing."""
     clock = state.clock
     have = np.array([image is not None for image in frames.images]) & (clock.t_ns != frames.t_ns)
@@ -256,7 +238,7 @@ def ages(clock: Clock, t_ns: int) -> Floats:
     return out
 
 
-def with_geometry(state: VisualState[C], geometry: Geometry) -> VisualState[C]:
+def with_geometry(state: VisualState, geometry: Geometry) -> VisualState:
     """Replace the geometry by one of the same views with fewer matrices.
 
     Counterparts in views whose matrices are gone in both directions are neither good nor checked any more.

@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -27,20 +26,16 @@ from occlog.records.columns import Table
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, FusedTracks
-from occlog.settings import Settings, configure
+from occlog.settings import configure
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream
-from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.ground.verdict import Verdict
-from occlog.track.images.interface import Visual
+from occlog.track.images.methods.config import CONFIGS, LoopCheckConfig, MipfConfig
 
 from .frames_in_step import in_step
 from .inputs import ViewsInput, ViewsRequest
 from .loop_checks import Checks
 from .stage import TrackingSetup, ViewsPart, track_views
-
-S = TypeVar("S")
-C = TypeVar("C", bound=Settings)
 
 FEWEST_CHECKS = 20
 """Loop checks below which the summary does not judge a fundamental matrix."""
@@ -144,10 +139,10 @@ class ViewsSummary:
 
     def _alone(self) -> list[str]:
         """A line where the views cannot help each other."""
-        collaboration = VISUAL[self.method].collaboration
-        if collaboration is None:
+        config = CONFIGS[self.method]
+        if not issubclass(config, LoopCheckConfig):
             return []
-        does = f"--method {self.method} {collaboration.alone}"
+        does = f"--method {self.method} {config.ALONE}"
         if len(self.inputs.views) == 1:
             return [f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"]
         if not np.isfinite(self.inputs.geometry.fundamental).any():
@@ -195,8 +190,7 @@ def run_track_views(
     request: ViewsRequest, wanted: ViewsOutputs, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, object], list[Loss]]:
     """Track and write; return the summary, and what was lost."""
-    visual = VISUAL[request.method]
-    config, stage = view_settings(request, visual)
+    config, stage = view_settings(request)
     inputs = ViewsInput(request, stage)
     if wanted.world is not None:
         inputs.check_world()
@@ -204,7 +198,6 @@ def run_track_views(
     setup = TrackingSetup(
         views=inputs.views,
         geometry=inputs.geometry,
-        method=visual,
         config=config,
         stage=stage,
         starts=starts,
@@ -285,12 +278,12 @@ def _passed(parts: Iterator[ViewsPart], rows: TableWriter, summary: ViewsSummary
         yield part.tracks
 
 
-def view_settings(request: ViewsRequest, visual: Visual[S, C]) -> tuple[C, ViewsConfig]:
+def view_settings(request: ViewsRequest) -> tuple[MipfConfig, ViewsConfig]:
     """Settings of the method, and of births and ends; UsageError for a setting of neither."""
     around = {f.name for f in fields(ViewsConfig)}
     own = {name: value for name, value in request.settings.items() if name not in around}
     others = {name: value for name, value in request.settings.items() if name in around}
-    config, stage = configure(visual.config(), own), configure(ViewsConfig(), others)
+    config, stage = configure(CONFIGS[request.method](), own), configure(ViewsConfig(), others)
     if stage.birth_frames == 0 and request.initial is None:
         raise UsageError("birth_frames is 0, so that no tracker begins from detections; give --initial, or 1 or more")
     return config, stage

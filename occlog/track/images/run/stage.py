@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,10 @@ from occlog.records.declared.views import COUNTERPARTS, EVENTS, ViewTracks
 from occlog.track.images.births.births import BirthCandidates, births_and_ends, no_candidates
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream
-from occlog.track.images.interface import LEFT, LOST, MODES, START, Birth, FrameSet, Outlines, TrackerKey, Visual
+from occlog.track.images.interface import LEFT, LOST, MODES, START, Birth, FrameSet, Outlines, TrackerKey
+from occlog.track.images.methods.config import LoopCheckConfig, MipfConfig
+from occlog.track.images.methods.state import VisualState, end_trackers, initial_state, with_geometry
+from occlog.track.images.methods.step import advance, initiate_trackers
 
 from .frames_in_step import Moment, there
 from .loop_checks import Checks, StartCounts, check_births, check_outlines, gather, no_checks, without_contradicted
@@ -31,9 +34,6 @@ START_VARIANCE = 1.0
 """Variance of a centre that was given or detected [px^2], each axis."""
 RECENT = 1.5
 """Age [frame periods] to which a tracker's ellipse is compared with that of a tracker born in another view."""
-
-S = TypeVar("S")
-C = TypeVar("C")
 
 
 class Start(NamedTuple):
@@ -46,14 +46,13 @@ class Start(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TrackingSetup(Generic[S, C]):
+class TrackingSetup:
     """Method, views and starts of a run.
 
     Attributes:
         views: V views.
         geometry: between them.
-        method: a tracking method.
-        config: its settings.
+        config: settings of a method, which say how it tracks.
         stage: settings of births and ends.
         starts: trackers to begin.
         next_id: number of the first target that detections begin.
@@ -62,8 +61,7 @@ class TrackingSetup(Generic[S, C]):
 
     views: tuple[View, ...]
     geometry: Geometry
-    method: Visual[S, C]
-    config: C
+    config: MipfConfig
     stage: ViewsConfig = field(default_factory=ViewsConfig)
     starts: tuple[Start, ...] = ()
     next_id: int = 0
@@ -72,8 +70,12 @@ class TrackingSetup(Generic[S, C]):
     @property
     def bottom(self) -> bool:
         """Whether the lowest points of ellipses are compared with epipolar lines; else their centres."""
-        collaboration = self.method.collaboration
-        return collaboration is not None and collaboration.at_bottom(self.config)
+        return isinstance(self.config, LoopCheckConfig) and self.config.bottom
+
+    @property
+    def views_help(self) -> bool:
+        """Whether the views of a target help each other."""
+        return isinstance(self.config, LoopCheckConfig)
 
 
 class ViewsPart(NamedTuple):
@@ -89,10 +91,10 @@ class ViewsPart(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _RunState(Generic[S]):
+class _RunState:
     """State of a run between moments."""
 
-    state: S | None  # of the method; None until the first birth
+    state: VisualState | None  # of the method; None until the first birth
     geometry: Geometry  # without the matrices that were dropped
     candidates: BirthCandidates
     last_ns: Ints  # (V,) time of each view's latest frame; -1: none yet
@@ -114,7 +116,7 @@ class _MomentResult(NamedTuple):
 
 
 def track_views(
-    moments: Iterable[Moment], setup: TrackingSetup[S, C], seed: int, stream: RegionStream | None = None
+    moments: Iterable[Moment], setup: TrackingSetup, seed: int, stream: RegionStream | None = None
 ) -> Iterator[ViewsPart]:
     """Track, and yield view tracks in the order of time, with what happened.
 
@@ -129,7 +131,7 @@ def track_views(
         stream: regions of a detector, from which trackers begin too and by which they are ended.
     """
     rng = generator(seed, Stage.TRACK)
-    run = _RunState[S](
+    run = _RunState(
         state=None,
         geometry=setup.geometry,
         candidates=no_candidates(len(setup.views), setup.next_id),
@@ -150,8 +152,8 @@ def track_views(
 
 
 def _advance(
-    run: _RunState[S], moment: Moment, setup: TrackingSetup[S, C], rng: np.random.Generator, stream: RegionStream | None
-) -> tuple[_RunState[S], _MomentResult]:
+    run: _RunState, moment: Moment, setup: TrackingSetup, rng: np.random.Generator, stream: RegionStream | None
+) -> tuple[_RunState, _MomentResult]:
     """Take in the frames of one moment."""
     outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
     found: tuple[Floats | None, ...] = ()
@@ -161,11 +163,11 @@ def _advance(
     run = replace(run, last_ns=np.where(there(moment), moment.t_ns, run.last_ns))
     # Step of the method
     if run.state is not None and run.trackers and there(moment).any():
-        state, outlines = setup.method.step(run.state, moment.frames, rng)
+        state, outlines = advance(run.state, moment.frames, rng)
         survivors = _survivors(run.trackers, outlines)
         gone = frozenset(run.trackers) - frozenset(survivors)
         run = replace(run, state=state, trackers=survivors)
-        if setup.method.collaboration is not None:
+        if setup.views_help:
             checks = check_outlines(outlines, setup.geometry, setup.bottom)
     # Births that were given, and births and ends by regions
     run, births = _due(run, moment.frames, gone)
@@ -187,7 +189,7 @@ def _advance(
     # Drop matrices that births contradict, then begin and end
     start_checks = check_births(births, setup.geometry, _recent(run, moment, setup), setup.bottom)
     run, dropped = _without_contradicted(run, start_checks, setup)
-    run = _begun(run, moment.frames, births, ended, setup, rng)
+    run = _begun(run, moment.frames, births, ended, setup)
     return run, _MomentResult(moment, outlines, births, ended, checks, start_checks, dropped)
 
 
@@ -205,7 +207,7 @@ def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: Outlines) -> dic
     return out
 
 
-def _due(run: _RunState[S], frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState[S], tuple[Birth, ...]]:
+def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState, tuple[Birth, ...]]:
     """The starts whose frame has come, or was lost, as births; none where the target has a tracker in the view.
 
     A start whose tracker has ended in this frame waits for the next: a frame has one row of a target.
@@ -218,13 +220,13 @@ def _due(run: _RunState[S], frames: FrameSet, gone: frozenset[TrackerKey]) -> tu
     return replace(run, waiting=tuple(s for s in run.waiting if s not in due)), births
 
 
-def _recent(run: _RunState[S], moment: Moment, setup: TrackingSetup[S, C]) -> dict[TrackerKey, Floats]:
+def _recent(run: _RunState, moment: Moment, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
     """Ellipses of trackers with which births of other views may be compared.
 
     There are none without collaboration: the trackers of two views may then be on different
     targets, which is no fault of the geometry.
     """
-    if setup.method.collaboration is None:
+    if not setup.views_help:
         return {}
     period = np.array(setup.period_ns or (0,) * len(setup.views))
     age = moment.t_ns.max() - run.last_ns
@@ -233,32 +235,31 @@ def _recent(run: _RunState[S], moment: Moment, setup: TrackingSetup[S, C]) -> di
 
 
 def _without_contradicted(
-    run: _RunState[S], checks: Checks, setup: TrackingSetup[S, C]
-) -> tuple[_RunState[S], tuple[tuple[int, int], ...]]:
+    run: _RunState, checks: Checks, setup: TrackingSetup
+) -> tuple[_RunState, tuple[tuple[int, int], ...]]:
     """The run without the matrices that births contradict, and the pairs of views that lost theirs now."""
     geometry, counts, dropped = without_contradicted(run.geometry, checks, run.start_counts)
     state = run.state
-    if dropped and state is not None and setup.method.collaboration is not None:
-        state = setup.method.collaboration.with_geometry(state, geometry)
+    if dropped and state is not None and setup.views_help:
+        state = with_geometry(state, geometry)
     return replace(run, state=state, geometry=geometry, start_counts=counts), dropped
 
 
 def _begun(
-    run: _RunState[S],
+    run: _RunState,
     frames: FrameSet,
     births: tuple[Birth, ...],
     ended: tuple[TrackerKey, ...],
-    setup: TrackingSetup[S, C],
-    rng: np.random.Generator,
-) -> _RunState[S]:
+    setup: TrackingSetup,
+) -> _RunState:
     """The run with the trackers that begin and without those that end."""
     state = run.state
     if births and state is None:
-        state = setup.method.init(setup.views, run.geometry, setup.config, rng)
+        state = initial_state(setup.views, run.geometry, setup.config)
     if ended and state is not None:
-        state = setup.method.ended(state, ended)
+        state = end_trackers(state, ended)
     if births and state is not None:
-        state = setup.method.born(state, frames, births)
+        state = initiate_trackers(state, frames, births)
     trackers = {key: ellipse for key, ellipse in run.trackers.items() if key not in ended}
     trackers |= {(b.view, b.target_id): b.ellipse for b in births}
     return replace(run, state=state, trackers=trackers)

@@ -11,7 +11,8 @@ from occlog.array_types import Floats, Ints
 
 from ..filter import CROWD, GATE, IN_IMAGE, LEAST_BIRTH, NEW_SHARE, State
 from ..interface import WIDTH
-from ..kernels.joint import Boxes, Rates, update
+from ..kernels.detections import Boxes, Rates
+from ..kernels.joint import update
 from ..kernels.newborn import Arrival, newborn
 from ..people import DOUBLE
 from .chains import NONE

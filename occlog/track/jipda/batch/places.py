@@ -16,16 +16,23 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from ..kernels.body_box import Views, box_and_slope, expected_box
-from ..kernels.joint import Boxes, Rates, edge_noise, interpolate, log_nobody, precision, shifted
-from ..kernels.visible_share import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
+from ..kernels.detections import Boxes, Rates, add_precision, biased, edge_noise, interpolate, log_clutter
+from ..kernels.likelihood import outlier_density
+from ..kernels.visible_share import (
+    COLUMNS,
+    ROWS,
+    centre_deviation,
+    hide_behind,
+    in_view,
+    visible_feet,
+    visible_share,
+)
 
 LOG_2PI = math.log(2.0 * math.pi)
 MOST_SURE = 0.995
 """No person is detected with a greater probability."""
 PLAIN = 0.85
 """Share of the probability of detection that is left on average where nobody knows who hides whom."""
-BELOW = 0.8
-"""A box that ends where the cover of the feet begins may end in so large a share of the person's height."""
 
 
 @kernel
@@ -49,28 +56,20 @@ def visibilities(
     cells = np.empty((ROWS, COLUMNS))
     for l in range(L):  # noqa: E741 - a look
         c = boxes.camera[l]
-        width, height = views.size[c]
         for i in range(N):
             depth[i] = box_and_slope(views.lens[c], mean[i], boxes.delay[l], box[i], slope)
             if depth[i] < 0.0:
                 continue
             P = slope @ covariance[i] @ slope.T
-            across[i] = math.sqrt(0.25 * max(P[0, 0] + 2.0 * P[0, 2] + P[2, 2], 0.0))
+            across[i] = centre_deviation(P)
             deep[i] = math.sqrt(0.5 * (covariance[i, 0, 0] + covariance[i, 1, 1])) + 0.1 * mean[i, 5]
-            off = math.hypot(mean[i, 0] - views.position[c, 0], mean[i, 1] - views.position[c, 1])
-            if off > views.range[c] or inside_image(box[i], width, height, cells) == 0.0:
+            if not in_view(views, c, mean[i, 0], mean[i, 1], box[i], cells):
                 depth[i] = -1.0
         for i in range(N):
             if depth[i] < 0.0:
                 continue
-            inside_image(box[i], width, height, cells)
-            hide_behind(views, c, mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], cells)
-            clear_cells(i, box, depth, across, deep, there, cells)
-            visible[l, i] = np.mean(cells)
-            bottom = 0.0
-            for column in range(COLUMNS):
-                bottom += cells[ROWS - 1, column]
-            feet[l, i] = bottom / COLUMNS
+            visible[l, i] = visible_share(views, c, mean[i], i, box, depth, across, deep, there, cells)
+            feet[l, i] = visible_feet(cells)
             detection[l, i] = min(rates.detection[c] * interpolate(rates.curve, visible[l, i]), MOST_SURE)
     return visible, feet, detection
 
@@ -83,12 +82,9 @@ def misses(views: Views, rates: Rates, mean: Floats) -> Floats:
     box, cells = np.empty(4), np.empty((ROWS, COLUMNS))
     for i in range(N):
         for c in range(C):
-            off = math.hypot(mean[i, 0] - views.position[c, 0], mean[i, 1] - views.position[c, 1])
-            if off > views.range[c]:
-                continue
             if expected_box(views.lens[c], mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], box) < 0.0:
                 continue
-            if inside_image(box, views.size[c, 0], views.size[c, 1], cells) == 0.0:
+            if not in_view(views, c, mean[i, 0], mean[i, 1], box, cells):
                 continue
             hide_behind(views, c, mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], cells)
             share = float(np.mean(cells))
@@ -125,13 +121,13 @@ def factors(
                 continue
             if box_and_slope(views.lens[camera], mean[i], boxes.delay[l], box, slope) < 0.0:
                 continue
-            shifted(box, rates.bias[camera], drawn)
+            biased(box, rates.bias[camera], drawn)
             edge_noise(drawn, rates, 1.0, noise)
             edge_noise(drawn, rates, rates.lasting[camera] / rates.slow, lasting)
             lasting *= rates.slow
             off = boxes.box[j] - drawn
             use[:] = boxes.believed[j]
-            nobody = log_nobody(boxes.box[j], use, views.size[camera, 0], views.size[camera, 1]) + boxes.clutter[j]
+            nobody = log_clutter(boxes.box[j], use, views.size[camera, 0], views.size[camera, 1]) + boxes.clutter[j]
             log_box = log_of(off, use, noise, W)
             cut = rates.cut * (1.0 - feet[l, i])
             log_box += math.log(1.0 - rates.wrong)
@@ -140,10 +136,7 @@ def factors(
             best, used = -1, use.sum()
             for e in range(4):
                 # The box ends where the cover begins, or one edge is that of something else, if that is likelier
-                extent = drawn[2 + e % 2] - drawn[e % 2]
-                chance = 0.25 * rates.wrong / (2.0 * extent) if used > 3 else 0.0
-                if e == 3 and cut > 0.01 and off[3] < 0.0:
-                    chance = cut / (BELOW * extent)
+                chance = outlier_density(e, drawn, off[3], cut, rates.wrong if used > 3 else 0.0)
                 if chance == 0.0 or not use[e]:
                     continue
                 use[e] = False
@@ -155,7 +148,7 @@ def factors(
                 use[best] = False
             # Errors that last count as often as they are new
             W[:] = 0.0
-            precision(lasting, use, 1.0, W)
+            add_precision(lasting, use, 1.0, W)
             z = off + slope @ mean[i]
             HW = slope.T @ W
             J[i] += HW @ slope
@@ -170,7 +163,7 @@ def factors(
 def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
     """Log density of the edges in use, whose precision W (4, 4) is written."""
     W[:] = 0.0
-    precision(noise, use, 1.0, W)
+    add_precision(noise, use, 1.0, W)
     value = 0.0
     for axis in range(2):
         a, b = axis, axis + 2

@@ -23,7 +23,7 @@ from ..cues import appearance_of, are_histograms, law_of, log_ratio, unit_vector
 from ..detectors import bending_rate, blind_looks, leaving_rate, rates_of, turning_rate
 from ..filter import State, pack, support_of
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
-from ..kernels.joint import Boxes, Rates
+from ..kernels.detections import Boxes, Rates
 from .appearance import together
 from .association import OWN, Expected, Seen, associate, find
 from .chains import NONE, OTHER_HINT, SAME_HINT

@@ -16,7 +16,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from .body_box import Views, box_and_slope
-from .joint import Boxes, Rates, shifted
+from .detections import Boxes, Rates, axis_noise, biased
 from .linear import invert
 
 
@@ -63,10 +63,11 @@ def disagreement(
             c = boxes.camera[look[j]]
             if box_and_slope(views.lens[c], mean[i], boxes.delay[look[j]], box, slope) < 0.0:
                 continue
-            shifted(box, rates.bias[c], drawn)
+            biased(box, rates.bias[c], drawn)
             width, height = drawn[2] - drawn[0], drawn[3] - drawn[1]
             size[j, 0], size[j, 1], size[j, 2], size[j, 3] = height, width, height, height
             for axis in range(2):
+                noise[j, 2 * axis], noise[j, 2 * axis + 1] = axis_noise(rates, axis, width, height, 1.0)
                 low, high = boxes.box[j, axis] - drawn[axis], boxes.box[j, axis + 2] - drawn[axis + 2]
                 residual[j, 2 * axis], residual[j, 2 * axis + 1] = 0.5 * (low + high), high - low
                 for k in range(4):
@@ -74,8 +75,6 @@ def disagreement(
                     slopes[j, 2 * axis, k] = 0.5 * (slope[axis, at] + slope[axis + 2, at])
                     slopes[j, 2 * axis + 1, k] = slope[axis + 2, at] - slope[axis, at]
             for e in range(4):
-                sway = rates.sway if e == 0 or e == 2 else 0.0
-                noise[j, e] = rates.noise[e, 0] + (rates.noise[e, 1] + sway) * size[j, e] * size[j, e]
                 for p in range(4):
                     b[p] += slopes[j, e, p] * residual[j, e] / noise[j, e]
                     for q in range(4):

@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.numerics.jit import kernel
+from occlog.core.numerics.jit import kernel, kernel_part
 
+from .detections import Boxes, Rates, add_axis_precision, interpolate, log_clutter, log_density
+from .likelihood import EDGE_GATE
 from .marginals import CONVERGED, MOST_ITERATIONS
 from .visible_share import below
 
@@ -94,6 +96,66 @@ def outline(
             wide[e, f] = spread[one, e, f] if same else 0.0
 
 
+@kernel_part
+def pair_likelihoods(
+    pair: Ints,
+    box: Floats,
+    noise: Floats,
+    spread: Floats,
+    visible: Floats,
+    boxes: Boxes,
+    start: int,
+    stop: int,
+    rates: Rates,
+    c: int,
+    width: float,
+    height: float,
+    new: float,
+    gate: float,
+) -> tuple[Floats, Floats]:
+    """Likelihood ratios (K, m) of a frame's boxes to false alarms for the outlines of K pairs, and (K, 4) whose edges.
+
+    They hold the probability that the pair is detected as one box.
+
+    Args:
+        pair: (K, 2) people who touch.
+        box: (N, 4) expected boxes [px].
+        noise: (N, 4, 4) covariances of edges.
+        spread: (N, 4, 4) covariances of the expected edges.
+        visible: (N,) visible shares.
+        boxes: of the time step.
+        start: first box of the frame.
+        stop: one after its last box.
+        rates: of the detectors.
+        c: camera.
+        width: of its image [px].
+        height: of its image [px].
+        new: expected number of boxes of new people, as a share of the false alarms.
+        gate: greatest squared Mahalanobis distance.
+    """
+    ratio, own = np.zeros((pair.shape[0], stop - start)), np.empty((pair.shape[0], 4))
+    union, union_noise, union_spread = np.empty(4), np.empty((4, 4)), np.empty((4, 4))
+    off, use, inverse = np.empty(4), np.empty(4, dtype=np.bool_), np.empty((4, 4))
+    for k in range(pair.shape[0]):
+        a, b = pair[k]
+        outline(a, b, box, noise, spread, union, union_noise, union_spread, own[k])
+        seen = rates.detection[c] * interpolate(rates.curve, max(visible[a], visible[b]))
+        for j in range(start, stop):
+            near = True
+            for e in range(4):
+                off[e] = boxes.box[j, e] - union[e]
+                use[e] = boxes.believed[j, e]
+                if use[e] and off[e] * off[e] > EDGE_GATE * gate * (union_spread[e, e] + union_noise[e, e]):
+                    near = False
+            if not near:
+                continue
+            clutter = log_clutter(boxes.box[j], use, width, height) + boxes.clutter[j]
+            log_full, distance = log_density(off, inverse, use, union_noise, union_spread)
+            if distance < gate:
+                ratio[k, j - start] = rates.merge[c] * seen * math.exp(log_full - clutter) / (1.0 + new)
+    return ratio, own
+
+
 @kernel
 def own_edges(noise: Floats, use: Bools, own: Floats, first: bool, share: float, out: Floats) -> None:
     """Add to (4, 4) `out` the inverse covariance of the edges of an outline that are a person's.
@@ -109,18 +171,9 @@ def own_edges(noise: Floats, use: Bools, own: Floats, first: bool, share: float,
     for axis in range(2):
         a, b = axis, axis + 2
         of_a, of_b = own[a] if first else 1.0 - own[a], own[b] if first else 1.0 - own[b]
-        has_a, has_b = use[a] and of_a > OWN_EDGE, use[b] and of_b > OWN_EDGE
-        if has_a and has_b:
-            some = share * math.sqrt(of_a * of_b)
-            det = noise[a, a] * noise[b, b] - noise[a, b] * noise[a, b]
-            out[a, a] += some * noise[b, b] / det
-            out[b, b] += some * noise[a, a] / det
-            out[a, b] -= some * noise[a, b] / det
-            out[b, a] -= some * noise[a, b] / det
-        elif has_a:
-            out[a, a] += share * of_a / noise[a, a]
-        elif has_b:
-            out[b, b] += share * of_b / noise[b, b]
+        low, high = use[a] and of_a > OWN_EDGE, use[b] and of_b > OWN_EDGE
+        both = share * math.sqrt(of_a * of_b)
+        add_axis_precision(noise, axis, low, high, share * of_a, share * of_b, both, out)
 
 
 @kernel

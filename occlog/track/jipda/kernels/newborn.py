@@ -17,9 +17,9 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
 from .body_box import Views, box_and_slope
-from .joint import LOG_2PI, Boxes, Rates, edge_noise, interpolate, log_density, log_nobody, precision, shifted
+from .detections import LOG_2PI, Boxes, Rates, add_precision, biased, edge_noise, interpolate, log_clutter, log_density
 from .linear import invert
-from .visible_share import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
+from .visible_share import COLUMNS, ROWS, centre_deviation, in_view, visible_share
 
 NEWTON_STEPS = 4
 LEAST_FREE = 0.2
@@ -103,10 +103,10 @@ def fit_body(
     for _ in range(NEWTON_STEPS):
         if box_and_slope(views.lens[c], mean, 0.0, expected, slope) < 0.0:
             return math.nan
-        shifted(expected, rates.bias[c], drawn)
+        biased(expected, rates.bias[c], drawn)
         edge_noise(drawn, rates, 1.0, noise)
         W[:] = 0.0
-        precision(noise, believed, 1.0, W)
+        add_precision(noise, believed, 1.0, W)
         information = slope.T @ W @ slope
         vector = slope.T @ W @ (box - drawn + slope @ mean)
         for k in range(6):
@@ -119,7 +119,7 @@ def fit_body(
         mean[4], mean[5] = max(mean[4], 0.3 * body[0]), max(mean[5], 0.3 * body[2])
     if box_and_slope(views.lens[c], mean, 0.0, expected, slope) < 0.0:
         return math.nan
-    shifted(expected, rates.bias[c], drawn)
+    biased(expected, rates.bias[c], drawn)
     # Density of the box at the best body times that of the body, and Laplace's volume without the velocity
     inverse = np.empty((4, 4))
     log_box, _ = log_density(box - drawn, inverse, believed, noise, np.zeros((4, 4)))
@@ -192,9 +192,10 @@ def propose(
     log_seed = fit_body(views, boxes, rates, body, arrival, c, seed, mean, covariance)
     if math.isnan(log_seed) or mean[4] > body[0] + 4.0 * body[1] or mean[4] < body[0] - 5.0 * body[1]:
         return -math.inf
-    nobody = log_nobody(boxes.box[seed], boxes.believed[seed], views.size[c, 0], views.size[c, 1]) + boxes.clutter[seed]
+    width, height = views.size[c]
+    false = log_clutter(boxes.box[seed], boxes.believed[seed], width, height) + boxes.clutter[seed]
     N = tracked.deep.shape[0] - 1
-    total = log_seed + math.log(max(free[seed], 1e-6)) - nobody
+    total = log_seed + math.log(max(free[seed], 1e-6)) - false
     used[seed] = 1.0
     information, vector = np.empty((6, 6)), np.empty(6)
     invert(covariance, information)
@@ -206,20 +207,17 @@ def propose(
         c = boxes.camera[l]
         box, depth, across = tracked.box[l], tracked.depth[l], tracked.across[l]
         depth[N] = box_and_slope(views.lens[c], mean, 0.0, box[N], slope)
-        if depth[N] < 0.0 or inside_image(box[N], views.size[c, 0], views.size[c, 1], cells) == 0.0:
-            continue
-        if math.hypot(mean[0] - views.position[c, 0], mean[1] - views.position[c, 1]) > views.range[c]:
+        if depth[N] < 0.0 or not in_view(views, c, mean[0], mean[1], box[N], cells):
             continue
         P = slope @ covariance @ slope.T
-        across[N] = math.sqrt(0.25 * max(P[0, 0] + 2.0 * P[0, 2] + P[2, 2], 0.0))
+        across[N] = centre_deviation(P)
         deep[N] = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])) + 0.1 * mean[5]
-        hide_behind(views, c, mean[0], mean[1], mean[4], mean[5], cells)
-        clear_cells(N, box, depth, across, deep, tracked.existence, cells)
-        detection = rates.detection[c] * interpolate(rates.curve, float(np.mean(cells)))
+        visible = visible_share(views, c, mean, N, box, depth, across, deep, tracked.existence, cells)
+        detection = rates.detection[c] * interpolate(rates.curve, visible)
         if l == look:
             total += math.log(max(detection, 1e-6))
             continue
-        shifted(box[N], rates.bias[c], drawn)
+        biased(box[N], rates.bias[c], drawn)
         edge_noise(drawn, rates, 1.0, noise)
         best, best_j, summed = 0.0, -1, 0.0
         for j in range(boxes.first[l], boxes.first[l + 1]):
@@ -231,7 +229,7 @@ def propose(
             log_ratio, distance = log_density(off, inverse, boxes.believed[j], noise, P)
             if distance > gate:
                 continue
-            log_ratio -= log_nobody(boxes.box[j], boxes.believed[j], views.size[c, 0], views.size[c, 1])
+            log_ratio -= log_clutter(boxes.box[j], boxes.believed[j], views.size[c, 0], views.size[c, 1])
             ratio = free[j] * math.exp(log_ratio - boxes.clutter[j])
             summed += ratio
             if ratio > best:
@@ -242,7 +240,7 @@ def propose(
             used[best_j] = p
             if p > 0.5:
                 W[:] = 0.0
-                precision(noise, boxes.believed[best_j], p, W)
+                add_precision(noise, boxes.believed[best_j], p, W)
                 HW = slope.T @ W
                 information += HW @ slope
                 vector += HW @ (boxes.box[best_j] - drawn + slope @ mean)

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
@@ -29,6 +31,62 @@ def below(z: float) -> float:
     if z > SHARP:
         return 1.0
     return 0.5 * math.erfc(-z * ROOT_HALF)
+
+
+@kernel
+def in_view(views: Views, c: int, x: float, y: float, box: Floats, cells: Floats) -> bool:
+    """Whether a person at (x, y) is in range of camera c and a cell of the box (4,) in its image; cells are written."""
+    if inside_image(box, views.size[c, 0], views.size[c, 1], cells) == 0.0:
+        return False
+    return bool(math.hypot(x - views.position[c, 0], y - views.position[c, 1]) <= views.range[c])
+
+
+@kernel
+def visible_share(
+    views: Views,
+    c: int,
+    state: Floats,
+    i: int,
+    box: Floats,
+    depth: Floats,
+    spread_px: Floats,
+    spread_depth: Floats,
+    existence: Floats,
+    cells: Floats,
+) -> float:
+    """Expected share of person i that camera c sees past the border, static occluders and other people.
+
+    Args:
+        views: cameras and static occluders.
+        c: which camera.
+        state: (6,) of the person.
+        i: their index among all people.
+        box: (N, 4) expected boxes [px], and so on as in `clear_cells`.
+        depth: (N,)
+        spread_px: (N,)
+        spread_depth: (N,)
+        existence: (N,)
+        cells: (ROWS, COLUMNS) written: probability that a cell is seen.
+    """
+    inside_image(box[i], views.size[c, 0], views.size[c, 1], cells)
+    hide_behind(views, c, state[0], state[1], state[4], state[5], cells)
+    clear_cells(i, box, depth, spread_px, spread_depth, existence, cells)
+    return float(np.mean(cells))
+
+
+@kernel
+def visible_feet(cells: Floats) -> float:
+    """Visible share of the lowest row of cells."""
+    bottom = 0.0
+    for column in range(COLUMNS):
+        bottom += cells[ROWS - 1, column]
+    return bottom / COLUMNS
+
+
+@kernel
+def centre_deviation(spread: Floats) -> float:
+    """Standard deviation of a box's centre across the image, by the covariance (4, 4) of its edges [px]."""
+    return math.sqrt(0.25 * max(spread[0, 0] + 2.0 * spread[0, 2] + spread[2, 2], 0.0))
 
 
 @kernel

@@ -347,7 +347,7 @@ def test_in_parts_trajectory_gospa_is_that_of_the_whole(step: int, ends_known: b
         for first in range(0, count, step):
             stop = min(first + step, count)
             over = (last[0] < stop, last[1] < stop) if ends_known else None
-            sums.add(part_of(frames, first, stop), first, over)
+            sums.update(part_of(frames, first, stop), first, over)
         assert sums.result() == pytest.approx(whole, rel=1e-12, abs=1e-12)
         assert whole.switch > 0
 
@@ -359,7 +359,7 @@ def test_in_parts_ospa2_is_that_of_the_whole(window: int) -> None:
     sums, windows, found = Ospa2Sums(*size, 1.0, 2.0), Ospa2Windows(*size, 1.0, 2.0, window), []
     for first in range(0, 40, 7):
         part = part_of(frames, first, min(first + 7, 40))
-        sums.add(part)
-        found += list(windows.add(part, range(first, min(first + 7, 40))))
-    assert sums.distance() == ospa2(frames, 1.0, 2.0)
+        sums.update(part)
+        found += list(windows.update(part, range(first, min(first + 7, 40))))
+    assert sums.result() == ospa2(frames, 1.0, 2.0)
     assert found == ospa2_over_time(frames, 1.0, 2.0, window, range(40))

@@ -6,9 +6,23 @@ import numpy as np
 import pytest
 from ellipse_reference import ellipse_distance
 
-from occlog.track.images.kernels.ellipse_colour import histograms, level, likenesses, upright
+from occlog.track.images.kernels.ellipse_colour import WIDTH, colour_likeness, colours_in, level, upright
 
 W, H = 40, 30
+
+
+def histograms(bins, ellipses, n_bins, step):
+    """Histograms of whole ellipses, of the first bins."""
+    out = colours_in(bins, ellipses, np.zeros(len(ellipses), dtype=bool), step)
+    assert not out[:, n_bins:].any()
+    return out[:, :n_bins]
+
+
+def likenesses(bins, ellipses, owner, models, step):
+    """Bhattacharyya coefficients with models of whole ellipses, of the first bins."""
+    colours = np.zeros((len(models), WIDTH))
+    colours[:, : models.shape[1]] = models
+    return colour_likeness(bins, ellipses, owner, colours, np.zeros(len(models), dtype=bool), step)
 
 
 def plain_histogram(bins, e, n_bins, step=1):

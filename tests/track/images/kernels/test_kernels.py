@@ -5,14 +5,10 @@ import pytest
 from ellipse_reference import pixels_inside
 
 from occlog.core.image.ellipse import support_radius
+from occlog.core.image.histogram_bins import N_BINS
 from occlog.core.sight import fundamental
 from occlog.track.images.kernels.collaboration import neighbours
-from occlog.track.images.kernels.ellipse_colour import (
-    half_histograms,
-    half_likenesses,
-    histograms,
-    likenesses,
-)
+from occlog.track.images.kernels.ellipse_colour import WIDTH, colour_likeness, colours_in
 from occlog.track.images.kernels.epipolar_lines import (
     APART,
     TOGETHER,
@@ -225,20 +221,18 @@ def test_halves_of_an_ellipse():
     rng = np.random.default_rng(10)
     bins = rng.integers(0, 5, (60, 80)).astype(np.uint8)
     some = ellipses(rng, 12) - [15.0, 12.0, 0, 0, 0]  # some reach over the edge
-    halves = half_histograms(bins, some, 5, 2)
-    np.testing.assert_allclose(halves[:, :5] + halves[:, 5:], histograms(bins, some, 5, 2), atol=1e-12)
+    halves, whole = (colours_in(bins, some, np.full(12, split), 2) for split in (True, False))
+    np.testing.assert_allclose(halves[:, :N_BINS] + halves[:, N_BINS:], whole[:, :N_BINS], atol=1e-12)
     for e, found in zip(some, halves, strict=True):
-        want, mass = np.zeros(10), 0.0
+        want, mass = np.zeros(WIDTH), 0.0
         for x, y in pixels_inside(e, step=2):
             c, s, dx, dy = np.cos(e[4]), np.sin(e[4]), x - e[0], y - e[1]
             weight = 1 - ((c * dx + s * dy) / e[2]) ** 2 - ((c * dy - s * dx) / e[3]) ** 2
             mass += weight
             if 0 <= x < 80 and 0 <= y < 60:
-                want[bins[y, x] + (5 if dy >= 0 else 0)] += weight
+                want[bins[y, x] + (N_BINS if dy >= 0 else 0)] += weight
         np.testing.assert_allclose(found, want / mass, atol=1e-12)
-    whole = np.concatenate([histograms(bins, some[:1], 5, 2), np.zeros((1, 5))], axis=1)
-    models, owner = np.concatenate([whole, halves[1:2]]), rng.integers(0, 2, 12)
-    got = half_likenesses(bins, some, owner, models, np.array([False, True]), 2)
-    alone = likenesses(bins, some, np.zeros(12, dtype=np.int64), np.ascontiguousarray(whole[:, :5]), 2)
-    want = np.where(owner == 0, alone, np.sqrt(halves * models[1]).sum(axis=1))
+    models, owner = np.stack([whole[0], halves[1]]), rng.integers(0, 2, 12)
+    got = colour_likeness(bins, some, owner, models, np.array([False, True]), 2)
+    want = np.where(owner == 0, np.sqrt(whole * models[0]).sum(axis=1), np.sqrt(halves * models[1]).sum(axis=1))
     np.testing.assert_allclose(got, want, atol=1e-12)

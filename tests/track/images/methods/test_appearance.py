@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import Birth, FrameSet
 from occlog.track.images.kernels.patch_pca import disc_points, learn_target, patch_log_likelihood
-from occlog.track.images.methods.appearance import COMPONENTS, PATCHES, learn_appearance, log_appearance
-from occlog.track.images.methods.config import MipfConfig
+from occlog.track.images.methods.appearance import COMPONENTS, PATCHES, learn_appearance, log_patches
+from occlog.track.images.methods.config import CONFIGS, MipfConfig
+from occlog.track.images.methods.state import initial_state
+from occlog.track.images.methods.step import advance, initiate_trackers
 
 W, H = 100, 80
 VIEWS = (View("left", W, H), View("right", W, H))
@@ -30,30 +31,25 @@ def test_it_is_the_density_of_each_patch_to_a_power():
     images = scene(1), scene(2)
     births = [Birth(0, 3, E), Birth(1, 3, E), Birth(1, 8, E + np.array([20, 10, 0, 0, 0]))]
     models = learn_appearance({}, [], frame_set(0, *images), births, PCA)
-    view, target = np.array([0, 1, 1]), np.array([3, 3, 8])
     particles = np.array([b.ellipse for b in births])[:, None] + np.random.default_rng(3).normal(0, 1, (3, 4, 5))
-    got = log_appearance(frame_set(1, *images), particles, view, target, models, PCA)
     jitter = np.random.default_rng(0).standard_normal((PATCHES, 5))
     for i, birth in enumerate(births):
         model = learn_target(images[birth.view], birth.ellipse, jitter, COMPONENTS)
         want = patch_log_likelihood(images[birth.view], particles[i], np.zeros(4, dtype=np.int64), model)
-        assert got[i] == pytest.approx(2.0 / len(disc_points()) * want, rel=1e-9)
-    waiting = log_appearance(frame_set(1, images[0], None), particles, view, target, models, PCA)
-    assert np.array_equal(waiting[0], got[0])
-    assert not waiting[1:].any()
+        own = [models[birth.view, birth.target_id]]
+        got = log_patches(images[birth.view], particles[i], np.zeros(4, dtype=np.int64), own, PCA)
+        assert got == pytest.approx(2.0 / len(disc_points()) * want, rel=1e-9)
 
 
 def test_patches_lie_as_the_trackers_do():
     """An ellipse with its axes in another order is the same one: its patches are likely where the tracker starts."""
     image, turned = scene(1), E[[0, 1, 3, 2, 4]] + np.array([0, 0, 0, 0, np.pi / 2])
-    visual, found = VISUAL["mipf"], []
+    found = []
     for ellipse in (E, turned):
-        state = visual.init(VIEWS, NOWHERE, PCA, np.random.default_rng(0))
-        state = visual.born(state, frame_set(0, image, image), [Birth(0, 1, ellipse)])
-        t = state.trackers
-        found.append(
-            log_appearance(frame_set(0, image, image), t.particles, t.view, t.target, state.appearance, PCA)[0, 0]
-        )
+        state = initial_state(VIEWS, NOWHERE, PCA)
+        state = initiate_trackers(state, frame_set(0, image, image), [Birth(0, 1, ellipse)])
+        models, owner = [state.appearance[0, 1]], np.zeros(1, dtype=np.int64)
+        found.append(log_patches(image, state.trackers.estimate, owner, models, PCA)[0])
     assert found[1] == pytest.approx(found[0], rel=1e-6)
 
 
@@ -67,32 +63,28 @@ def test_only_trackers_that_are_left_are_remembered():
 
 
 def test_colours_alone_are_the_default():
-    assert (
-        log_appearance(frame_set(0, None, None), np.zeros((2, 3, 5)), np.zeros(2), np.zeros(2), {}, MipfConfig()) == 0.0
-    )
-    assert all(visual.config().model == "colour" for visual in VISUAL.values())
+    assert all(config().model == "colour" for config in CONFIGS.values())
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", sorted(VISUAL))
+@pytest.mark.parametrize("method", sorted(CONFIGS))
 def test_every_method_takes_it_and_holds_a_target_by_it(method):
     """A grey pattern that moves; with its patches it is followed as well as by its shades, and estimates differ."""
     pattern = np.random.default_rng(4).integers(0, 256, (5, 5)).repeat(4, axis=0).repeat(4, axis=1)
     found = {}
     for model in ("colour", "pca"):
-        visual = VISUAL[method]
-        config, rng = visual.config(model=model, particles=60), np.random.default_rng(5)
-        state, errors = visual.init(VIEWS, NOWHERE, config, rng), []
+        config, rng = CONFIGS[method](model=model, particles=60), np.random.default_rng(5)
+        state, errors = initial_state(VIEWS, NOWHERE, config), []
         for t in range(10):
             image = np.random.default_rng(t).integers(110, 140, (H, W)).astype(np.uint8)
             image[20:40, 20 + 3 * t : 40 + 3 * t] = pattern
             centre = np.array([29.5 + 3 * t, 29.5])
             if t == 0:
-                state = visual.born(
+                state = initiate_trackers(
                     state, frame_set(0, image, image), [Birth(v, 1, np.array([*centre, 9, 9, 0])) for v in (0, 1)]
                 )
                 continue
-            state, outlines = visual.step(state, frame_set(t, image, image), rng)
+            state, outlines = advance(state, frame_set(t, image, image), rng)
             errors.append(np.hypot(*(outlines.ellipse[:, :2] - centre).T))
         found[model] = np.array(errors)
     assert found["pca"].max() < 9.0

@@ -32,7 +32,7 @@ def checked(state, times, row):
     """The state after so many loop checks with the tracker of view b in this row."""
     state = put(state, row)
     for _ in range(times):
-        state = state._replace(trackers=check_loops(state, FRESH))
+        state = state._replace(trackers=check_loops(state, FEW, FRESH))
     return state
 
 
@@ -63,7 +63,7 @@ def test_an_estimate_that_is_old_is_not_checked(old):
     state, fresh = put(trio(), 60.0), FRESH.copy()
     fresh[old] = False
     for _ in range(5):
-        state = state._replace(trackers=check_loops(state, fresh))
+        state = state._replace(trackers=check_loops(state, FEW, fresh))
     assert counterpart_status(state.trackers)[0] == GOOD
     assert helpers(state.trackers, fresh).tolist() == [
         [-1, 2 if old != 2 else -1],
@@ -74,7 +74,7 @@ def test_an_estimate_that_is_old_is_not_checked(old):
 
 def test_pairs_that_were_checked_before_stay_as_they_are_when_new_pairs_are_checked():
     state = put(trio(), 60.0)
-    after = check_new_pairs(state)
+    after = check_new_pairs(state, FEW)
     assert after.good.tolist() == state.trackers.good.tolist()
     assert not after.streak.any()
 

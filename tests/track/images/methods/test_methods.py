@@ -11,9 +11,10 @@ from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import BallPaths, ball_paths
 from occlog.simulate.balls.video import render_balls
-from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES, NONE, Birth, FrameSet
-from occlog.track.images.methods.config import BmctConfig
+from occlog.track.images.methods.config import BmctConfig, MipfConfig
+from occlog.track.images.methods.state import end_trackers, initial_state
+from occlog.track.images.methods.step import advance, initiate_trackers
 
 METHODS = ("mipf", "idmot", "cmct", "bmct")
 ALONE = BallsConfig(frames=30, width=100, height=80, balls=1, radius=9.0, speed=2.5, clutter=2)
@@ -83,14 +84,14 @@ def injected(state, moved):
 def test_a_counterpart_that_is_moved_away_becomes_bad_and_good_again():
     still = BallsConfig(frames=60, width=100, height=80, balls=1, radius=9.0, speed=0.0, clutter=0)
     frames = film(still, 4)
-    visual, states = VISUAL["bmct"], []
+    states = []
     state, rng = begun("bmct", frames, still, particles=20, restart=False, sigma_px=0.5)
     for t, frame in enumerate(frames[1:], 1):
         if 10 <= t < 30:  # held where nothing is: so far off that the ball has no hold on it
             state = injected(state, 24.0 - (state.trackers.estimate[1, 1] - frame.ellipses[1, 0, 1]))
         if t == 30:
             state = injected(state, -24.0)
-        state, said = visual.step(state, frame_set(frame), rng)
+        state, said = advance(state, frame_set(frame), rng)
         states.append(said.counterpart.tolist())
     words = [GOOD if s == [GOOD, GOOD] else BAD if s == [BAD, BAD] else None for s in states]
     # Bad after 15 checks that fail, from frame 10 on; good after 5 that hold.
@@ -107,7 +108,7 @@ def test_no_help_from_a_bad_counterpart():
     t = state.trackers
     assert t.good[t.counterpart >= 0].all()
     bad = state._replace(trackers=t._replace(good=np.zeros_like(t.good)))
-    bad = VISUAL["bmct"].step(bad, frame_set(frames[1]), rng)[1]
+    bad = advance(bad, frame_set(frames[1]), rng)[1]
     assert not bad.helpers.any()
     assert (bad.counterpart == BAD).all()
 
@@ -116,19 +117,17 @@ def test_a_wrong_matrix_is_noticed():
     frames, wrong = film(SMALL, 1, 2), geometry_of().fundamental.copy()
     wrong[0, 1] = scaled(np.array([[0, 0, 0.0], [0, 0, -1.0], [0, 1.0, 40.0]]))  # lines 40 px too high
     wrong[1, 0] = wrong[0, 1].T
-    visual = VISUAL["bmct"]
-    state = visual.init(views_of(), Geometry(wrong, (None, None)), BmctConfig(particles=5), np.random.default_rng(0))
-    state = visual.born(state, frame_set(frames[0]), births_of(frames[0]))
-    _, said = visual.step(state, frame_set(frames[1]), np.random.default_rng(0))
+    state = initial_state(views_of(), Geometry(wrong, (None, None)), BmctConfig(particles=5))
+    state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))
+    _, said = advance(state, frame_set(frames[1]), np.random.default_rng(0))
     assert (said.counterpart == BAD).all()
 
 
 def test_without_geometry_nobody_is_a_counterpart():
     frames, unknown = film(SMALL, 1, 2), np.full((2, 2, 3, 3), np.nan)
-    visual = VISUAL["bmct"]
-    state = visual.init(views_of(), Geometry(unknown, (None, None)), BmctConfig(particles=5), np.random.default_rng(0))
-    state = visual.born(state, frame_set(frames[0]), births_of(frames[0]))
-    _, said = visual.step(state, frame_set(frames[1]), np.random.default_rng(0))
+    state = initial_state(views_of(), Geometry(unknown, (None, None)), BmctConfig(particles=5))
+    state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))
+    _, said = advance(state, frame_set(frames[1]), np.random.default_rng(0))
     assert (said.counterpart == NONE).all()
     assert not said.helpers.any()
 
@@ -160,8 +159,8 @@ def test_the_seed_decides_all_and_arguments_are_left_alone(method):
     kept = [np.array(field) for field in state.trackers]
     twin = np.random.default_rng()
     twin.bit_generator.state = rng.bit_generator.state
-    first = VISUAL[method].step(state, frame_set(frames[1]), rng)[1]
-    again = VISUAL[method].step(state, frame_set(frames[1]), twin)[1]
+    first = advance(state, frame_set(frames[1]), rng)[1]
+    again = advance(state, frame_set(frames[1]), twin)[1]
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one, other)
     for one, other in zip(kept, state.trackers, strict=True):
@@ -191,17 +190,17 @@ def test_trackers_end_when_nothing_is_left_of_their_targets(method):
 def test_a_tracker_whose_target_leaves_the_image_ends():
     rng, ground = np.random.default_rng(1), np.full((60, 80, 3), (90, 120, 60), dtype=np.uint8)
     y, x = np.mgrid[:60, :80]
-    visual, config = VISUAL["mipf"], VISUAL["mipf"].config(particles=40)
-    state = visual.init([View("a", 80, 60)], Geometry(np.full((1, 1, 3, 3), np.nan), (None,)), config, rng)
+    nowhere = Geometry(np.full((1, 1, 3, 3), np.nan), (None,))
+    state = initial_state([View("a", 80, 60)], nowhere, MipfConfig(particles=40))
     event = 0
     for t in range(40):
         image = ground.copy()
         image[(x - 40 - 2 * t) ** 2 + (y - 30) ** 2 < 64] = (20, 30, 200)
         now = FrameSet(t * PERIOD_NS, np.array([t]), (image,))
         if t == 0:
-            state = visual.born(state, now, [Birth(0, 7, np.array([40.0, 30.0, 8.0, 8.0, 0.0]))])
+            state = initiate_trackers(state, now, [Birth(0, 7, np.array([40.0, 30.0, 8.0, 8.0, 0.0]))])
             continue
-        state, said = visual.step(state, now, rng)
+        state, said = advance(state, now, rng)
         if said.event.any():
             event = int(said.event[0])
             break
@@ -229,13 +228,12 @@ def test_pixels_with_distortion_are_taken_to_those_without():
     def ideal(points):
         return np.column_stack([points[:, 0], config.height - 1.0 - points[:, 1]])
 
-    visual = VISUAL["bmct"]
     geometry = geometry_of()._replace(ideal=(ideal, ideal))
-    state = visual.init(views_of(), geometry, BmctConfig(particles=20), np.random.default_rng(0))
-    state = visual.born(state, frame_set(turned[0]), births_of(turned[0]))
+    state = initial_state(views_of(), geometry, BmctConfig(particles=20))
+    state = initiate_trackers(state, frame_set(turned[0]), births_of(turned[0]))
     helped = 0
     for frame in turned[1:20]:
-        state, said = visual.step(state, frame_set(frame), np.random.default_rng(frame.frame))
+        state, said = advance(state, frame_set(frame), np.random.default_rng(frame.frame))
         assert (said.counterpart == GOOD).all()
         helped += said.helpers.sum()
     assert helped > 0
@@ -249,7 +247,7 @@ def upside(ellipses, config):
 
 def test_ended_trackers_are_forgotten_by_their_counterparts():
     state, _ = begun("bmct", film(SMALL, 1, 2), particles=5)
-    after = VISUAL["bmct"].ended(state, [(0, 1)])
+    after = end_trackers(state, [(0, 1)])
     t = after.trackers
     assert sorted(zip(t.view.tolist(), t.target.tolist(), strict=True)) == [(0, 0), (0, 2), (1, 0), (1, 1), (1, 2)]
     lonely = (t.view == 1) & (t.target == 1)
@@ -269,7 +267,7 @@ def test_a_hijacked_tracker_starts_again_on_the_line():
     state = state._replace(trackers=t._replace(particles=particles, estimate=estimate))
     gone = []
     for frame in frames[1:]:
-        state, _ = VISUAL["bmct"].step(state, frame_set(frame), rng)
+        state, _ = advance(state, frame_set(frame), rng)
         gone.append(np.linalg.norm(state.trackers.estimate[0, :2] - frame.ellipses[0, 0, :2]))
     assert gone[0] > 20.0
     assert gone[-1] < 4.0

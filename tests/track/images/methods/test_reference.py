@@ -7,7 +7,7 @@ from view_films import begun, film, frame_set, geometry_of
 
 from occlog.core.image.histogram_bins import update_bins
 from occlog.simulate.balls.config import BallsConfig
-from occlog.track.images.catalogue import VISUAL
+from occlog.track.images.methods.step import advance
 
 PAIR = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, clutter=2)
 CROWDED = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, views=3, clutter=2)
@@ -30,7 +30,7 @@ def test_frames_are_those_of_the_plain_form(config, settings):
         before = state.trackers
         normals = twin.standard_normal(before.particles.shape)
         order, u = twin.permutation(len(state.views)), twin.random(len(before.view))
-        state, said = VISUAL["bmct"].step(state, frame_set(frame), rng)
+        state, said = advance(state, frame_set(frame), rng)
         bins = [ref.bins_of(image).astype(int) for image in frame.images]
         want = ref.frame(before, state.config, geometry_of(config).fundamental, bins, normals, order, u)
         np.testing.assert_allclose(said.ellipse, want.estimate, rtol=1e-8, atol=1e-8)

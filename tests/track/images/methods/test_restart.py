@@ -17,7 +17,7 @@ CONFIG = BmctConfig(particles=4, restart_likeness=0.85)
 
 def hijacked(config=CONFIG, at=TWO, births=None, image=IMAGE):
     """Trackers of two targets in both views; in view a that of the first is elsewhere, with bad counterparts."""
-    state = state_of(config, births or [(0, 1, ONE), (0, 2, TWO), (1, 1, ONE), (1, 2, TWO)], (image, image), memory=8)
+    state = state_of(config, births or [(0, 1, ONE), (0, 2, TWO), (1, 1, ONE), (1, 2, TWO)], (image, image))
     t = state.trackers
     estimate, good = t.estimate.copy(), t.good.copy()
     estimate[0, :2] = at[:2]
@@ -28,7 +28,7 @@ def hijacked(config=CONFIG, at=TWO, births=None, image=IMAGE):
 
 def restarted(state, number=EVERY, images=(IMAGE, IMAGE)):
     """Rows of the trackers that are in other places after it, and the state."""
-    after = restart_one(state, frames_at(1, *images, number=number))
+    after = restart_one(state, state.config, frames_at(1, *images, number=number))
     moved = (after.trackers.estimate != state.trackers.estimate).any(axis=1)
     return np.flatnonzero(moved).tolist(), after
 
@@ -132,7 +132,7 @@ def test_a_place_nearer_than_that_to_another_tracker_does_not_count(radii, off):
     """A third tracker stands below the target; places are 2 px apart, and one is at the target itself."""
     third = disc(30.0, 40.0 + 16.0 * radii)
     births = [(0, 1, ONE), (0, 2, TWO), (0, 3, third), (1, 1, ONE), (1, 2, TWO)]
-    state = state_of(CONFIG, births, (IMAGE, IMAGE), memory=8)
+    state = state_of(CONFIG, births, (IMAGE, IMAGE))
     estimate, good = state.trackers.estimate.copy(), state.trackers.good.copy()
     estimate[0, :2] = TWO[:2]
     good[0, 1] = good[3, 0] = False
@@ -158,5 +158,5 @@ def test_the_line_is_tried_through_the_whole_image_and_not_beyond():
 
 
 def test_the_nearest_tracker_is_one_of_the_same_view():
-    t = state_of(CONFIG, [(0, 1, ONE), (0, 2, disc(62.0, 40.0)), (1, 1, ONE)], (IMAGE, IMAGE), memory=8).trackers
+    t = state_of(CONFIG, [(0, 1, ONE), (0, 2, disc(62.0, 40.0)), (1, 1, ONE)], (IMAGE, IMAGE)).trackers
     np.testing.assert_allclose(nearest(t), [2.0, 2.0, np.inf])

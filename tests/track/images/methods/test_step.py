@@ -7,40 +7,31 @@ import pytest
 from view_states import BLUE, PERIOD_NS, RED, H, W, changed, disc, frames_at, painted, state_of
 
 from occlog.core.image.ellipse import nearness
-from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import GOOD, LEFT, LOST, NONE
-from occlog.track.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
+from occlog.track.images.methods.config import BmctConfig, CmctConfig, IdmotConfig, MipfConfig
+from occlog.track.images.methods.local import arrival_of, local_weights
 from occlog.track.images.methods.state import LONGEST
-from occlog.track.images.methods.step import Scheme, Weighed, advance, end_events, local_weights
-from occlog.track.images.methods.weigh import weigh_bmct, weigh_mipf
+from occlog.track.images.methods.step import advance, advance_with, end_events
+from occlog.track.images.methods.weigh import weigh
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))
 FOUR = [(0, 1, ONE), (0, 2, TWO), (1, 1, ONE), (1, 2, TWO)]
-PLAIN = Scheme(weigh_mipf)
 
 
 def rng():
     return np.random.default_rng(7)
 
 
-def weigher(first, touching=False):
-    """A way of weighing: all weight on one particle of each tracker, which touch all others of their view or none."""
-
-    def weigh(state, local, generator):
-        n, count = local.particles.shape[:2]
-        weights = np.zeros((n, count))
-        weights[:, first] = 1.0
-        same = (state.trackers.view[:, None] == state.trackers.view) & ~np.eye(n, dtype=bool)
-        return Weighed(
-            weights=weights,
-            estimate=local.particles[:, first],
-            touching=same & touching,
-            helped=np.zeros(state.trackers.counterpart.shape, dtype=bool),
-            mode=np.zeros(n, dtype=int),
-        )
-
-    return weigh
+def heaviest(state, arrival, local, first, touching=False):
+    """Samples with all weight on one particle of each tracker, which touch all others of their view or none."""
+    t, (n, count) = state.trackers, local.particles.shape[:2]
+    weights = np.zeros((n, count))
+    weights[:, first] = 1.0
+    same = (t.view[:, None] == t.view) & ~np.eye(n, dtype=bool)
+    samples = weigh(state, arrival, local, rng())
+    chosen = local.particles[:, first]
+    return samples._replace(weights=weights, estimate=chosen, touching=same & touching)
 
 
 # Freshness
@@ -49,14 +40,14 @@ def weigher(first, touching=False):
 @pytest.mark.parametrize(("age", "fresh"), [(1.0, True), (1.49, True), (1.5, False), (1.51, False), (2.9, False)])
 def test_a_view_without_a_frame_is_fresh_until_one_and_a_half_frame_periods(age, fresh):
     state = state_of(BmctConfig(particles=4), FOUR, (BOTH, BOTH))
-    local = local_weights(Scheme(weigh_bmct), state, frames_at(age, BOTH, None), rng())
-    assert local.here.tolist() == [True, True, False, False]
-    assert local.fresh.tolist() == [True, True, fresh, fresh]
+    arrival = arrival_of(state, frames_at(age, BOTH, None))
+    assert arrival.here.tolist() == [True, True, False, False]
+    assert arrival.fresh.tolist() == [True, True, fresh, fresh]
 
 
 def test_a_frame_makes_a_view_fresh_however_long_it_had_none():
     state = state_of(BmctConfig(particles=4), FOUR, (BOTH, BOTH))
-    assert local_weights(Scheme(weigh_bmct), state, frames_at(40, BOTH, BOTH), rng()).fresh.all()
+    assert arrival_of(state, frames_at(40, BOTH, BOTH)).fresh.all()
 
 
 @pytest.mark.parametrize(("age", "helps"), [(1.49, True), (1.5, False)])
@@ -68,18 +59,23 @@ def test_a_stale_view_does_not_help(age, helps):
     births = [(0, 1, near), (0, 2, far), (1, 1, apart[0]), (1, 2, apart[1])]
     state = state_of(BmctConfig(particles=20), births, (first, second))
     assert state.trackers.good.tolist() == [[False, True], [False, True], [True, False], [True, False]]
-    _, outlines = VISUAL["bmct"].step(state, frames_at(age, first, None), rng())
+    _, outlines = advance(state, frames_at(age, first, None), rng())
     assert outlines.helpers.tolist() == [[False, helps], [False, helps]]
 
 
 # Proposal
 
 
+def moved_into(state, frames):
+    """Particles after the proposal, with their local likelihoods."""
+    return local_weights(state, frames, arrival_of(state, frames), rng())
+
+
 def test_particles_of_a_view_without_a_frame_go_on_at_their_velocity_for_at_most_the_longest_gap():
     state = state_of(MipfConfig(particles=4), FOUR, (BOTH, BOTH))
     state = changed(state, velocity=np.tile([1.5, -0.5], (4, 1)))
     for age, counted in ((2.25, 2.25), (LONGEST, LONGEST), (LONGEST + 3.0, LONGEST)):
-        local = local_weights(PLAIN, state, frames_at(age, BOTH, None), rng())
+        local = moved_into(state, frames_at(age, BOTH, None))
         moved = local.particles[2:, :, :2] - state.trackers.particles[2:, :, :2]
         np.testing.assert_allclose(moved, np.broadcast_to([1.5 * counted, -0.5 * counted], moved.shape))
         np.testing.assert_array_equal(local.particles[2:, :, 2:], state.trackers.particles[2:, :, 2:])
@@ -87,33 +83,32 @@ def test_particles_of_a_view_without_a_frame_go_on_at_their_velocity_for_at_most
         assert (local.log_local[2:] == 0.0).all()
 
 
-def test_the_method_proposes_after_the_motion_and_the_region_after_the_method():
-    """A share of the particles starts anew at the tracker's own region, wherever the method has put them."""
-    state = state_of(MipfConfig(particles=10, region_share=0.3, region_spread=0.001), FOUR[:1], (BOTH, BOTH))
+def test_the_region_proposes_after_the_lines():
+    """A share of the particles starts anew at the tracker's own region, wherever the epipolar lines have put them."""
+    config = CmctConfig(particles=10, on_line=1.0, along_px=0.01, across=0.001, region_share=0.3, region_spread=0.001)
+    state = state_of(config, [(0, 1, ONE), (1, 1, disc(60.0, 47.0))], (BOTH, BOTH))
     region = disc(43.0, 40.0)
-    elsewhere = Scheme(weigh_mipf, propose=lambda state, particles, gap, rng: np.full_like(particles, 20.0))
-    frames = frames_at(1, BOTH, None, regions=(region[None], None))
-    particles = local_weights(elsewhere, state, frames, rng()).particles[0]
+    frames = frames_at(1, BOTH, BOTH, regions=(region[None], None))
+    particles = moved_into(state, frames).particles[0]
     np.testing.assert_allclose(particles[:3, :2], np.tile(region[:2], (3, 1)), atol=0.05)
-    assert (particles[3:] == 20.0).all()
+    np.testing.assert_allclose(particles[3:, 1], 47.0, atol=0.1)
 
 
 # Resampling, velocity and path
 
 
-def test_the_heaviest_particle_is_resampled_and_moves_the_velocity():
+def test_the_estimate_moves_the_velocity():
     state = state_of(MipfConfig(particles=5, keep_velocity=0.75), FOUR, (BOTH, BOTH))
     state = changed(state, velocity=np.tile([2.0, 0.0], (4, 1)))
-    local = local_weights(PLAIN, state, frames_at(2, BOTH, None), rng())
-    after, outlines = advance(Scheme(weigher(3)), state, frames_at(2, BOTH, None), rng())
+    frames = frames_at(2, BOTH, None)
+    arrival, local = arrival_of(state, frames), moved_into(state, frames)
+    after, outlines = advance_with(state, frames, arrival, heaviest(state, arrival, local, 3))
     t = after.trackers
-    np.testing.assert_array_equal(t.particles[:2], np.repeat(local.particles[:2, 3:4], 5, axis=1))
     np.testing.assert_array_equal(t.estimate[:2], local.particles[:2, 3])
     # Two frame periods have passed: the displacement counts half
     step = (t.estimate[:2, :2] - state.trackers.estimate[:2, :2]) / 2.0
     np.testing.assert_allclose(t.velocity[:2], 0.75 * np.array([2.0, 0.0]) + 0.25 * step)
     np.testing.assert_allclose(t.path[:2, -1], step)
-    assert outlines.ess.tolist() == [1.0, 1.0]
     # Trackers of the view without a frame stay as they were
     for old, new in zip(state.trackers, t, strict=True):
         np.testing.assert_array_equal(new[2:], old[2:])
@@ -122,10 +117,12 @@ def test_the_heaviest_particle_is_resampled_and_moves_the_velocity():
 
 @pytest.mark.parametrize("touching", [False, True])
 def test_a_displacement_counts_less_in_the_path_while_trackers_touch(touching):
-    state = state_of(IdmotConfig(particles=5), FOUR[:2], (BOTH, BOTH), memory=3)
+    state = state_of(IdmotConfig(particles=5, memory=3, frozen=0.25), FOUR[:2], (BOTH, BOTH))
     path = np.arange(12.0).reshape(2, 3, 2)
     state = changed(state, path=path)
-    after, _ = advance(Scheme(weigher(1, touching), frozen=lambda c: 0.25), state, frames_at(1, BOTH, None), rng())
+    frames = frames_at(1, BOTH, None)
+    arrival = arrival_of(state, frames)
+    after, _ = advance_with(state, frames, arrival, heaviest(state, arrival, moved_into(state, frames), 1, touching))
     step = after.trackers.estimate[:, :2] - state.trackers.estimate[:, :2]
     usual = path.mean(axis=1)
     np.testing.assert_array_equal(after.trackers.path[:, :2], path[:, 1:])
@@ -135,54 +132,30 @@ def test_a_displacement_counts_less_in_the_path_while_trackers_touch(touching):
 def test_half_axes_of_the_start_follow_those_of_the_own_region():
     state = state_of(MipfConfig(particles=5, region_axes=0.25), FOUR[:2], (BOTH, BOTH))
     larger = np.array([40.0, 40.0, 12.0, 16.0, 0.0])
-    after, _ = advance(PLAIN, state, frames_at(1, BOTH, None, regions=(larger[None], None)), rng())
+    after, _ = advance(state, frames_at(1, BOTH, None, regions=(larger[None], None)), rng())
     np.testing.assert_allclose(after.trackers.axes, [[9.0, 10.0, 0.0], [8.0, 8.0, 0.0]])
 
 
 def test_frames_are_weak_when_the_best_particle_is_less_alike_than_the_limit():
     state = changed(state_of(MipfConfig(particles=5), FOUR[:1], (BOTH, BOTH)), weak=np.array([4]))
-    best = float(local_weights(PLAIN, state, frames_at(1, BOTH, None), rng()).likeness.max())
+    best = float(moved_into(state, frames_at(1, BOTH, None)).likeness.max())
     assert 0.5 < best < 1.0
     for limit, weak in ((best, 0), (np.nextafter(best, 2.0), 5)):
         strict = state._replace(config=replace(state.config, lost_likeness=limit))
-        after, _ = advance(PLAIN, strict, frames_at(1, BOTH, None), rng())
+        after, _ = advance(strict, frames_at(1, BOTH, None), rng())
         assert after.trackers.weak.tolist() == [weak]
 
 
-# What a scheme has
+# Parts that only some methods have
 
 
 def test_counterparts_are_told_only_by_methods_that_check_them():
     frames = frames_at(1, BOTH, BOTH)
     said = {}
     for method, config in (("idmot", IdmotConfig(particles=5)), ("bmct", BmctConfig(particles=5))):
-        memory = config.memory
-        state = state_of(config, [*FOUR[:3]], (BOTH, BOTH), memory=memory)
-        said[method] = VISUAL[method].step(state, frames, rng())[1].counterpart.tolist()
+        state = state_of(config, [*FOUR[:3]], (BOTH, BOTH))
+        said[method] = advance(state, frames, rng())[1].counterpart.tolist()
     assert said == {"idmot": [0, 0, 0], "bmct": [GOOD, NONE, GOOD]}
-
-
-def test_colours_are_learned_after_the_loop_check_and_trackers_restart_last():
-    order = []
-
-    def note(name, value):
-        def step(state, *rest):
-            order.append(name)
-            return value(state)
-
-        return step
-
-    scheme = Scheme(
-        weigh_mipf,
-        check_loops=note("check", lambda s: s.trackers),
-        learn=note("learn", lambda s: s.trackers),
-        restart=note("restart", lambda s: changed(s, estimate=s.trackers.estimate + 5.0)),
-    )
-    state = state_of(MipfConfig(particles=5), FOUR, (BOTH, BOTH))
-    after, outlines = advance(scheme, state, frames_at(1, BOTH, BOTH), rng())
-    assert order == ["check", "learn", "restart"]
-    # The estimate of the frame is that before the restart
-    np.testing.assert_array_equal(after.trackers.estimate, outlines.ellipse + 5.0)
 
 
 # Ends
@@ -229,11 +202,11 @@ def test_a_tracker_with_a_good_counterpart_is_not_lost(x):
 
 def test_a_tracker_on_nothing_ends_unless_its_counterpart_is_good():
     """Both targets vanish from view a; the tracker of the first has a good counterpart in view b."""
-    gone, scheme = painted(), Scheme(weigh_mipf)
+    gone = painted()
     state = state_of(MipfConfig(particles=5, lost_after=3, sigma_px=0.1), FOUR[:3], (BOTH, BOTH))
     good = np.array([[False, True], [False, False], [True, False]])
     state = changed(state, good=good, checked=good, weak=np.array([2, 2, 0]))
-    after, outlines = advance(scheme, state, frames_at(1, gone, BOTH), rng())
+    after, outlines = advance(state, frames_at(1, gone, BOTH), rng())
     assert outlines.event.tolist() == [0, LOST, 0]
     assert after.trackers.target.tolist() == [1, 1]
     assert after.trackers.weak.tolist() == [3, 0]
@@ -244,15 +217,15 @@ def test_a_tracker_of_a_view_without_a_frame_does_not_end():
     outside = state.trackers.estimate.copy()
     outside[0, 0] = -5.0
     state = changed(state, estimate=outside, weak=np.array([9, 9]))
-    after, outlines = advance(PLAIN, state, frames_at(1, None, BOTH), rng())
+    after, outlines = advance(state, frames_at(1, None, BOTH), rng())
     assert len(outlines.view) == 0
     assert len(after.trackers.view) == 2
 
 
 def test_outlines_say_which_trackers_touch_and_how_many_particles_count():
     """A tracker of each view: those of different views do not touch."""
-    state = state_of(IdmotConfig(particles=30), FOUR, (BOTH, BOTH), memory=8)
-    _, outlines = VISUAL["idmot"].step(state, frames_at(1, BOTH, BOTH), rng())
+    state = state_of(IdmotConfig(particles=30), FOUR, (BOTH, BOTH))
+    _, outlines = advance(state, frames_at(1, BOTH, BOTH), rng())
     assert outlines.touching.shape == (4, 4)
     assert not outlines.touching.any()
     assert (nearness(outlines.ellipse)[:2, 2:].min(axis=1) < 1.0).all()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from view_videos import STILL, STILL_TOGETHER, StillConfig
 
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry, View
@@ -12,21 +13,28 @@ from occlog.records.declared.views import ViewTracks
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import Regions, RegionStream
 from occlog.track.images.interface import FrameSet
+from occlog.track.images.methods.config import BmctConfig, MipfConfig
 from occlog.track.images.run.frames_in_step import Moment
 from occlog.track.images.run.stage import MOMENTS, Start, TrackingSetup, track_views
 
 VIEWS = (View("b", 80, 60), View("a", 80, 60))
 BLIND = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
 IMAGE = np.zeros((60, 80, 3), np.uint8)
+STILL = MipfConfig(particles=2, sigma_px=1e-9, sigma_axes_px=0.0, sigma_rho=0.0, halves=0.0)
+"""A method whose trackers stay where they are, in images of one colour."""
+HELPED = BmctConfig(particles=2, sigma_px=1e-9, sigma_axes_px=0.0, sigma_rho=0.0, halves=0.0, restart=False)
+"""The same, in views that help each other."""
 
 
-def moments(n, missing=()):
-    """Moments in which the second view is 5 ns later; (moment, view) without a frame."""
+def moments(n, missing=(), other=()):
+    """Moments in which the second view is 5 ns later; (moment, view) without a frame, moments of another colour."""
     for k in range(n):
-        there = [(k, v) not in missing for v in range(2)]
+        there, image = [(k, v) not in missing for v in range(2)], 255 - IMAGE if k in other else IMAGE
         yield Moment(
             FrameSet(
-                100 * k + 5, np.array([k if t else -1 for t in there]), tuple(IMAGE if t else None for t in there)
+                100 * k + 5,
+                np.array([k if t else -1 for t in there]),
+                tuple(image if t else None for t in there),
             ),
             np.array([100 * k + 5 * v if t else -1 for v, t in enumerate(there)]),
             tuple((v, k, "gone") for v in range(2) if not there[v]),
@@ -37,9 +45,9 @@ def start(view, frame, target, x=20.0, y=30.0):
     return Start(view, frame, target, np.array([x, y, 5.0, 4.0, 2.0]))
 
 
-def tracked(n=6, starts=(), config=None, stream=None, missing=(), stage=None, **more):
-    setup = TrackingSetup(VIEWS, BLIND, STILL, config or StillConfig(), stage or ViewsConfig(), tuple(starts), **more)
-    parts = list(track_views(moments(n, missing), setup, 1, stream))
+def tracked(n=6, starts=(), config=STILL, stream=None, missing=(), stage=None, other=(), **more):
+    setup = TrackingSetup(VIEWS, BLIND, config, stage or ViewsConfig(), tuple(starts), **more)
+    parts = list(track_views(moments(n, missing, other), setup, 1, stream))
     return parts, ViewTracks.concat([part.tracks for part in parts])
 
 
@@ -48,14 +56,17 @@ def rows(table, *names):
 
 
 def test_the_first_row_is_the_start_with_the_ellipse_that_was_given():
-    parts, table = tracked(3, [start(0, 0, 4), start(1, 1, 4)], StillConfig(drift_px=2.0))
-    assert rows(table, "t_ns", "sensor", "frame", "target_id", "event", "x_px") == [
-        (0, "b", 0, 4, "start", 20.0),
-        (100, "b", 1, 4, "", 22.0),
-        (105, "a", 1, 4, "start", 20.0),
-        (200, "b", 2, 4, "", 24.0),
-        (205, "a", 2, 4, "", 22.0),
+    parts, table = tracked(3, [start(0, 0, 4), start(1, 1, 4, 30.0)], replace(STILL, sigma_px=1.0))
+    assert rows(table, "t_ns", "sensor", "frame", "target_id", "event") == [
+        (0, "b", 0, 4, "start"),
+        (100, "b", 1, 4, ""),
+        (105, "a", 1, 4, "start"),
+        (200, "b", 2, 4, ""),
+        (205, "a", 2, 4, ""),
     ]
+    assert table.x_px[[0, 2]].tolist() == [20.0, 30.0]
+    assert np.abs(table.x_px - [20.0, 20.0, 30.0, 20.0, 30.0]).max() < 10.0
+    assert (table.x_px[[1, 3, 4]] != [20.0, 20.0, 30.0]).all()
     first = table.take(slice(0, 1))
     assert (first.mode[0], first.likeness[0], first.cov_xx_px[0]) == ("", 1.0, 1.0)
     assert np.isnan(first.ess[0])
@@ -84,9 +95,9 @@ def test_rows_are_in_order_by_camera_and_target_and_parts_are_cut_between_moment
     assert len(table) == 6 * n
 
 
-def test_a_tracker_that_left_is_over_and_its_target_may_start_again():
-    _, table = tracked(6, [start(0, 0, 4), start(0, 4, 4)], StillConfig(leaves=2))
-    assert rows(table, "frame", "event") == [(0, "start"), (1, ""), (2, "left"), (4, "start"), (5, "")]
+def test_a_tracker_that_was_lost_is_over_and_its_target_may_start_again():
+    _, table = tracked(6, [start(0, 0, 4), start(0, 4, 4)], replace(STILL, lost_after=2), other={1, 2})
+    assert rows(table, "frame", "event") == [(0, "start"), (1, ""), (2, "lost"), (4, "start"), (5, "")]
     # While it is still there nothing starts
     _, table = tracked(3, [start(0, 0, 4), start(0, 1, 4)])
     assert rows(table, "frame", "event") == [(0, "start"), (1, ""), (2, "")]
@@ -125,38 +136,30 @@ ROWS = Geometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING
 """Rows of the images are epipolar lines."""
 
 
-def dropped(starts, missing=(), method=STILL_TOGETHER, **more):
-    """Pairs of views whose matrix was dropped, and whether the method was told."""
-    told = []
-
-    def with_geometry(state, geometry):
-        told.append(bool(np.isnan(geometry.fundamental).all()))
-        return method.collaboration.with_geometry(state, geometry)
-
-    if method.collaboration is not None:
-        seen = method._replace(collaboration=method.collaboration._replace(with_geometry=with_geometry))
-    else:
-        seen = method
-    setup = TrackingSetup(VIEWS, ROWS, seen, StillConfig(), starts=tuple(starts), **more)
+def dropped(starts, missing=(), config=HELPED, **more):
+    """Pairs of views whose matrix was dropped, and whether every tracker is without a counterpart at the end."""
+    setup = TrackingSetup(VIEWS, ROWS, config, starts=tuple(starts), **more)
     parts = list(track_views(moments(12, missing), setup, 1))
-    return [pair for part in parts for pair in part.dropped], told
+    last = ViewTracks.concat([part.tracks for part in parts])
+    alone = bool((last.counterpart[last.t_ns >= 1000] == "none").all())
+    return [pair for part in parts for pair in part.dropped], alone
 
 
 def test_starts_one_after_the_other_tell_of_a_matrix():
     """Three targets on lines 11 px apart; radii are 4.5 px."""
     places = [start(0, 0, t, 15 + 20 * t, 20.0) for t in range(3)]
     wrong = [start(1, 2 + t, t, 15 + 20 * t, 31.0) for t in range(3)]
-    assert dropped(places + wrong) == ([(0, 1)], [True])
-    assert dropped(places + wrong[:2]) == ([], [])
+    assert dropped(places + wrong) == ([(0, 1)], True)
+    assert dropped(places + wrong[:2]) == ([], False)
     right = [s._replace(ellipse=places[0].ellipse) for s in wrong]
-    assert dropped(places + right) == ([], [])
-    assert dropped(places + wrong, method=STILL) == ([], [])
+    assert dropped(places + right) == ([], False)
+    assert dropped(places + wrong, config=STILL) == ([], False)
     # A view without a frame for long tells nothing of the births of another
     old = {(k, 0) for k in range(1, 12)}
-    assert dropped(places + wrong, old) == ([], [])
+    assert dropped(places + wrong, old) == ([], False)
     # The last birth is at 405 ns, when the view without frames is 405 ns old: 1.5 periods of 270 ns
-    assert dropped(places + wrong, old, period_ns=(270, 1000)) == ([(0, 1)], [True])
-    assert dropped(places + wrong, old, period_ns=(269, 1000)) == ([], [])
+    assert dropped(places + wrong, old, period_ns=(270, 1000)) == ([(0, 1)], True)
+    assert dropped(places + wrong, old, period_ns=(269, 1000)) == ([], False)
 
 
 def test_a_region_at_a_tracker_begins_no_other():

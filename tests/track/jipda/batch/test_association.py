@@ -4,7 +4,7 @@ import numpy as np
 
 from occlog.track.jipda.batch.association import OWN, name_shared
 from occlog.track.jipda.batch.chains import NONE
-from occlog.track.jipda.kernels.joint import Boxes
+from occlog.track.jipda.kernels.detections import Boxes
 
 ABOVE = np.nextafter(OWN, 1.0)
 

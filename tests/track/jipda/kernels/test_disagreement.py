@@ -6,8 +6,8 @@ import numpy as np
 from crowds import cameras_around
 
 from occlog.track.jipda.kernels.body_box import expected_box, pack_views
+from occlog.track.jipda.kernels.detections import Boxes, Rates
 from occlog.track.jipda.kernels.disagreement import disagreement
-from occlog.track.jipda.kernels.joint import Boxes, Rates
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))
 RATES = Rates(

@@ -9,17 +9,16 @@ from scipy.stats import multivariate_normal
 from occlog.array_types import Floats
 from occlog.records.scene import Camera, camera_rotation
 from occlog.track.jipda.kernels.body_box import box_and_slope, pack_views
-from occlog.track.jipda.kernels.joint import (
+from occlog.track.jipda.kernels.detections import (
     Boxes,
     Rates,
-    Result,
+    add_precision,
     edge_noise,
     interpolate,
+    log_clutter,
     log_density,
-    log_nobody,
-    precision,
-    update,
 )
+from occlog.track.jipda.kernels.joint import Result, update
 
 TURNED = camera_rotation(np.pi / 2, -0.35, 0.0)
 VIEW = Camera("a", np.array([0.0, -6.0, 3.0]), TURNED, np.full(2, 900.0), np.array([640.0, 360.0]), (1280, 720))
@@ -164,7 +163,7 @@ def test_densities_are_those_of_the_edges_in_use(use: tuple[int, ...]) -> None:
     assert log == pytest.approx(multivariate_normal(np.zeros(keep.sum()), S).logpdf(off[keep]), abs=1e-4)
     assert distance == pytest.approx(off[keep] @ np.linalg.solve(S, off[keep]), abs=1e-4)
     W = np.zeros((4, 4))
-    precision(R, keep, 1.0, W)
+    add_precision(R, keep, 1.0, W)
     np.testing.assert_allclose(W[np.ix_(keep, keep)], np.linalg.inv(R[np.ix_(keep, keep)]), rtol=1e-9)
     assert not W[~keep].any()
 
@@ -172,8 +171,8 @@ def test_densities_are_those_of_the_edges_in_use(use: tuple[int, ...]) -> None:
 def test_the_density_of_nobody_counts_the_edges_in_use() -> None:
     box, every = np.array([10.0, 20.0, 60.0, 120.0]), np.ones(4, dtype=bool)
     size = np.log(20.0)
-    assert log_nobody(box, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 50.0 * 100.0 * size**2))
-    assert log_nobody(box, np.array([True, True, True, False]), 640.0, 480.0) == pytest.approx(
+    assert log_clutter(box, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 50.0 * 100.0 * size**2))
+    assert log_clutter(box, np.array([True, True, True, False]), 640.0, 480.0) == pytest.approx(
         -np.log(640.0 * 480.0 * 50.0 * size)
     )
 

@@ -10,7 +10,7 @@ from crowds import cameras_around
 
 from occlog.array_types import Floats
 from occlog.track.jipda.kernels.body_box import expected_box, pack_views
-from occlog.track.jipda.kernels.joint import Boxes, Rates
+from occlog.track.jipda.kernels.detections import Boxes, Rates
 from occlog.track.jipda.kernels.newborn import Arrival, newborn, on_floor
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))._replace(range=np.full(4, 40.0))

@@ -49,7 +49,7 @@ class TrajectoryGospa(NamedTuple):
 
 
 class TrajectoryCosts:
-    """Gathers trajectory GOSPA while frames come by, in the order of time.
+    """Trajectory GOSPA of frames that come in parts, in the order of time.
 
     What is sure is added up at once.  What is not is kept until nothing that comes later can have a part in it: until
     the targets and tracks of the piece are sure of somebody again, or have no rows any more.
@@ -82,8 +82,9 @@ class TrajectoryCosts:
         self._loose = _NO_PAIRS  # rows that are not sure, and not solved
         none = np.zeros(0, dtype=np.int64)
         self._pins = Pins.of(none, none, none, none)
+        self._finished = False
 
-    def add(self, frames: Frames, first: int, over: tuple[Bools, Bools] | None = None) -> None:
+    def update(self, frames: Frames, first: int, over: tuple[Bools, Bools] | None = None) -> None:
         """Some more frames, with numbers of targets and tracks that stay the same.
 
         Args:
@@ -96,12 +97,27 @@ class TrajectoryCosts:
         self._tell_sure(meetings(frames, self._cutoff, self._p, first))
         self._solve()
 
-    def result(self) -> TrajectoryGospa:
-        """The metric of all frames, after which none can be added."""
+    def merge(self, other: TrajectoryCosts) -> None:
+        """Take in another recording, with no target and no track in common; no frame is added after it."""
+        for each in (self, other):
+            each._finish()
+        self._rows = self._rows + other._rows
+        self._cost.merge(other._cost)
+        self._weight.merge(other._weight)
+        self._changes.merge(other._changes)
+
+    def _finish(self) -> None:
+        """Solve what is left, once all frames were added."""
+        if self._finished:
+            return
         targets, tracks = self._over
-        self._over = np.ones_like(targets), np.ones_like(tracks)
+        self._over, self._finished = (np.ones_like(targets), np.ones_like(tracks)), True
         self._tell_sure(_NO_PAIRS)
         self._solve()
+
+    def result(self) -> TrajectoryGospa:
+        """The metric of all frames, after which none can be added."""
+        self._finish()
         half, weight = 0.5 * self._most, self._weight.value
         n, m = self._rows.tolist()
         parts = self._cost.value, half * (n - weight), half * (m - weight), 0.5 * self._switch * self._changes.value
@@ -206,7 +222,7 @@ def trajectory_gospa(frames: Frames, cutoff: float, switch: float, p: float = 2.
         RuntimeError: the linear program has no solution, which cannot be.
     """
     sums = TrajectoryCosts(len(frames.frame), len(frames.truth_key), len(frames.track_key), cutoff, switch, p)
-    sums.add(frames, 0)
+    sums.update(frames, 0)
     return sums.result()
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.track.jipda.box_errors import LEAST_KEPT, MIDDLES
 from occlog.track.jipda.kernels.body_box import Views
+from occlog.track.jipda.kernels.detections import Boxes, Rates
 from occlog.track.jipda.kernels.disagreement import disagreement
-from occlog.track.jipda.kernels.joint import Boxes, Rates
 
 from ..association import Found
 from ..chains import NONE

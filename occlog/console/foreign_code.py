@@ -1,0 +1,54 @@
+"""Keeps files of the current folder, and of folders that others can write, from deciding what code runs."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+PROGRAM = Path(__file__).resolve().parents[2]
+"""The folder that the package lies in."""
+
+
+@contextmanager
+def hidden(name: str) -> Iterator[None]:
+    """Let `os.path.exists` deny a relative file name inside the block.
+
+    For libraries that read a file of the current folder when they are imported, and have no switch for it.
+    """
+    exists = os.path.exists
+    os.path.exists = lambda path: path != name and exists(path)
+    try:
+        yield
+    finally:
+        os.path.exists = exists
+
+
+def is_own(folder: Path) -> bool:
+    """Whether only this user, or the administrator, can write into a folder: what lies in it may be run.
+
+    A folder of the user's own group (that of the same name) counts as the user's; True on Windows, where folders of a
+    user are the user's alone.
+    """
+    if not hasattr(os, "geteuid"):
+        return True
+    try:
+        found = folder.stat()
+    except OSError:
+        return False
+    if found.st_uid not in (os.geteuid(), 0) or found.st_mode & stat.S_IWOTH:
+        return False
+    return not found.st_mode & stat.S_IWGRP or _of_one(found.st_gid)
+
+
+def _of_one(group: int) -> bool:
+    """Whether a group is that of this user alone, by its name."""
+    import grp
+    import pwd
+
+    try:
+        return grp.getgrgid(group).gr_name == pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return False

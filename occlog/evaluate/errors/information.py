@@ -1,0 +1,229 @@
+"""Information of sensors about the positions of the targets that they saw, and the motion and prior of the bound.
+
+The information of a camera is that of Eq. 2 of [Ercan] with the bearing's own read noise, about (x, y)
+only.  Directions without pixels have their standard deviations, which are of angles about the sensor's
+own z axis, whatever its pose ([Lee] Eq. 2.40).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.bounds import in_plane as crlb
+from occlog.core.bounds import in_space as bounds3d
+from occlog.errors import InputError
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.matching.looks import Looks
+from occlog.evaluate.matching.paths import Path, Sensor
+from occlog.filtering.likelihood.distances import Distances
+from occlog.filtering.likelihood.distances import information as distance_information
+from occlog.records.scene import Scene
+from occlog.records.tables import Bound
+
+Metrics = dict[str, float]
+
+
+def ground_information(sensor: Sensor, seen: Looks) -> Floats:
+    """(N, 2, 2) Fisher information of the azimuths of one sensor about (x, y); elevations tell of heights only.
+
+    Of a tilted array the world's azimuth has errors of both of its angles.  Both are taken in
+    at the true height (or at the reported elevation if there is none), and the height is then
+    left free: what remains is the information of the azimuth with the variance that it really has.
+    """
+    information = _without_pixels(sensor, seen)
+    if sensor.camera is None:
+        return information
+    pixels = np.isfinite(seen.sigma_px)
+    return np.asarray(np.where(pixels[:, None, None], _of_pixels(sensor, seen, pixels), information))
+
+
+def space_information(sensor: Sensor, seen: Looks) -> Floats:
+    """(N, 3, 3) Fisher information of all that one sensor told about (x, y, z).
+
+    A row without elevation tells its azimuth only; so does a planar array, whose azimuth is the world's.
+    """
+    pixels = np.isfinite(seen.sigma_px) & (sensor.camera is not None)
+    tells = np.isfinite(seen.elevation)
+    sigma_theta = np.where(pixels, np.inf, seen.sigma)
+    sigma_phi = np.where(tells, seen.sigma_elevation, np.inf)
+    xyz = np.column_stack([seen.xy, seen.z])
+    total = bounds3d.direction_information(
+        xyz, position=sensor.position, rotation=np.eye(3), sigma_theta=sigma_theta, sigma_phi=sigma_phi
+    )
+    if not sensor.upright:
+        own = bounds3d.direction_information(
+            xyz, position=sensor.position, rotation=sensor.rotation, sigma_theta=sigma_theta, sigma_phi=sigma_phi
+        )
+        total = np.where(tells[:, None, None], own, total)
+    if pixels.any():
+        total[:, :2, :2] += np.where(pixels[:, None, None], _of_pixels(sensor, seen, pixels), 0.0)
+    return total
+
+
+def _of_pixels(sensor: Sensor, seen: Looks, pixels: Bools) -> Floats:
+    camera = sensor.camera
+    assert camera is not None
+    noise = np.where(pixels, seen.sigma_px, 1.0)
+    return crlb.camera_information(
+        seen.xy,
+        position=sensor.ground,
+        yaw=camera.yaw,
+        focal_px=float(camera.focal_px[0]),
+        sigma_position=camera.sigma_position,
+        sigma_yaw=camera.sigma_yaw,
+        sigma_read_px=noise,
+    )
+
+
+def _without_pixels(sensor: Sensor, seen: Looks) -> Floats:
+    by_azimuth = crlb.bearing_information(seen.xy, sensor.ground, seen.sigma)
+    tells = np.isfinite(seen.elevation)
+    if sensor.upright or not tells.any():
+        return by_azimuth
+    flat = np.hypot(*(seen.xy - sensor.ground).T)
+    z = np.where(np.isnan(seen.z), sensor.height + flat * np.tan(seen.elevation), seen.z)
+    xyz = np.column_stack([seen.xy, np.where(tells, z, sensor.height)])
+    sigma_phi = np.where(tells, seen.sigma_elevation, np.inf)
+    whole = bounds3d.direction_information(
+        xyz, position=sensor.position, rotation=sensor.rotation, sigma_theta=seen.sigma, sigma_phi=sigma_phi
+    )
+    return np.asarray(np.where(tells[:, None, None], bounds3d.ground_information(whole), by_azimuth))
+
+
+class Measured(NamedTuple):
+    """What stations measured of distances, of all targets."""
+
+    t_ns: Ints  # (m,)
+    target: Ints  # (m,) identity in the truth
+    distances: Distances  # m measurements
+
+
+def distances_in_space() -> InputError:
+    """What is said of distances where the bound is in space."""
+    return InputError("evaluate: measurements of distances count in a bound on the ground alone; set bound_in")
+
+
+def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig) -> int:
+    """2 or 3: `auto` is in space for a target of whose errors one at least is.
+
+    Args:
+        target: identity in the truth.
+        high: whether its true height is known anywhere.
+        in_space: whether one of its errors is in space.
+        config: what is asked for.
+    """
+    if config.bound_in == "ground" or (config.bound_in == "auto" and not in_space):
+        return 2
+    if not high:
+        raise InputError(
+            f"truth: target {target} has no height (z), which a bound in space needs; bound_in ground needs none"
+        )
+    return 3
+
+
+def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n_seen: Ints) -> Bound:
+    """Rows of a target from (T, d, d) bounds of filtering and of smoothing."""
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    space = {}
+    if covariance.shape[1] == 3:
+        zz = covariance[:, 2, 2]
+        space = {
+            "bound_xz": covariance[:, 0, 2],
+            "bound_yz": covariance[:, 1, 2],
+            "bound_zz": zz,
+            "bound_space": np.sqrt(xx + yy + zz),
+            "smoothed_zz": smoothed[:, 2, 2],
+            "smoothed_space": np.sqrt(np.trace(smoothed, axis1=1, axis2=2)),
+        }
+    return Bound.of(
+        t_ns=t_ns,
+        target_id=np.full(len(t_ns), target, dtype=np.int32),
+        bound_xx=xx,
+        bound_xy=xy,
+        bound_yy=yy,
+        bound=np.sqrt(xx + yy),
+        n_seen=n_seen.astype(np.int32),
+        smoothed_xx=smoothed[:, 0, 0],
+        smoothed_xy=smoothed[:, 0, 1],
+        smoothed_yy=smoothed[:, 1, 1],
+        smoothed=np.sqrt(smoothed[:, 0, 0] + smoothed[:, 1, 1]),
+        **space,
+    )
+
+
+def information_of(
+    times: Ints, looks: Mapping[str, Looks], sensors: Mapping[str, Sensor], d: int
+) -> tuple[Floats, Ints]:
+    """(T, d, d) information of all bearings at each time, and how many there were."""
+    total, n_seen = np.zeros((len(times), d, d)), np.zeros(len(times), dtype=np.int64)
+    of_sensor = space_information if d == 3 else ground_information
+    for name, all_looks in looks.items():
+        seen = all_looks.take(counted(all_looks))
+        at = np.searchsorted(times, seen.t_ns)
+        np.add.at(total, at, of_sensor(sensors[name], seen))
+        np.add.at(n_seen, at, 1)
+    return total, n_seen
+
+
+def add_distances(
+    information: Floats,
+    n_seen: Ints,
+    times: Ints,
+    measured: Measured,
+    target: int,
+    path: Path,
+    config: EvaluateConfig,
+) -> None:
+    """Add the information of measurements of distances, where the true place is known, in place."""
+    own = measured.target == target
+    t_ns = measured.t_ns[own]
+    xy, known = path.at(t_ns, config.limit_ns)
+    rows = measured.distances.take(own).take(known)
+    at = np.searchsorted(times, t_ns[known])
+    np.add.at(information, at, distance_information(rows, xy[known]))
+    np.add.at(n_seen, at, 1)
+
+
+def counted(looks: Looks) -> Bools:
+    """(N,) bool: reports that can be of the target."""
+    return looks.reported & (looks.in_view | looks.hit)
+
+
+def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateConfig) -> tuple[Floats, Floats, Floats]:
+    """Information about the state, transitions and their noise for the recursion, with the motion of the configuration.
+
+    Args:
+        information: (T, d, d) about the position.
+        dt: (T,) time since the step before [s]; of the first 0.
+        scene: whose unit of lengths the noise of the motion has.
+        config: the motion.
+
+    Returns:
+        Three (T, n, n); the position comes first in the state.
+    """
+    if config.motion == "waypoint":
+        usual = EvaluateConfig.in_unit(scene.length_unit)
+        sigma_v = usual.sigma_v if config.sigma_v is None else config.sigma_v
+        return information, *crlb.known_drift_steps(dt, sigma_v or 0.0, information.shape[1])
+    return bounds3d.motion_steps(information, dt, config.acceleration_density)
+
+
+def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
+    """(n, n) covariance of the state at the first look: a position as told, else of a point anywhere in the room."""
+    place = np.zeros((d, d))
+    if config.prior_cov is None:
+        place[:2, :2] = crlb.polygon_covariance(scene.region)
+    else:
+        xx, xy, yy = config.prior_cov
+        place[:2, :2] = [[xx, xy], [xy, yy]]
+    if d == 3:
+        place[2, 2] = scene.room_height**2 / 12.0 if config.prior_z is None else config.prior_z
+    if config.motion == "waypoint":
+        return place
+    out = np.zeros((2 * d, 2 * d))
+    out[:d, :d], out[d:, d:] = place, config.sigma_speed**2 * np.eye(d)
+    return out

@@ -1,1 +1,0 @@
-"""Several recordings in one table: `occlog evaluate --also`."""

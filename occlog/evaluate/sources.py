@@ -1,0 +1,239 @@
+"""What `occlog evaluate` compares: tables in chunks, which are gone through several times, whole or in part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.errors import InputError, UsageError
+from occlog.io.files.put_aside.table import Aside
+from occlog.io.open import Opened, open_input
+from occlog.records.columns import Table
+from occlog.records.declared.measurements import Measurements
+from occlog.records.pieces import times, whole_times
+from occlog.records.scene import Scene
+from occlog.records.tables import (
+    Bearings,
+    Boxes,
+    Cooperation,
+    Diagnostics,
+    Doa,
+    Tracks,
+    Truth,
+    TruthBoxes,
+    Views,
+)
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Radio
+from occlog.scans.sources import bearings_of_doa, in_time
+
+from .verdict import Made
+
+AT_ONCE = 1 << 16
+"""Rows that are worked on at once, at least where there are as many: a table with fewer is one chunk."""
+T = TypeVar("T", bound=Table)
+N = TypeVar("N", Views, TruthBoxes)
+Span = tuple[int, int]
+"""First time, and that after the last one [ns]."""
+Chunks = Callable[[], Iterator[T]]
+"""Gives all rows of a table in the order of time, as often as asked."""
+
+
+class MeasuredSource(NamedTuple):
+    """Measurements of distances that are gone through as often as wanted, with what must be known of them."""
+
+    rows: Chunks[Measurements]
+    config: MeasuredConfig
+    radio: Radio | None
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What is evaluated; None where it is not given.
+
+    Attributes:
+        tracks: estimates.
+        truth: true positions.
+        bearings: of all sensors.
+        diagnostics: of the tracks.
+        measured: measurements of distances.
+        views: of clusters or of a detector, to be compared with true boxes.
+        truth_boxes: true boxes.
+        cooperation: requests of cameras.
+        boxes: detections of all people, some of them in cameras that are held out.
+        made: how the tracks were made.
+        frames: first frame that counts, and the one after the last; None: all.
+    """
+
+    tracks: Chunks[Tracks] | None = None
+    truth: Chunks[Truth] | None = None
+    bearings: Chunks[Bearings] | None = None
+    diagnostics: Chunks[Diagnostics] | None = None
+    measured: MeasuredSource | None = None
+    views: Chunks[Views] | None = None
+    truth_boxes: Chunks[TruthBoxes] | None = None
+    cooperation: Chunks[Cooperation] | None = None
+    boxes: Chunks[Boxes | Views] | None = None
+    made: Made = Made()
+    frames: tuple[int, int] | None = None
+
+    def in_frames(self, frames: tuple[int, int]) -> Sources:
+        """The rows of the frames first <= number < stop.
+
+        Views and true boxes have numbers of frames; everything else is taken from the time of the first frame on up to
+        that of the one after the last, where frames are the times of true targets, else of true boxes, bearings, boxes
+        or tracks.
+
+        Raises:
+            InputError: there are no such frames.
+        """
+        views, truth_boxes = _numbered(self.views, frames), _numbered(self.truth_boxes, frames)
+        out = replace(self, frames=frames, views=views, truth_boxes=truth_boxes)
+        timed = ("tracks", "truth", "bearings", "diagnostics", "cooperation", "boxes")
+        if self.measured is None and all(getattr(self, name) is None for name in timed):
+            return out
+        spans = (span_of_frames(times, frames) for times in self._times_of_frames())
+        span = next((span for span in spans if span is not None), None)
+        if span is None:
+            raise no_frames(frames, 0)
+        given = {name: chunks for name in timed if (chunks := getattr(self, name)) is not None}
+        during: dict[str, Any] = {name: partial(_during, chunks, span) for name, chunks in given.items()}
+        if self.measured is not None:
+            during["measured"] = self.measured._replace(rows=partial(_during, self.measured.rows, span))
+        return replace(out, **during)
+
+    def _times_of_frames(self) -> Iterator[Iterator[Ints]]:
+        """Times by which frames are numbered: those of true targets; where there are none, of what comes next."""
+        yield (rows.t_ns[rows.role == "target"] for rows in rows_of(self.truth))
+        for chunks in (self.truth_boxes, self.bearings, self.boxes, self.tracks):
+            yield (times(rows) for rows in rows_of(chunks))
+
+
+def rows_of(chunks: Chunks[T] | None) -> Iterator[T]:
+    """All rows; none without a source."""
+    return iter(()) if chunks is None else chunks()
+
+
+def in_memory(table: T | None) -> Chunks[T] | None:
+    """A table in memory as one chunk; None as it is."""
+    return None if table is None else lambda: iter([table])
+
+
+def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
+    """The rows of a table; None without a file, or in one that holds none.
+
+    Those of a recording or a table of another program, which are slow to read, are put aside while they are read for
+    the first time.
+    """
+    if opened is None or not opened.has(table):
+        return None
+    rows = partial(opened.rows, table)
+    slow = opened.recording is not None or opened.foreign is not None
+    return partial(_gathered, Aside(table, rows).chunks if slow else rows)
+
+
+def _gathered(chunks: Chunks[T]) -> Iterator[T]:
+    """Chunks of `AT_ONCE` rows or more, but for the last one."""
+    parts, rows = list[T](), 0
+    for chunk in chunks():
+        parts.append(chunk)
+        rows += len(chunk)
+        if rows >= AT_ONCE:
+            yield type(chunk).concat(parts)
+            parts, rows = [], 0
+    if rows:
+        yield type(parts[0]).concat(parts)
+
+
+def _during(chunks: Chunks[T], span: Span) -> Iterator[T]:
+    """The rows of a span of time."""
+    for chunk in chunks():
+        yield chunk.take((times(chunk) >= span[0]) & (times(chunk) < span[1]))
+
+
+def _numbered(chunks: Chunks[N] | None, frames: tuple[int, int]) -> Chunks[N] | None:
+    """The rows of the frames first <= number < stop."""
+    if chunks is None:
+        return None
+    return lambda: (rows.take((rows.frame >= frames[0]) & (rows.frame < frames[1])) for rows in chunks())
+
+
+def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Chunks[Bearings] | None:
+    """All bearings, and directions of arrival as such: as `occlog track` reads them, as often as wanted.
+
+    Those of a recording are used along with its bearings unless others are named.
+    """
+    measured = None if path is None else open_input(path)
+    directions = None if doa is None else open_input(doa)
+    recorded = measured is not None and measured.recording is not None
+    if directions is None and recorded and measured is not None and measured.has(Doa):
+        directions = measured
+    own = measured is not None and (not recorded or directions is None or measured.has(Bearings))
+    if directions is None and labels:
+        raise UsageError("doa_labels wants directions of arrival; give some (doa)")
+    for opened, table in ((measured if own else None, Bearings), (directions, Doa)):
+        if opened is not None:
+            opened.require(table)
+
+    def rows() -> Iterator[Bearings]:
+        streams: list[Iterable[Bearings]] = [measured.rows(Bearings)] if own and measured is not None else []
+        if directions is None:
+            yield from streams[0]
+            return
+        streams.append(bearings_of_doa(directions.rows(Doa), scene, labels))
+        if len(streams) == 1:
+            yield from streams[0]
+            return
+        for piece in whole_times(in_time(streams)):
+            yield piece.sorted()
+
+    if not own and directions is None:
+        return None
+    aside = any(each is not None and each.recording is not None for each in (measured, directions))
+    return partial(_gathered, Aside(Bearings, rows).chunks if aside else rows)
+
+
+def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | None:
+    """Times from the first of these frames on, up to that of the one after the last; None: there is no frame at all.
+
+    Args:
+        chunks: times by which frames are numbered, in their order, each as often as may be.
+        frames: first frame, and the one after the last.
+
+    Raises:
+        InputError: there are no such frames.
+    """
+    first, stop = frames
+    count, latest = 0, None
+    low, high = 0, int(np.iinfo(np.int64).max)
+    for t_ns in chunks:
+        found = np.unique(t_ns)
+        found = found if latest is None else found[found > latest]
+        if not len(found):
+            continue
+        if count <= first < count + len(found):
+            low = int(found[first - count])
+        if 0 <= first < stop and count <= stop < count + len(found):
+            return low, int(found[stop - count])
+        count, latest = count + len(found), int(found[-1])
+    if not count:
+        return None
+    if not 0 <= first < min(stop, count):
+        raise no_frames(frames, count)
+    return low, high
+
+
+def no_frames(frames: tuple[int, int], count: int) -> InputError:
+    """What is said of frames that are not there."""
+    return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0")
+
+
+def no_true_box(frames: tuple[int, int]) -> InputError:
+    """What is said of frames of views that have no true box."""
+    return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them")

@@ -1,1 +1,0 @@
-"""Tracks, views and bearings in stretches of time, in memory that does not grow with a recording."""

@@ -1,0 +1,90 @@
+"""Gaussian posteriors: prediction, update by linear measurements, and the Rauch-Tung-Striebel smoother."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+
+LEAST_SHARE = 1e-13
+"""Smallest variance of a measurement as a share of its predicted variance: less is lost in rounding their sum."""
+
+
+class Gaussian(NamedTuple):
+    """Mean and covariance of a state, in the plane x, y, vx, vy."""
+
+    mean: Floats  # (n,)
+    covariance: Floats  # (n, n)
+
+
+class Link(NamedTuple):
+    """Posterior of a filter after a scan, for the backward pass."""
+
+    after: Gaussian
+    dt: float  # since the link before [s]
+    begun: bool  # initiated by this scan: what was known before does not count
+
+
+Transition = Callable[[float], tuple[Floats, Floats]]
+"""(n, n) matrices F and Q of a linear motion over a time [s]."""
+
+
+def symmetric(matrix: Floats) -> Floats:
+    """Make (..., n, n) matrices symmetric, which are so but for rounding."""
+    return 0.5 * (matrix + matrix.swapaxes(-1, -2))
+
+
+def predicted(state: Gaussian, F: Floats, Q: Floats) -> Gaussian:
+    """The state after a step of linear motion with noise."""
+    return Gaussian(F @ state.mean, F @ state.covariance @ F.T + Q)
+
+
+def updated(state: Gaussian, H: Floats, innovation: Floats, R: Floats) -> tuple[Gaussian, float]:
+    """The state after linear measurements with independent noise, and their log-likelihood; Joseph's form.
+
+    Args:
+        state: the prediction.
+        H: (m, n) derivatives of the measurements.
+        innovation: (m,) measurements minus what the prediction expects.
+        R: (m,) variances.
+    """
+    expected_spread = H @ state.covariance @ H.T
+    R = np.maximum(R, LEAST_SHARE * np.diagonal(expected_spread))
+    S = expected_spread + np.diag(R)
+    K = np.linalg.solve(S, H @ state.covariance).T
+    left = np.eye(len(state.mean)) - K @ H
+    covariance = left @ state.covariance @ left.T + (K * R) @ K.T
+    return Gaussian(state.mean + K @ innovation, symmetric(covariance)), log_normal(innovation, S)
+
+
+def log_normal(off: Floats, S: Floats) -> float:
+    """Log density of N(0, S) at (m,) off."""
+    _, volume = np.linalg.slogdet(S)
+    return float(-0.5 * (off @ np.linalg.solve(S, off) + volume + len(off) * math.log(2.0 * math.pi)))
+
+
+def rts_smooth(links: Sequence[Link], transition: Transition) -> list[Gaussian]:
+    """Smoothed states by the recursion of Rauch, Tung and Striebel (1965), one for each link.
+
+    A link that was initiated anew separates what is before it from what follows.
+    """
+    out: list[Gaussian] = []
+    later, ahead = links[-1].after, None
+    for link in reversed(links):
+        own = link.after
+        if ahead is None or ahead.begun:
+            later = own
+        else:
+            F, Q = transition(ahead.dt)
+            P = F @ own.covariance @ F.T + Q
+            # Gain: P_k F' (F P_k F' + Q)^-1
+            G = np.linalg.solve(P, F @ own.covariance).T
+            covariance = own.covariance + G @ (later.covariance - P) @ G.T
+            later = Gaussian(own.mean + G @ (later.mean - F @ own.mean), symmetric(covariance))
+        out.append(later)
+        ahead = link
+    return out[::-1]

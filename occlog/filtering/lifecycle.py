@@ -1,0 +1,77 @@
+"""Life cycle of a single-target filter: initiation, gaps, track loss, reinitialisation.
+
+A filter is its motion model, its likelihoods and its posterior; this frame says when a scan updates the posterior and
+when it makes a new one:
+
+    initiate("")          nothing is known before the first scan
+    initiate("gap")       the time since the last scan exceeds `max_gap_s`
+    update(dt)            otherwise: predict over dt [s], then update by the scan
+    initiate("restart")   no state explains the scan, or the evidence for a lost track exceeds its limit
+
+The evidence for a lost track is a count of reports that contradict the posterior, less those that agree with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from occlog.array_types import NS
+
+GAP, RESTART = "gap", "restart"
+"""Reasons of a reinitialisation, values of the column `fallback`."""
+MOST_PER_SCAN = 2
+"""A scan changes the track-loss counter by at most this, so that many sensors that err together do not end a track."""
+
+Posterior = TypeVar("Posterior")
+Count = TypeVar("Count")
+
+
+def elapsed(before_ns: int | None, t_ns: int) -> float:
+    """Time since the last scan [s]; 0 before the first; ValueError for a scan that is earlier than the last."""
+    if before_ns is None:
+        return 0.0
+    if t_ns < before_ns:
+        raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {before_ns} ns")
+    return (t_ns - before_ns) / NS
+
+
+def advance(
+    dt: float,
+    max_gap_s: float,
+    *,
+    known: bool,
+    initiate: Callable[[str], Posterior],
+    update: Callable[[float], Posterior | None],
+    loss: Callable[[Posterior], tuple[Count, bool]],
+) -> tuple[Posterior, Count]:
+    """Posterior and track-loss count after a scan.
+
+    Args:
+        dt: time since the last scan [s], see `elapsed`.
+        max_gap_s: after a longer time the prediction is discarded [s].
+        known: whether there is a prior to update: a given start, or an earlier scan.
+        initiate: posterior from the scan alone, given the reason.
+        update: posterior by prediction over dt and the scan; None where no state explains the scan.
+        loss: the count after the scan, and whether the track is lost.
+    """
+    found = initiate(GAP) if dt > max_gap_s else update(dt) if known else initiate("")
+    done = initiate(RESTART) if found is None else found
+    count, lost = loss(done)
+    return (initiate(RESTART) if lost else done), count
+
+
+def loss_count(before: int, against: int, reports: int) -> int:
+    """Track-loss counter after a scan: reports against the posterior minus those for it, not below 0.
+
+    Args:
+        before: the counter before the scan.
+        against: reports of the scan that contradict the posterior.
+        reports: all reports of the scan.
+    """
+    return max(0, before + max(-MOST_PER_SCAN, min(MOST_PER_SCAN, 2 * against - reports)))
+
+
+def is_lost(count: int, lost_after: int) -> bool:
+    """Whether the counter has reached its limit; a limit of 0: never."""
+    return 0 < lost_after <= count

@@ -1,0 +1,67 @@
+"""CPU time of the parts of a frame of method `bmct`, as [Qu] Table 1 lists them."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Ints
+from occlog.track.images.interface import FrameSet
+from occlog.track.images.kernels.collaboration import Neighbours, reweighted
+from occlog.track.images.methods.config import BmctConfig
+from occlog.track.images.methods.local import LocalWeights, arrival_of, local_weights
+from occlog.track.images.methods.state import VisualState
+from occlog.track.images.methods.weigh import weighing_model
+
+
+def likelihood_seconds(
+    state: VisualState, config: BmctConfig, frames: FrameSet, rng: Generator, repeats: int = 5
+) -> tuple[float, float, float]:
+    """CPU seconds of the local, the interaction and the collaboration likelihood of all particles in one frame.
+
+    The local one holds the map of bins and the motion of the particles.  The others are the
+    time that weighing takes longer with neighbours than without, and with helpers than without.
+
+    Args:
+        state: before the frame; it is not changed.
+        config: its settings.
+        frames: the frame.
+        rng: a copy of it is drawn from.
+        repeats: of each part, of which the median counts.
+    """
+
+    def locally() -> LocalWeights:
+        return local_weights(state, frames, arrival_of(state, frames), copy.deepcopy(rng))
+
+    local, arrival = locally(), arrival_of(state, frames)
+    model = weighing_model(state, arrival, local)
+    order, sweeps = np.arange(len(state.views)), config.sweeps
+    near = model.near
+    apart = Neighbours(busy=np.zeros_like(near.busy), touching=np.zeros_like(near.touching), ratio=near.ratio)
+
+    def weigh(close: Neighbours, helper: Ints) -> Callable[[], object]:
+        trial = model._replace(near=close, cameras=model.cameras._replace(helper=helper))
+        return lambda: reweighted(local.particles, local.log_local, arrival.here, trial, order, sweeps)
+
+    nobody = np.full_like(model.cameras.helper, -1)
+    parts = [
+        locally,
+        weigh(apart, nobody),
+        weigh(near, nobody),
+        weigh(near, model.cameras.helper),
+    ]
+    whole, base, touching, helped = (_median_seconds(part, repeats) for part in parts)
+    return whole, max(touching - base, 0.0), max(helped - touching, 0.0)
+
+
+def _median_seconds(work: Callable[[], object], repeats: int) -> float:
+    times = []
+    for _ in range(repeats):
+        start = time.thread_time()
+        work()
+        times.append(time.thread_time() - start)
+    return float(np.median(times))

@@ -1,0 +1,177 @@
+"""Detections of one time step, the error model of the detectors, and the densities of boxes.
+
+The edges of a box are modelled by the centre and the size of each axis, whose errors are independent: left = centre -
+width / 2.  Edges that are not observed (cut by the border of the image, hidden, or an outlier) are marginalised.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .linear import invert
+
+UNOBSERVED_VARIANCE = 1e10
+"""Variance assigned to an unobserved box edge [px^2]."""
+LOG_UNOBSERVED = 0.5 * math.log(2.0 * math.pi * UNOBSERVED_VARIANCE)
+LOG_2PI = math.log(2.0 * math.pi)
+LOG_SIZE_RANGE = math.log(20.0)
+"""Sizes of false alarms are uniform in the logarithm over a factor of 20."""
+
+
+class Boxes(NamedTuple):
+    """Frames of one time step, packed: L frames with M boxes in all."""
+
+    camera: Ints  # (L,)
+    delay: Floats  # (L,) later than the time step [s]
+    first: Ints  # (L + 1,) boxes of frame l are first[l] to first[l + 1] - 1
+    box: Floats  # (M, 4) left, top, right, bottom [px]
+    believed: Bools  # (M, 4) edges that the border of the image does not cut
+    clutter: Floats  # (M,) log of the expected number of false alarms like it in score, in the frame
+
+
+class Rates(NamedTuple):
+    """Parameters of the detectors of C cameras."""
+
+    detection: Floats  # (C,) probability of detection of a person in plain view
+    curve: Floats  # (K,) factor of it at the visible shares 0, 1 / (K - 1), .., 1
+    cut: float  # probability that a box ends where the cover of the feet begins
+    wrong: float  # probability that one edge of a box, any of the four, is an outlier
+    bias: Floats  # (C, 4) centre and width across, centre and height down, in heights, widths, heights, heights
+    noise: Floats  # (4, 2) variances of the same: constant [px^2], and share of the size, squared
+    sway: float  # variance of either centre besides, in heights squared; its errors last
+    lasting: Floats  # (C,) factor of it in an update
+    merge: Floats  # (C,) probability that two people who touch in the image are detected as one box
+    slow: float  # factor of the noise in an update, since errors are correlated from frame to frame
+
+
+@kernel
+def interpolate(curve: Floats, share: float) -> float:
+    """The curve at a share between 0 and 1, linear between its values."""
+    at = min(max(share, 0.0), 1.0) * (curve.shape[0] - 1)
+    k = min(int(at), curve.shape[0] - 2)
+    value: float = curve[k] + (at - k) * (curve[k + 1] - curve[k])
+    return value
+
+
+@kernel
+def axis_noise(rates: Rates, axis: int, width: float, height: float, lasting: float) -> tuple[float, float]:
+    """Variances [px^2] of the centre and of the size of a box of this width and height [px].
+
+    Args:
+        rates: of the detectors.
+        axis: 0: across, 1: down.
+        width: of the box.
+        height: of the box.
+        lasting: factor of the sway of bodies.
+    """
+    size = width if axis == 0 else height
+    centre = rates.noise[2 * axis, 0] + (rates.noise[2 * axis, 1] + lasting * rates.sway) * height * height
+    return centre, rates.noise[2 * axis + 1, 0] + rates.noise[2 * axis + 1, 1] * size * size
+
+
+@kernel
+def edge_noise(box: Floats, rates: Rates, lasting: float, noise: Floats) -> None:
+    """Write the covariance (4, 4) of the edges of a box that is expected at `box` (4,).
+
+    The sway of bodies counts `lasting` times.
+    """
+    width, height = box[2] - box[0], box[3] - box[1]
+    noise[:] = 0.0
+    for axis in range(2):
+        centre, size = axis_noise(rates, axis, width, height, lasting)
+        a, b = axis, axis + 2
+        noise[a, a] = noise[b, b] = centre + 0.25 * size
+        noise[a, b] = noise[b, a] = centre - 0.25 * size
+
+
+@kernel
+def biased(box: Floats, bias: Floats, out: Floats) -> None:
+    """Write the box (4,) that a detector with the bias (4,), a row of `Rates.bias`, reports of an outline (4,)."""
+    width, height = box[2] - box[0], box[3] - box[1]
+    u, v = 0.5 * (box[0] + box[2]) + bias[0] * height, 0.5 * (box[1] + box[3]) + bias[2] * height
+    half_w, half_h = 0.5 * width * (1.0 + bias[1]), 0.5 * height * (1.0 + bias[3])
+    out[0], out[1], out[2], out[3] = u - half_w, v - half_h, u + half_w, v + half_h
+
+
+@kernel
+def log_density(off: Floats, inverse: Floats, use: Bools, noise: Floats, spread: Floats) -> tuple[float, float]:
+    """Log density of the innovation of the edges in use, and its squared Mahalanobis distance.
+
+    Args:
+        off: (4,) innovation: edges minus expected edges [px].
+        inverse: (4, 4) written: inverse of the innovation's covariance, with `UNOBSERVED_VARIANCE` for edges that are
+            not used.
+        use: (4,) edges in use.
+        noise: (4, 4) covariance R of the edges.
+        spread: (4, 4) covariance H P H' of the expected edges.
+    """
+    S = np.empty((4, 4))
+    unused = 0
+    for a in range(4):
+        for b in range(4):
+            S[a, b] = spread[a, b] + noise[a, b]
+        if not use[a]:
+            S[a, a] += UNOBSERVED_VARIANCE
+            unused += 1
+    log_determinant = invert(S, inverse)
+    distance = 0.0
+    for a in range(4):
+        for b in range(4):
+            distance += off[a] * inverse[a, b] * off[b]
+    return -0.5 * (distance + log_determinant + 4 * LOG_2PI) + unused * LOG_UNOBSERVED, distance
+
+
+@kernel
+def log_clutter(box: Floats, use: Bools, width: float, height: float) -> float:
+    """Log density of the edges in use of a false alarm: uniform in an image of width x height, of any size."""
+    total = 0.0
+    for axis in range(2):
+        extent = width if axis == 0 else height
+        a, b = axis, axis + 2
+        if use[a] or use[b]:
+            total -= math.log(extent)
+        if use[a] and use[b]:
+            total -= math.log(max(box[b] - box[a], 1.0) * LOG_SIZE_RANGE)
+    return total
+
+
+@kernel
+def add_axis_precision(
+    noise: Floats, axis: int, low: bool, high: bool, low_weight: float, high_weight: float, both: float, out: Floats
+) -> None:
+    """Add the weighted precision of the observed edges of one axis to (4, 4) `out`.
+
+    Args:
+        noise: (4, 4) covariance of the edges.
+        axis: 0: left and right, 1: top and bottom.
+        low: the left or top edge is observed.
+        high: the right or bottom edge is observed.
+        low_weight: weight where it alone is observed.
+        high_weight: weight where it alone is observed.
+        both: weight where both are.
+        out: (4, 4) changed.
+    """
+    a, b = axis, axis + 2
+    if low and high:
+        det = noise[a, a] * noise[b, b] - noise[a, b] * noise[a, b]
+        out[a, a] += both * noise[b, b] / det
+        out[b, b] += both * noise[a, a] / det
+        out[a, b] -= both * noise[a, b] / det
+        out[b, a] -= both * noise[a, b] / det
+    elif low:
+        out[a, a] += low_weight / noise[a, a]
+    elif high:
+        out[b, b] += high_weight / noise[b, b]
+
+
+@kernel
+def add_precision(noise: Floats, use: Bools, weight: float, out: Floats) -> None:
+    """Add `weight` times the inverse of the covariance of the edges in use to (4, 4) `out`."""
+    for axis in range(2):
+        add_axis_precision(noise, axis, use[axis], use[axis + 2], weight, weight, weight, out)

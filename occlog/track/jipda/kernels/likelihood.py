@@ -1,0 +1,129 @@
+"""Likelihood ratios of boxes: of one person, with an edge that may be an outlier, against false alarms.
+
+The likelihood of a box is a mixture: all its edges are the person's, or one is an outlier.  An outlier is the lower
+edge of a box that ends where a cover of the feet begins (uniform over the upper 80 % of the height), or any edge that
+belongs to something else (uniform over twice the size).  Of the outliers the likeliest one represents all.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel, kernel_part
+
+from .body_box import BOTTOM
+from .detections import Boxes, Rates, log_clutter, log_density
+
+MIN_DETECTION = 1e-4
+"""People with a lower probability of detection are not associated."""
+MIN_COVERED = 0.01
+"""Boxes of people whose feet are covered with a lower probability do not end early."""
+CUT_EXTENT, OUTLIER_EXTENT = 0.8, 2.0
+"""Range of the lower edge of a box that ends early, and of an outlier, in sizes of the box."""
+OUTLIER_CHI2 = 4.0
+"""An edge may be an outlier beyond this squared number of standard deviations."""
+EDGE_GATE = 2.0
+"""One edge is gated at this multiple of the gate of all four."""
+
+
+class Likelihoods(NamedTuple):
+    """Likelihood ratios of m boxes of a frame to false alarms, for N people."""
+
+    ratio: Floats  # (N, m) 0: outside the gate
+    whole: Floats  # (N, m) probability that no edge is an outlier, given that the box is the person's
+    outlier: Floats  # (N, m) likeliest outlier edge; -1: none
+
+
+@kernel
+def outlier_density(edge: int, box: Floats, below: float, cut: float, wrong: float) -> float:
+    """Density [1/px] of an edge that is an outlier, times its probability.
+
+    Args:
+        edge: which one.
+        box: (4,) expected [px].
+        below: how far the lower edge lies below the expected one [px].
+        cut: probability that the box ends where the cover of the feet begins.
+        wrong: probability that one of the four edges is something else's.
+    """
+    size = box[2 + edge % 2] - box[edge % 2]
+    if edge == BOTTOM and cut > MIN_COVERED and below < 0.0:
+        return float(cut / (CUT_EXTENT * size))
+    return float(0.25 * wrong / (OUTLIER_EXTENT * size))
+
+
+@kernel_part
+def likelihood_ratios(
+    box: Floats,
+    noise: Floats,
+    spread: Floats,
+    covered: Floats,
+    detection: Floats,
+    boxes: Boxes,
+    start: int,
+    stop: int,
+    rates: Rates,
+    width: float,
+    height: float,
+    log_features: Floats,
+    gate: float,
+) -> Likelihoods:
+    """Likelihood ratios of the boxes of a frame, for N people.
+
+    Args:
+        box: (N, 4) expected boxes [px].
+        noise: (N, 4, 4) covariances of edges.
+        spread: (N, 4, 4) covariances of the expected edges.
+        covered: (N,) probability that the feet are covered.
+        detection: (N,) probabilities of detection.
+        boxes: of the time step.
+        start: first box of the frame.
+        stop: one after its last box.
+        rates: of the detectors.
+        width: of the image [px].
+        height: of the image [px].
+        log_features: (N, M) log-likelihood ratios of hints and appearance.
+        gate: greatest squared Mahalanobis distance.
+    """
+    N = box.shape[0]
+    ratio = np.zeros((N, stop - start))
+    whole, outlier = np.ones((N, stop - start)), np.full((N, stop - start), -1)
+    off, use, inverse = np.empty(4), np.empty(4, dtype=np.bool_), np.empty((4, 4))
+    for i in range(N):
+        if detection[i] < MIN_DETECTION:
+            continue
+        for j in range(start, stop):
+            far, used = 0, 0
+            for e in range(4):
+                off[e] = boxes.box[j, e] - box[i, e]
+                use[e] = boxes.believed[j, e]
+                used += 1 if use[e] else 0
+                if use[e] and off[e] * off[e] > EDGE_GATE * gate * (spread[i, e, e] + noise[i, e, e]):
+                    far += 1
+            if far > 1:
+                continue
+            clutter = log_clutter(boxes.box[j], use, width, height) + boxes.clutter[j]
+            log_full, distance = log_density(off, inverse, use, noise[i], spread[i])
+            full = math.exp(log_full - clutter + log_features[i, j]) if distance < gate else 0.0
+            cut, most = rates.cut * covered[i], 0.0
+            for e in range(4):
+                off_edge = used > 3 and off[e] * off[e] > OUTLIER_CHI2 * (spread[i, e, e] + noise[i, e, e])
+                chance = outlier_density(e, box[i], off[BOTTOM], cut, rates.wrong if off_edge else 0.0)
+                if chance == 0.0 or not use[e]:
+                    continue
+                use[e] = False
+                log_part, distance = log_density(off, inverse, use, noise[i], spread[i])
+                use[e] = True
+                part = chance * math.exp(log_part - clutter + log_features[i, j]) if distance < gate else 0.0
+                if part > most:
+                    most, outlier[i, j - start] = part, e
+            if off[BOTTOM] < 0.0:
+                full *= 1.0 - cut
+            full *= 1.0 - rates.wrong
+            ratio[i, j - start] = full + most
+            if most > 0.0:
+                whole[i, j - start] = full / (full + most)
+    return Likelihoods(ratio, whole, outlier)

@@ -1,0 +1,138 @@
+"""Files of the current folder, and of folders that others can write, decide nothing that runs."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+from numba.core import caching
+
+from occlog.console.foreign_code import is_own
+from occlog.core.numerics.kernel_cache import CONFIGURATION, KernelCache
+from occlog.core.plane import polygons
+
+WITNESS = "witness.txt"
+IMPORTED = ("json", "socket", "pickle", "threading", "click", "pathlib", "contextlib", "numba", "numpy", "yaml")
+"""Modules that the program imports, as files of the current folder."""
+
+
+class Payload:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, witness: Path) -> None:
+        self.witness = witness
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (Path.write_text, (self.witness, "run"))
+
+
+@pytest.fixture
+def hostile(tmp_path: Path) -> Path:
+    """A folder with modules that leave a witness when they are imported."""
+    folder = tmp_path / "hostile"
+    folder.mkdir()
+    for name in IMPORTED:
+        text = f"import os\nopen({str(folder / WITNESS)!r}, 'w').write({name!r})\nos._exit(99)\n"
+        (folder / f"{name}.py").write_text(text)
+    return folder
+
+
+def started(folder: Path, *args: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """A new process of Python in a folder, without the variables by which tests find things."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "PYTHONSAFEPATH")}
+    environment |= {"NUMBA_DISABLE_JIT": "0", **variables}
+    return subprocess.run(
+        [sys.executable, *args], cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def crafted_index(folder: Path, witness: Path) -> Path:
+    """The index of a kernel in a folder as numba lays it out, which runs something when it is unpickled."""
+    function = polygons.point_inside.py_func  # type: ignore[attr-defined]
+    locator = getattr(caching, "UserProvidedCacheLocator", None) or caching._UserProvidedCacheLocator
+    below = folder / locator.get_suitable_cache_subpath(polygons.__file__)
+    below.mkdir(parents=True)
+    index = below / f"{KernelCache(function)._impl.filename_base}.nbi"
+    index.write_bytes(pickle.dumps(numba.__version__) + pickle.dumps(Payload(witness)))
+    return index
+
+
+CALLS = "import numpy; from occlog.core.plane.polygons import point_inside; point_inside(0.5, 0.5, numpy.eye(3)[:, :2])"
+
+
+@pytest.mark.jit
+def test_a_configuration_of_numba_in_the_current_folder_is_not_read(tmp_path: Path) -> None:
+    crafted_index(tmp_path / "kept", tmp_path / WITNESS)
+    (tmp_path / CONFIGURATION).write_text(f"cache_dir: {tmp_path / 'kept'}\n")
+    done = started(tmp_path, "-P", "-c", CALLS)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not (tmp_path / WITNESS).exists()
+
+
+@pytest.mark.jit
+def test_a_configuration_that_the_caller_has_let_numba_read_decides_nothing(tmp_path: Path) -> None:
+    crafted_index(tmp_path / "kept", tmp_path / WITNESS)
+    (tmp_path / CONFIGURATION).write_text(f"cache_dir: {tmp_path / 'kept'}\n")
+    done = started(tmp_path, "-P", "-c", f"import numba; {CALLS}")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not (tmp_path / WITNESS).exists()
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize(("mode", "used"), [(0o700, True), (0o777, False), (0o1777, False)])
+def test_kernels_are_kept_where_the_user_says_unless_others_can_write_there(
+    tmp_path: Path, mode: int, used: bool
+) -> None:
+    folder = tmp_path / "kernels"
+    folder.mkdir()
+    folder.chmod(mode)
+    assert is_own(folder) == used
+    done = started(tmp_path, "-P", "-c", CALLS, NUMBA_CACHE_DIR=str(folder))
+    assert done.returncode == 0, done.stderr
+    assert any(folder.rglob("*.nbi")) == used
+    assert ("NUMBA_CACHE_DIR" in done.stderr) != used
+
+
+def test_a_relative_folder_for_kernels_is_not_used(tmp_path: Path) -> None:
+    done = started(tmp_path, "-P", "-c", CALLS, NUMBA_CACHE_DIR="kernels")
+    assert done.returncode == 0, done.stderr
+    assert "NUMBA_CACHE_DIR" in done.stderr
+    assert not (tmp_path / "kernels").exists()
+
+
+@pytest.mark.parametrize("args", [("--version",), ("doctor", "missing.mcap")])
+def test_the_program_imports_nothing_of_the_current_folder(hostile: Path, args: tuple[str, ...]) -> None:
+    done = started(hostile, "-m", "occlog", *args)
+    assert done.returncode in (0, 4), done.stderr
+    assert not (hostile / WITNESS).exists()
+
+
+def test_workers_import_nothing_of_the_current_folder(hostile: Path, tmp_path: Path) -> None:
+    # As the command does, whose script lies elsewhere
+    script = tmp_path / "script.py"
+    script.write_text("""
+from occlog.pipeline.executors.processes import Processes
+if __name__ == "__main__":
+    print(dict(Processes(2).outcomes({"a": -1, "b": 2}, abs)))
+""")
+    done = started(hostile, str(script))
+    assert (done.returncode, done.stdout) == (0, "{'a': 1, 'b': 2}\n"), done.stderr
+    assert not (hostile / WITNESS).exists()
+
+
+def test_processes_that_take_files_apart_import_nothing_of_the_current_folder(hostile: Path, tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("""
+import subprocess, sys
+from occlog.io.files.children import environment_for_children
+command = [sys.executable, "-P", "-c", "import socket, json; print(socket.__file__)"]
+print(subprocess.run(command, env=environment_for_children(), capture_output=True, text=True).stdout)
+""")
+    done = started(hostile, str(script), PYTHONPATH=os.pathsep.join(["", ".", os.environ.get("PYTHONPATH", "")]))
+    assert str(hostile) not in done.stdout
+    assert "socket.py" in done.stdout or not done.stdout
