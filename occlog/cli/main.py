@@ -34,7 +34,9 @@ COMMANDS = {
     "ingest": Command(
         "occlog.ingest.command", "Gather video, detections, DOA logs and calibration into one recording."
     ),
-    "traffic": Command("occlog.simulate.traffic.command", "Simulate the data traffic of sensors that help each other."),
+    "traffic": Command(
+        "occlog.papers.lee.traffic.command", "Simulate the data traffic of sensors that help each other."
+    ),
     "listen": Command("occlog.measure.listen.command", "Find directions of arrival in the sound of microphone arrays."),
     "epipolar": Command("occlog.measure.epipolar.command", "Find how pairs of views see the same point, or check it."),
     "detect": Command("occlog.measure.detect.command", "Reduce the frames of a recording to bearings."),
@@ -53,7 +55,7 @@ COMMANDS = {
     ),
     "label": Command("occlog.measure.label.request:VERB", "Give candidates the identity of the track they agree with."),
     "navigate": Command(
-        "occlog.navigate.command", "Drive a robot through a scene, around obstacles and tracked people."
+        "occlog.papers.lee.navigation.command", "Drive a robot through a scene, around obstacles and tracked people."
     ),
     "plan": Command("occlog.plan.command", "Expected errors of sensors, and what one more would help."),
     "evaluate": Command("occlog.evaluate.command", "Compare tracks with the truth and with the Cramer-Rao bound."),

@@ -102,7 +102,7 @@ def _do(
 
     done = run(request, overwrite=overwrite, quiet=quiet)
     code = console.finish(done.summary, done.losses, as_json)
-    return console.strict_code(code, bool(done.summary.get("plausible", True)), strict)
+    return console.strict_code(code, done.summary.get("plausible"), strict)
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:

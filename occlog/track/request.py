@@ -41,8 +41,8 @@ class Tracking(Request):
     --method virtual and rssi locate radio tags: BEARINGS is then a recording (or a table) with the reads of fixed
     readers. A tag's track has the tag's identity, which `occlog label` gives to bearings.
 
-    --method fix, apf and map also take ranges, signal strengths and time differences of stations: in --measurements
-    beside bearings, or in the place of BEARINGS.
+    --method apf, ekf, fix, map and ukf also take ranges, signal strengths and time differences of stations: in
+    --measurements beside bearings, or in the place of BEARINGS.
 
     \b
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet

@@ -7,10 +7,10 @@ from collections import Counter
 import numpy as np
 
 from occlog import console
-from occlog.consistency.verdict import Finding, figures
 from occlog.errors import InputError, UsageError
 from occlog.records.losses import Loss
 from occlog.records.tables import TagTracks
+from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.runner import Job
 from occlog.track.request import ReadsRequest
 
@@ -59,18 +59,27 @@ class ReadsSummary:
             **({"refined": self.refined} if self.refined else {}),
             "mean_spread": self.spread / self.rows if self.rows else float("nan"),
             **({"doubts": dict(sorted(self.doubts.items()))} if self.doubts else {}),
-            **figures(self.findings()),
         }
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What speaks against the tracks."""
+    def checks(self) -> tuple[Check, ...]:
+        """What was checked of the tracks, and what was found."""
         shares = {name: n / self.rows for name, n in sorted(self.doubts.items())}
-        return tuple(
-            Finding(
-                name, "warning", f"{share:.0%} of the rows have the doubt {name} (limit {OFTEN:.0%}): {REMEDIES[name]}"
-            )
-            for name, share in shares.items()
-            if share > OFTEN
+        return outcome(
+            "doubts of the rows",
+            (
+                finding(
+                    "doubts of the rows",
+                    "warning",
+                    name,
+                    f"{share:.0%} of the rows have the doubt {name} (limit {OFTEN:.0%}): {REMEDIES[name]}",
+                    share=share,
+                    allowed=OFTEN,
+                )
+                for name, share in shares.items()
+                if share > OFTEN
+            ),
+            unless="" if self.rows else "there are no rows",
+            rows=self.rows,
         )
 
 
@@ -102,6 +111,9 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
             summary.add(part)
         if not summary.rows:
             raise InputError(f"{request.bearings}: no read is as strong as the threshold; lower it")
-    console.note_findings(summary.findings(), job.quiet)
+        made = provenance.with_checks(summary.checks())
+        tables.annotate(made)
+    console.note_findings(texts_of(made.judged, "track"), job.quiet)
     more = {} if regions is None else {"virtual_sensors": len(regions.area)}
-    return {"tracks": str(request.output), "method": request.method, **more, **summary.figures()}, inputs.losses
+    figures = {**more, **summary.figures(), **summary_of(made.judged)}
+    return {"tracks": str(request.output), "method": request.method, **figures}, inputs.losses
