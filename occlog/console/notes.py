@@ -49,10 +49,10 @@ def note(message: str, quiet: bool = False) -> None:
         write_line(f"occlog: {told(named(message))}", sys.stderr)
 
 
-def note_findings(findings: Iterable[tuple[str, str, str]], quiet: bool = False) -> None:
-    """Write findings against the estimates (code, severity, sentence) to standard error, a line each."""
-    for _, severity, sentence in findings:
-        note(f"{severity}: {sentence}", quiet)
+def note_findings(texts: Iterable[str], quiet: bool = False) -> None:
+    """Write what was found in checking results to standard error, a line each; see `records.verdicts.texts_of`."""
+    for text in texts:
+        note(text, quiet)
 
 
 def note_losses(losses: Iterable[object]) -> None:

@@ -100,13 +100,18 @@ def run_evaluate(
                 kept.append(rows)
 
         result = evaluator.run(take, many, places=paths.write_scene is not None, numbers=numbers)
+        if result.checks is not None:
+            provenance = provenance.with_checks(result.checks)
+            for writer in writers.values():
+                writer.annotate(provenance)
         if plugged and sources.tracks is not None and sources.truth is not None:
             whole = Tracks.concat(sources.tracks()), Truth.concat(sources.truth())
             result = with_plugins(replace(result, errors=Errors.concat(kept)), plugged, *whole, unit)
     told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
     more = () if unknown is None else (unknown,)
     other = other_video(paths.tracks, [paths.truth])
-    result = replace(result, notes=(*((told,) if own_numbers else ()), *result.notes, *more, *other))
+    notes = (*((told,) if own_numbers else ()), *result.notes, *more, *other)
+    result = replace(result, notes=notes, verdicts=provenance.judged)
     if paths.write_scene is not None:
         _write_scene(paths.write_scene, scene, evaluator.noise, overwrite=paths.overwrite)
     if paths.output is not None:

@@ -214,7 +214,7 @@ def command(
         people = PeopleFiles(output, own["support"], own["events"], own["view_tracks"])
         check_outputs(crowd.paths, people.paths, overwrite)
         found, lost = run_track_people(crowd, people, overwrite, quiet)
-        return console.strict_code(console.finish(found, lost, as_json), bool(found["plausible"]), own["strict"])
+        return console.strict_code(console.finish(found, lost, as_json), found["plausible"], own["strict"])
     if METHODS[method].takes_in == READS:
         from .readers.inputs import ReadsRequest
         from .readers.run import ReadsFiles, run_track_reads
@@ -235,7 +235,7 @@ def command(
         tags = ReadsFiles(output, own.get("virtual_sensors"))
         check_outputs(reads.paths, tags.paths, overwrite)
         located, lost = run_track_reads(reads, tags, overwrite, quiet)
-        return console.strict_code(console.finish(located, lost, as_json), bool(located["plausible"]), own["strict"])
+        return console.strict_code(console.finish(located, lost, as_json), located["plausible"], own["strict"])
     from .run import TrackFiles, TrackRequest, run_track
 
     request = TrackRequest(
@@ -273,4 +273,4 @@ def command(
     check_outputs(request.paths, outputs.paths, overwrite)
     summary, losses = run_track(request, outputs, overwrite, quiet)
     code = console.finish(summary, losses, as_json)
-    return console.strict_code(code, bool(summary["plausible"]), own["strict"])
+    return console.strict_code(code, summary["plausible"], own["strict"])

@@ -14,7 +14,7 @@ from occlog import console
 from occlog.consistency.compass import Compass
 from occlog.consistency.sharp import Sharp
 from occlog.consistency.sight import Compared
-from occlog.consistency.verdict import Evidence, Finding, figures
+from occlog.consistency.verdict import Evidence
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
@@ -24,6 +24,7 @@ from occlog.io.models.path_losses import read_path_loss
 from occlog.io.open import open_input
 from occlog.records.declared.traffic import END_TO_END
 from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Particles, Residuals, Tracks
+from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.scans.config import MeasuredConfig
 from occlog.scans.grouping import checked, choose_sensors
 from occlog.scans.inputs import Inputs
@@ -47,6 +48,10 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
     from occlog.track.drivers.rows import Solve, Tracked
+
+
+NUMBER = "number of targets"
+"""Name of a check."""
 
 
 class TrackSummary:
@@ -102,7 +107,6 @@ class TrackSummary:
             **found.figures(),
             **self.messages.summary(),
             **(self._cooperation() if self.cooperated else {}),
-            **figures(self.findings()),
         }
 
     def _cooperation(self) -> dict[str, Any]:
@@ -115,15 +119,16 @@ class TrackSummary:
             "frames_offered": self.offered,
         }
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What speaks against the estimates, and what else a user must know."""
+    def checks(self) -> tuple[Check, ...]:
+        """What was checked of the estimates, and what was found."""
         if not self.evidence.rows:
             text = (
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             )
-            return (Finding("no-target", "note", text),)
-        found = self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed)
-        return (*self.sharp.findings(), *self.compass.findings(), *found)
+            return (finding(NUMBER, "note", "no-target", text),)
+        found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
+        number = outcome(NUMBER, (), targets=len(self.targets))
+        return (*number, *self.sharp.checks(), *self.compass.checks(), *found)
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -298,8 +303,13 @@ def run_track(
                     why = "no moment of the chosen targets and stations gives a position; a fix wants three ranges, or "
                     why += "as many other measurements, at one time (--window)"
             raise InputError(f"{request.bearings}: {why}")
-    console.note_findings(summary.findings(), quiet)
-    return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
+        made = provenance.with_checks(summary.checks())
+        for writer in writers:
+            if writer is not None:
+                writer.annotate(made)
+    console.note_findings(texts_of(made.judged, "track"), quiet)
+    found = {"tracks": str(wanted.tracks), "method": request.method, **summary.figures(), **summary_of(made.judged)}
+    return found, losses
 
 
 def takes_distances(method: AnyMethod) -> bool:

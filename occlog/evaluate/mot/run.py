@@ -83,8 +83,9 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
     if paths.mot is not None and paths.tracks is not None:
         whole = joined([part for _, part in compared.parts()])
         write_layout(paths.mot, paths.tracks.stem, _sequences(whole, scene), overwrite=paths.overwrite)
+    result = replace(result, verdicts=provenance.judged)
     if paths.output is not None:
-        values = {**result.metrics, "_provenance": provenance.as_dict()}
+        values = {**result.figures, "_provenance": provenance.as_dict()}
         write_json(paths.output, values, overwrite=paths.overwrite)
     return result
 

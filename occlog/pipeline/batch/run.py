@@ -11,6 +11,7 @@ import click
 
 from occlog import console
 from occlog.console.details import begin_work, note_files
+from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted, told
 from occlog.errors import ExitCode, UsageError, did_you_mean
 from occlog.io.files.atomic import write_bytes
@@ -24,6 +25,7 @@ from occlog.pipeline.progress import shown_progress
 from occlog.pipeline.run.run import worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
 from occlog.records.tables import TABLES
+from occlog.records.verdicts import summary_of
 
 from .folders import RUNS, batch_folder, fetch_files
 from .plan import Source, in_line, in_text, sources_of
@@ -190,9 +192,10 @@ def _tell(outcomes: Sequence[Outcome], sources: Sequence[Source], quiet: bool) -
             f"occlog: lost: input of {counted(len(lossy), 'recording')}; {RUNS_TABLE} lists it (losses)", err=True
         )
     doubted = [each for each in outcomes if each.plausible is False]
-    if doubted:
-        names = ", ".join(each.name for each in doubted[:TOLD]) + (", ..." if len(doubted) > TOLD else "")
-        console.note(f"warning: tracks of {counted(len(doubted), 'recording')} are not plausible: {names}", quiet)
+    for each in doubted[:TOLD]:
+        console.note(f"warning: {each.name}: plausible: {plausible_in_words(summary_of(each.verdicts))}", quiet)
+    if len(doubted) > TOLD:
+        console.note(f"warning: {len(doubted) - TOLD} more are not plausible; {RUNS_TABLE} names them", quiet)
 
 
 def _summary(folder: str, outcomes: Sequence[Outcome], rows: object) -> dict[str, object]:
