@@ -71,7 +71,7 @@ ALIASES: Mapping[str, Sequence[str]] = {
 }
 """Other names of columns, without endings of units; a column's own name is one, too."""
 OWN_ALIASES: Mapping[str, Mapping[str, Sequence[str]]] = {
-    Measurements.NAME: {"target_id": ("tag", "tag_id", "beacon")},
+    Measurements.NAME: {"target_id": ("tag", "tag_id", "beacon"), "sigma_bearing": SIGMAS},
     Reads.NAME: {"target_id": READS.names["tag"]},
 }
 """Further names in one table."""
