@@ -103,7 +103,7 @@ def run_evaluate(
         if plugged and sources.tracks is not None and sources.truth is not None:
             whole = Tracks.concat(sources.tracks()), Truth.concat(sources.truth())
             result = with_plugins(replace(result, errors=Errors.concat(kept)), plugged, *whole, unit)
-    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
+    told = f"{paths.tracks}: track IDs are not those of the truth; matching by distance (--match optimal)"
     more = () if unknown is None else (unknown,)
     other = other_video(paths.tracks, [paths.truth])
     result = replace(result, notes=(*((told,) if own_numbers else ()), *result.notes, *more, *other))

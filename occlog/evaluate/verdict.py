@@ -12,18 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Floats, Ints
 from occlog.consistency.sight import whole
 from occlog.consistency.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, Finding, beyond
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
 from occlog.io.files.provenance import Provenance
+from occlog.records.columns import rows_by_label
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Tracks
 from occlog.track.catalogue import smooths
 
 from .errors.sums import in_space
 from .mot.config import ManyConfig
+from .mot.headline import own_identities
 
 NEES_HIGH, NEES_LOW = 2.0, 0.2
 """Normalised squared errors over their number of dimensions that matter."""
@@ -110,7 +112,7 @@ def judge(
         mine = used(seen, made, held_out)
         found.saw(tracks, whole(tracks, mine, scene, diagnostics, made.window_ns), scene)
     against = AgainstTruth(made, scene)
-    if errors is not None:
+    if errors is not None and not own_identities(metrics or {}):
         against.update(errors)
     unknown = bool(np.isnan(tracks.cov_xx).any())
     return with_truth(found, made, against, unknown=unknown, metrics=metrics or {})
@@ -135,10 +137,19 @@ def with_truth(
             "estimates, are as large as they say"
         )
         return (*said, Finding("no-covariance", "note", words), *_of_figures(metrics))
-    told = tuple(against.findings())
+    told = (*against.findings(), *_of_pairs(metrics))
     if any(f.code == "nees-large" for f in told):
         told += tuple(_of_something_else(found, metrics))
     return (*said, *told, *_of_figures(metrics))
+
+
+def _of_pairs(metrics: Mapping[str, object]) -> Iterator[Finding]:
+    """What an evaluation that was made before said of the covariances of tracks with identities of their own."""
+    warnings = metrics.get("warnings")
+    if own_identities(metrics) and isinstance(warnings, list):
+        for each in warnings:
+            if each.get("code") in ("nees-large", "singular"):
+                yield Finding(str(each["code"]), "warning", str(each["sentence"]))
 
 
 def _of_something_else(found: Evidence, metrics: Mapping[str, object]) -> Iterator[Finding]:
@@ -213,6 +224,12 @@ class AgainstTruth:
             self._ground.update(target, errors.nees[own])
             self._space.update(target, errors.nees_space[own])
 
+    def update_pairs(self, targets: Ints, nees: Floats) -> None:
+        """Some more pairs of each frame on the ground, in the order of time: target and NEES of each."""
+        self.rows += len(nees)
+        for target, rows in rows_by_label(targets):
+            self._ground.update(target, nees[rows])
+
     def findings(self) -> Iterator[Finding]:
         """What there is to say."""
         if self.rows >= FEWEST:
@@ -267,7 +284,7 @@ def _of_figures(metrics: Mapping[str, object]) -> Iterator[Finding]:
             f"only {rate:.0%} of the visible targets were seen where they are (expected at least {DETECTED:.0%}): the "
             "bearings may be of something else than the truth, or the clocks or the calibration do not fit",
         )
-    ratio = _number(metrics, "bound_ratio")
+    ratio = math.nan if own_identities(metrics) else _number(metrics, "bound_ratio")
     if ratio > FAR_FROM_BOUND and _number(metrics, "bound_estimates") >= FEWEST:
         yield Finding(
             "far-from-bound",
