@@ -11,9 +11,9 @@ import numpy as np
 from benchmarks.track.track import ROOT
 from occlog.errors import InputError
 from occlog.io.scenes.scene import read_scene
-from occlog.navigate.config import NavigateConfig
-from occlog.navigate.course import Course, course_of, people_of
-from occlog.navigate.stage import Drive, End, drive
+from occlog.papers.lee.navigation.config import NavigateConfig
+from occlog.papers.lee.navigation.course import Course, course_of, people_of
+from occlog.papers.lee.navigation.stage import Drive, End, drive
 from occlog.papers.verdicts.model import deviation
 from occlog.records.tables import Truth
 from occlog.scans.moving_people import obstacles_of

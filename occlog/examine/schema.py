@@ -36,7 +36,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.simulate.config:PeopleConfig",
         "occlog.simulate.balls.config:BallsConfig",
     ),
-    "traffic": ("occlog.simulate.traffic.config:TrafficConfig",),
+    "traffic": ("occlog.papers.lee.traffic.config:TrafficConfig",),
     "listen": ("occlog.measure.listen.config:ListenConfig",),
     "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
     "detect": (
@@ -66,7 +66,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
     ),
     "ground": ("occlog.track.images.ground.config:GroundConfig",),
     "report": ("occlog.report.beside.config:BesideConfig",),
-    "navigate": ("occlog.navigate.config:NavigateConfig",),
+    "navigate": ("occlog.papers.lee.navigation.config:NavigateConfig",),
     "plan": ("occlog.plan.config:PlanConfig",),
 }
 """Classes of settings of each verb but `track`."""

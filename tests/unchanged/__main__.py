@@ -65,36 +65,44 @@ def python_of(side: Path) -> Path:
 
 
 def run_section(python: Path, lines: list[str], folder: Path, limit_s: float) -> None:
-    """Run commands in a folder that is new, and say what each printed, how it ended and how long it took."""
-    shutil.rmtree(folder, ignore_errors=True)
+    """Run commands in a folder, and keep what each printed, how it ended and how long it took.
+
+    A section that was stopped goes on; from the first command that is another one than before, all are run again.
+    """
     printed = folder / PRINTED
-    printed.mkdir(parents=True)
+    kept = done(folder)
+    if [line for line, _ in kept] != lines[: len(kept)]:
+        shutil.rmtree(folder, ignore_errors=True)
+        kept = []
+    printed.mkdir(parents=True, exist_ok=True)
     environment = {**os.environ, **ENVIRONMENT}
-    took = {}
-    for n, line in enumerate(lines):
+    for n, line in list(enumerate(lines))[len(kept) :]:
         words = shlex.split(line.removeprefix("! "))
         program = [python, "-m", "occlog"] if words[0] == "occlog" else [python]
         start = time.monotonic()
         try:
-            done = subprocess.run(
-                [*program, *words[1:]], cwd=folder, env=environment, capture_output=True, timeout=limit_s,
+            ended = subprocess.run(
+                [*program, *words[1:]],
+                cwd=folder,
+                env=environment,
+                capture_output=True,
+                timeout=limit_s,
                 stdin=subprocess.DEVNULL,
-            )  # fmt: skip
-            code, out, err = done.returncode, done.stdout, done.stderr
+            )
+            code, out, err = ended.returncode, ended.stdout, ended.stderr
         except subprocess.TimeoutExpired as error:
             code, out, err = -1, error.stdout or b"", error.stderr or b""
-        took[line] = time.monotonic() - start
         (printed / f"{n}.code").write_text(f"{code}\n")
         (printed / f"{n}.out{'.json' if '--json' in words else ''}").write_bytes(out)
         (printed / f"{n}.err").write_bytes(err)
-    (printed / "took.json").write_text(json.dumps(took, indent=1))
-    (printed / "done.json").write_text(json.dumps(lines))
+        kept.append((line, time.monotonic() - start))
+        (printed / "done.json").write_text(json.dumps(kept, indent=1))
 
 
-def is_done(lines: list[str], folder: Path) -> bool:
-    """Whether a folder has the results of these commands."""
+def done(folder: Path) -> list[tuple[str, float]]:
+    """The commands of a section that were run, with the seconds of each."""
     stamp = folder / PRINTED / "done.json"
-    return stamp.is_file() and json.loads(stamp.read_text()) == lines
+    return [(line, seconds) for line, seconds in json.loads(stamp.read_text())] if stamp.is_file() else []
 
 
 def run_side(
@@ -104,7 +112,7 @@ def run_side(
     if not (folder / "inputs").exists():
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "inputs").symlink_to(inputs.absolute())
-    missing = {name: lines for name, lines in commands.items() if not is_done(lines, folder / name)}
+    missing = {name: lines for name, lines in commands.items() if [line for line, _ in done(folder / name)] != lines}
     if FIRST in missing:
         run_section(python, missing.pop(FIRST), folder / FIRST, limit_s)
     with ThreadPoolExecutor(workers) as pool:
@@ -127,7 +135,7 @@ def differences(lines: list[str], base: Path, new: Path, tolerance: Tolerance) -
             yield "!", line, f"exit code {before} on both sides, which is not what the list expects"
     first, second = files(base), files(new)
     for name in sorted(first.keys() | second.keys()):
-        if name in (f"{PRINTED}/took.json", f"{PRINTED}/done.json") or name.endswith(".code"):
+        if name == f"{PRINTED}/done.json" or name.endswith(".code"):
             continue
         words = name.startswith(PRINTED) and not name.endswith(".json")
         where = name
@@ -172,8 +180,8 @@ def compare_outputs(options: argparse.Namespace) -> bool:
             found = list(differences(lines, base, new, Tolerance(options.rtol, options.atol)))
             faults = [row for row in found if row[0] == "!"]
             same = same and not faults
-            seconds = [sum(json.loads((side / PRINTED / "took.json").read_text()).values()) for side in (base, new)]
-            count = len(files(base)) - 3 * len(lines) - 2
+            seconds = [sum(each for _, each in done(side)) for side in (base, new)]
+            count = len(files(base)) - 3 * len(lines) - 1
             print(
                 f"{name:<12}{len(lines):>9}{count:>7}{len(faults):>8}{seconds[0]:>8.0f}{seconds[1]:>8.0f}", flush=True
             )
@@ -232,10 +240,10 @@ def _processor_time(side: Path, name: str) -> float:
     """Processor time [s] of a benchmark."""
     before = os.times()
     command = [python_of(side), "-m", "benchmarks", name, "--json", "--repeats", "3"]
-    done = subprocess.run(command, cwd=side, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True)
+    ended = subprocess.run(command, cwd=side, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True)
     after = os.times()
-    if done.returncode:
-        sys.exit(f"{name} in {side}: {done.stderr.strip().splitlines()[-1:]}")
+    if ended.returncode:
+        sys.exit(f"{name} in {side}: {ended.stderr.strip().splitlines()[-1:]}")
     return after.children_user + after.children_system - before.children_user - before.children_system
 
 

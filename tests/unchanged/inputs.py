@@ -45,7 +45,8 @@ TEXTS = {
     "matches.csv": seeds.MATCHES,
     "mine.csv": seeds.TRACKS,
     "mine_truth.csv": "time,id,x_m,y_m\n0,7,2,3.1\n0.1,7,2.2,3.1\n0.1,8,5,5.2\n",
-    "azimuths.csv": "time,sensor,id,azimuth_deg\n" + "".join(f"{k / 10},wall,0,{k / 2}\n" for k in range(100)),
+    "azimuths.csv": "time,sensor,id,azimuth_deg\n"
+    + "".join(f"{1577836800 + k / 10},wall,0,{k / 2}\n" for k in range(100)),
     "broken.csv": "time,id,x,y\n0,1,2,3\n0.1,1,nothing,3\n",
     "broken_run.yaml": "occlog_run: 1\nseed: 1\ntrack: {partciles: 5}\n",
     "unknown_setting.yaml": "occlog_run: 1\nsimulate: {scene: people, frames: 5}\n"

@@ -1,1 +1,1 @@
-"""[Lee] Sec. 5.2.2: navigation in potential fields, collisions in line with the goal, escape from oscillation."""
+"""Verb `navigate`: drive a robot through a scene by potential fields; and its experiments, [Lee] Sec. 5.2.2."""

@@ -12,9 +12,9 @@ import numpy as np
 from occlog.core.navigation.oscillation import angle_at, angle_inside, angle_outside, distance_outside
 from occlog.core.navigation.potentials import distance
 from occlog.core.navigation.steering import State
-from occlog.navigate.config import NavigateConfig
-from occlog.navigate.course import Disc
-from occlog.navigate.stage import Drive, End
+from occlog.papers.lee.navigation.config import NavigateConfig
+from occlog.papers.lee.navigation.course import Disc
+from occlog.papers.lee.navigation.stage import Drive, End
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 

@@ -12,9 +12,9 @@ from occlog.array_types import Floats
 from occlog.core.navigation.alignment import aligned, within_reach, zero_force_distance
 from occlog.core.navigation.potentials import attractive_force, distance, repulsive_force
 from occlog.core.navigation.steering import Around, State, Steps, steer
-from occlog.navigate.config import NavigateConfig
-from occlog.navigate.course import Disc
-from occlog.navigate.stage import End
+from occlog.papers.lee.navigation.config import NavigateConfig
+from occlog.papers.lee.navigation.course import Disc
+from occlog.papers.lee.navigation.stage import End
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 from occlog.core.navigation.potentials import Field
-from occlog.navigate.config import NavigateConfig
-from occlog.navigate.course import Disc, course_of
-from occlog.navigate.stage import Drive, End, Step, drive
+from occlog.papers.lee.navigation.config import NavigateConfig
+from occlog.papers.lee.navigation.course import Disc, course_of
+from occlog.papers.lee.navigation.stage import Drive, End, Step, drive
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.measures import estimate, mean_of
 from occlog.papers.verdicts.model import Row, Verdict

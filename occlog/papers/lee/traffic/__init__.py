@@ -1,1 +1,1 @@
-"""[Lee] Sec. 5.2.3: data traffic of visual compensation in the routers (RBVC) or in the server (SBVC)."""
+"""Verb `traffic`: data traffic of cooperating sensors, and delays of answers; its experiments, [Lee] Sec. 5.2.3."""

@@ -1,1 +1,0 @@
-"""Verb: simulate the data traffic of cooperating sensors, and the delays of their answers."""
