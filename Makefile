@@ -25,15 +25,14 @@ demo: $(VENV)/installed
 
 # Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with
 # OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.
+# worksteal gives each worker a contiguous part of the tests: those of a folder share kernels, and run in one worker.
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not serial"
 	$(BIN)/python -m pytest --durations 5 -m serial $$(grep -rlw serial tests --include="test_*.py")
 
-# Kernels as plain Python, which checks bounds: the tests of the rooms that have kernels, and of the metrics, which give
-# them what users have. Elsewhere the same code would run twice.
+# Kernels as plain Python, which checks bounds: the fast tests of the folders that have kernels.
 KERNELS = core filtering measure/clusters measure/regions simulate/balls simulate/render simulate/world \
-	track/apf track/drivers track/images/births track/images/kernels track/images/methods track/imm track/in_space \
-	track/jipda track/map track/people evaluate/bearings evaluate/errors evaluate/mot
+	track/apf track/images/kernels track/imm track/in_space track/jipda track/map track/people
 test-fast: $(VENV)/installed-dev
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit and not serial" $(KERNELS:%=tests/%)
 

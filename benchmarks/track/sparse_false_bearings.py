@@ -51,7 +51,7 @@ def solve(run: int, false: float, settings: Mapping[str, Any]) -> Outcome:
         rmse=float(np.sqrt(np.mean(np.sum(away**2, axis=1)))),
         nees=normalised_squared_errors(away, covariances(tracks)),
         unobservable=summary.evidence.fallbacks["unobservable"] / len(tracks),
-        said=frozenset(f.code for f in summary.findings() if f.severity == "warning"),
+        said=frozenset(f.id for f in summary.checks() if f.status == "failed"),
     )
 
 

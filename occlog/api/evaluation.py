@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from occlog import console
 from occlog.errors import UsageError
+from occlog.records.verdicts import texts_of
 
 from .folders import Folder
 from .keywords import Setting, settings_by_class
@@ -117,9 +118,8 @@ def evaluate(
             result = run_evaluate_many(paths, config.box_overlap, {**many, **of_frames})
         else:
             result, _ = run_evaluate(paths, chosen, many, frames, plugged)
-        lines = [inputs.in_words_of_python(text) for text in (*notes, *result.notes)]
-        found = result.findings or ()
-        lines += [inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in found]
+        lines = [inputs.named(text) for text in (*notes, *result.notes)]
+        lines += [inputs.named(text) for text in texts_of(result.verdicts, "evaluate")]
         losses = provenance_of(paths, {}).losses
     said, rest = sentences(lines)
     warn(said, losses)

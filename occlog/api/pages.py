@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from occlog import console
-from occlog.consistency.verdict import figures
 from occlog.errors import UsageError
+from occlog.records.verdicts import summary_of, texts_of
 
 from .folders import Folder
 from .keywords import names_of
@@ -91,10 +91,9 @@ def report(
             **tables,
         )
         data, _ = run_report(paths, title)
-        findings = data.findings or ()
-        told, rest = sentences(inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in findings)
+        told, rest = sentences(inputs.named(text) for text in texts_of(data.verdicts, "report"))
     warn(told, data.losses)
-    shown = {} if data.findings is None else figures(data.findings)
+    shown = summary_of(data.verdicts)
     return ReportResult(
         summary={"targets": len(data.targets), **shown},
         losses=data.losses,
@@ -200,7 +199,7 @@ def overlay(
             overwrite=overwrite,
         )
         summary, losses = run_overlay(asked, quiet=not progress)
-        told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
+        told, rest = sentences(inputs.named(text) for text in notes)
     warn(told, losses)
     return OverlayResult(
         summary=home.without_paths(summary),

@@ -14,13 +14,14 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
-
-from .verdict import Finding
+from occlog.records.verdicts import Check, finding, outcome
 
 FEWEST, MOST = 10, 500
 """Fewest moments that tell, and how many are looked at."""
 BETTER, OFF = 0.1, 0.05
 """A median square misfit [rad^2] below this share of the other one's, where that is above `OFF`, is much better."""
+CONVENTION = "convention of angles"
+"""Name of the check."""
 WORST = 1.0
 """Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
 
@@ -40,17 +41,18 @@ class Compass:
                 self._look(chunk)
             yield chunk
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What is to be said of them, if there is something."""
+    def checks(self) -> tuple[Check, ...]:
+        """Whether they fit one another as angles of this program."""
         if len(self._misfits) < FEWEST:
-            return ()
+            return outcome(CONVENTION, (), unless=f"fewer than {FEWEST} moments have bearings of several stations")
         plain, other = np.median(self._misfits, axis=0).tolist()
         if plain <= OFF or other > BETTER * plain:
-            return ()
+            return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
         return (
-            Finding(
-                "compass",
+            finding(
+                CONVENTION,
                 "warning",
+                "compass",
                 "the bearings fit one another much better as those of a compass, clockwise from north (+y): then the "
                 f"lines of a moment miss one place by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
                 f"{len(self._misfits)} moments), and by {np.degrees(np.sqrt(plain)):.2g} as they are, from +x towards "

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from occlog.records.tables import Bearings
+from occlog.records.verdicts import Check, finding, outcome
 
-from .verdict import Finding
-
+STATED = "stated noise of the bearings"
+"""Name of the check."""
 LEAST_RAD = 1e-7
 """Smallest standard deviation that is believed: 0.02 seconds of arc."""
 
@@ -33,17 +34,21 @@ class Sharp:
                 self._least = min(self._least, float(chunk.sigma[small].min()))
             yield chunk
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What is to be said of them, if there are any."""
+    def checks(self) -> tuple[Check, ...]:
+        """Whether their noise can be."""
         if not self._found:
-            return ()
+            return outcome(STATED, ())
         return (
-            Finding(
-                "noise-tiny",
+            finding(
+                STATED,
                 "note",
+                "noise-tiny",
                 f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
                 f"deviation down to {self._least:.2g} rad (allowed: {LEAST_RAD:g}): no sensor is so exact, and "
                 "filters by particles find no place that fits them: estimates may be as wide as if nothing was seen; "
                 "state the noise that they have",
+                sensors=sorted(self._found),
+                least_rad=self._least,
+                allowed=LEAST_RAD,
             ),
         )

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import bdtrc
@@ -22,6 +21,7 @@ from occlog.console.text import counted
 from occlog.core.metrics.consistency import Ratio
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
+from occlog.records.verdicts import Check, Severity, finding, outcome
 
 from .agreement import Agreements, pose_shares
 from .alone import Alone
@@ -59,6 +59,14 @@ BLIND = 0.5
 """Share of rows in which fewer than two of the cameras that were selected see the target that matters."""
 CROWDED = 0.5
 """Share of frames with a candidate that stays and that no track explains that matters."""
+MAX_NAMED = 20
+"""Targets of one finding that are listed."""
+PARTICLES, RESTARTED, APART = "effective number of particles", "restarts of the filter", "gaps between rows"
+NEVER_SEEN, SELECTED, FLAGGED = "targets that no sensor sees", "views of the selected cameras", "flags of the rows"
+BELIEVED, CONFIRMED, NIS = "rejected measurements", "measurements of one sensor at a time", "residuals (NIS)"
+MOTION, ROOM, WALLS = "motion noise", "positions outside the room", "lines of sight through walls"
+SEVERAL = "candidates that no track explains"
+"""Names of checks."""
 ROWS = {
     "contradiction": "no place holds all constraints, and what was seen there was left out; check poses and labels",
     "wall": "no way around a wall was found; more states may help (fill_s)",
@@ -85,34 +93,6 @@ HONEST = {
 }
 """Values of `fallback` that need care, though the covariance is right."""
 
-Severity = Literal["warning", "note"]
-
-
-class Finding(NamedTuple):
-    """One thing that a user must know of an estimate.
-
-    Attributes:
-        code: short name, the same in all outputs.
-        severity: `warning`: the estimate is not to be believed as it is; `note`: it needs care.
-        sentence: what was found, the limit, the remedy.
-    """
-
-    code: str
-    severity: Severity
-    sentence: str
-
-
-def plausible(findings: Iterable[Finding]) -> bool:
-    """Whether nothing speaks against the estimates."""
-    return all(f.severity != "warning" for f in findings)
-
-
-def figures(findings: Iterable[Finding]) -> dict[str, object]:
-    """The verdict for a summary: `plausible`, and `warnings` with their codes and sentences."""
-    said = list(findings)
-    warnings = [{"code": f.code, "sentence": f.sentence} for f in said if f.severity == "warning"]
-    return {"plausible": plausible(said), "warnings": warnings}
-
 
 @dataclass
 class Evidence:
@@ -133,6 +113,7 @@ class Evidence:
         crowd: candidates that are left.
         places: where the bearings of a moment meet.
         distances: residuals are also of measurements that are no directions, so that nothing is said of `places`.
+        diagnosed: there are diagnostics.
     """
 
     rows: int = 0
@@ -149,9 +130,11 @@ class Evidence:
     crowd: Crowd = field(default_factory=Crowd)
     places: Places = field(default_factory=Places)
     distances: bool = False
+    diagnosed: bool = False
 
     def fared(self, part: Diagnostics) -> None:
         """Count rows of diagnostics."""
+        self.diagnosed = True
         self.rows += len(part)
         self.targets.update(part.target_id.tolist())
         self.seen.update(part.target_id[part.n_seen > 0].tolist())
@@ -191,160 +174,265 @@ class Evidence:
         """What residuals are of."""
         return "measurements" if self.distances else "bearings"
 
-    def findings(self, *, one_target: bool, smoothed: bool = False) -> tuple[Finding, ...]:
-        """Everything there is to say.
+    def checks(self, *, one_target: bool, smoothed: bool = False) -> tuple[Check, ...]:
+        """Every check that the diagnostics and the residuals allow, with what it found.
 
         Args:
             one_target: candidates without a label are taken for one target's by the method.
             smoothed: estimates were made from trajectories drawn backwards through the filter's particles.
         """
-        said = [*self._filter(smoothed), *self._rows(), *self._bearings(), *self._places()]
-        return (*said, *(self._several() if one_target else ()))
+        undiagnosed = "" if self.diagnosed else "there are no diagnostics"
+        few, seen = f"fewer than {FEWEST} {self.what} were judged", self.agreements.bearings
+        unseen = few if seen < FEWEST else ""
+        crowded = "" if one_target else "the method itself tells targets apart"
+        return (
+            *outcome(
+                PARTICLES,
+                self._depleted(smoothed),
+                unless=undiagnosed or ("" if self.particles.rows else "the method has no particles"),
+                median=self.particles.median,
+            ),
+            *outcome(RESTARTED, self._restarts(), unless=undiagnosed, rows=self.rows),
+            *outcome(APART, self._gaps(), unless=undiagnosed),
+            *outcome(
+                NEVER_SEEN,
+                self._unseen(),
+                unless=undiagnosed or ("measurements are not directions alone" if self.distances else ""),
+            ),
+            *outcome(
+                SELECTED, self._blind(), unless=undiagnosed or ("" if self.selected else "no cameras were selected")
+            ),
+            *outcome(FLAGGED, self._rows(), unless=undiagnosed, rows=self.rows),
+            *outcome(BELIEVED, self._not_believed(), unless=unseen, bearings=seen),
+            *outcome(CONFIRMED, self._unconfirmed(), unless=few if self.alone.bearings < FEWEST else ""),
+            *outcome(
+                NIS,
+                self._nis(),
+                unless=few if self._expected() < FEWEST else "",
+                nis=self.agreements.nis.value,
+                allowed=NIS_HIGH,
+            ),
+            *outcome(MOTION, self._motion(), unless="" if self.agreements.noise else "the method does not estimate it"),
+            *outcome(
+                ROOM, self._outside(), unless=few if self.places.rows < FEWEST else "", outside=self.places.outside
+            ),
+            *outcome(
+                WALLS,
+                self._through_walls(),
+                unless="" if any(saw >= FEWEST for saw, _ in self.places.hidden.values()) else few,
+            ),
+            *outcome(
+                SEVERAL,
+                self._several() if one_target else (),
+                unless=crowded or ("" if self.crowd.frames else "no frame has candidates without a label"),
+            ),
+        )
 
-    def _filter(self, smoothed: bool) -> Iterator[Finding]:
-        """Particles that ran out, restarts, and cameras that were selected in vain."""
+    def _depleted(self, smoothed: bool) -> Iterator[Check]:
+        """Particles that ran out."""
         few, rows, most = self.particles.few, self.particles.rows, DEPLETED_BEFORE if smoothed else DEPLETED
         if beyond(few, rows, most):
             whose = (
                 "their covariances and those of smoothed rows before them are" if smoothed else "their covariances are"
             )
-            yield Finding(
-                "depleted",
+            yield finding(
+                PARTICLES,
                 "warning",
+                "depleted",
                 f"{few / rows:.0%} of the rows rest on fewer than {FEW:.0f} effective particles (median "
                 f"{self.particles.median:.0f}; allowed in {most:.0%} of the rows): {whose} too "
                 "small; use more particles, or check the noise that is stated, which may be too small",
-            )
-        restarts = self.fallbacks["restart"]
-        if beyond(restarts, self.rows, RESTARTS):
-            yield Finding(
-                "restarts",
-                "warning",
-                f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: {RESTARTS:.0%}); "
-                "the motion or the noise that is stated is wrong, or the bearings are not of one target",
+                share=few / rows,
+                allowed=most,
             )
 
+    def _restarts(self) -> Iterator[Check]:
+        """Rows in which the target was lost."""
+        restarts = self.fallbacks["restart"]
+        if beyond(restarts, self.rows, RESTARTS):
+            yield finding(
+                RESTARTED,
+                "warning",
+                "restarts",
+                f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: {RESTARTS:.0%}); "
+                "the motion or the noise that is stated is wrong, or the bearings are not of one target",
+                share=restarts / self.rows,
+                allowed=RESTARTS,
+            )
+
+    def _gaps(self) -> Iterator[Check]:
+        """Rows so far apart that nothing is filtered."""
         gaps = self.fallbacks["gap"]
         if self.span_ns is not None and gaps >= FEWEST_GAPS and gaps >= GAPS * self.rows:
             apart = (self.span_ns[1] - self.span_ns[0]) / NS * len(self.targets) / self.rows
-            yield Finding(
-                "gaps",
+            yield finding(
+                APART,
                 "warning",
+                "gaps",
                 f"{gaps} of {self.rows} rows come after a gap, and the filter begins anew there: the rows of a target "
                 f"are {apart:.3g} s apart on average, so that nothing is filtered; take each moment alone (fix), or "
                 "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
                 "another unit, state it by --input-units ms",
+                share=gaps / self.rows,
+                allowed=GAPS,
             )
+
+    def _unseen(self) -> Iterator[Check]:
+        """Targets that no sensor saw."""
         unseen = sorted(self.targets - self.seen)
         if unseen and not self.distances:
-            yield Finding(
-                "never-seen",
+            yield finding(
+                NEVER_SEEN,
                 "note",
+                "never-seen",
                 f"{counted(len(unseen), 'target')} of {len(self.targets)}, the first {unseen[0]}, no sensor saw at any "
                 "time: the rows say where targets can be, and their covariances are as wide; add sensors, or leave "
                 "out who was not seen",
+                targets=unseen[:MAX_NAMED],
             )
+
+    def _blind(self) -> Iterator[Check]:
+        """Cameras that were selected in vain."""
         if beyond(self.blind, self.selected, BLIND):
-            yield Finding(
-                "selection",
+            yield finding(
+                SELECTED,
                 "warning",
+                "selection",
                 f"in {self.blind} of {self.selected} rows (allowed: {BLIND:.0%}) fewer than two sensors see the "
                 "target, although more cameras were selected: the selection is for longer than the target stays in "
                 "view, or the policy does not look at views; select by greedy, more cameras, or more often",
+                share=self.blind / self.selected,
+                allowed=BLIND,
             )
 
-    def _rows(self) -> Iterator[Finding]:
+    def _rows(self) -> Iterator[Check]:
         """Rows with a flag."""
-        for words, found, least, severity in (
+        kinds: tuple[tuple[Mapping[str, str], Counter[str], float, Severity], ...] = (
             (WORDS, self.doubts, DOUBTED, "warning"),
             (OFTEN, self.fallbacks, DOUBTED, "warning"),
             (CONTESTED, self.fallbacks, CONTEST, "warning"),
             (ROWS, self.fallbacks, 0.0, "warning"),
             (HONEST, self.fallbacks, 0.0, "note"),
-        ):
+        )
+        for words, found, least, severity in kinds:
             for code, text in words.items():
                 if found[code] > least * self.rows:
                     share = f" (allowed: {least:.0%})" if least else ""
                     sentence = f"{found[code]} of {self.rows} rows{share}: {code}: {text}"
-                    yield Finding(code, "warning" if severity == "warning" else "note", sentence)
+                    yield finding(FLAGGED, severity, code, sentence, share=found[code] / self.rows, allowed=least)
                 elif found[code] and words is WORDS:
                     said = f"{found[code]} of {self.rows} rows are not to be believed (the diagnostics say which)"
-                    yield Finding(code, "note", f"{said}: {code}: {text}")
+                    rare = found[code] / self.rows
+                    yield finding(FLAGGED, "note", code, f"{said}: {code}: {text}", share=rare, allowed=least)
 
-    def _bearings(self) -> Iterator[Finding]:
-        """What the residuals of bearings contradict."""
+    def _not_believed(self) -> Iterator[Check]:
+        """Sensors whose bearings are not believed."""
         for name, own in sorted(self.agreements.sensors.items()):
             if own.bearings >= FEWEST and beyond(own.bearings - own.believed, own.bearings, NOT_BELIEVED):
-                yield Finding(
-                    "not-believed",
+                yield finding(
+                    BELIEVED,
                     "warning",
+                    "not-believed",
                     f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are not believed (allowed: "
                     f"{NOT_BELIEVED:.0%}); its pose, its clock or its labels may be wrong, or the target was lost",
+                    sensors=[name],
+                    share=own.doubted,
+                    allowed=NOT_BELIEVED,
                 )
+
+    def _unconfirmed(self) -> Iterator[Check]:
+        """False bearings where one sensor at a time sees the target."""
         alone = self.alone
         if alone.bearings >= FEWEST and alone.one_at_a_time and beyond(alone.doubted, alone.bearings, UNCONFIRMED):
-            yield Finding(
-                "unconfirmed",
+            yield finding(
+                CONFIRMED,
                 "warning",
+                "unconfirmed",
                 f"{alone.share:.0%} of {alone.bearings} {self.what} are not believed (allowed: {UNCONFIRMED:.0%} where "
                 f"one sensor at a time sees the target): nothing but the motion tells false {self.what} from true "
                 "ones; "
                 "others may be false, too, and covariances too small; add sensors that see the target at the same "
                 "time, or check identities and the detector's false alarms",
+                share=alone.share,
+                allowed=UNCONFIRMED,
             )
+
+    def _nis(self) -> Iterator[Check]:
+        """Residuals that are not as stated, of all sensors, or else of single ones."""
         whole = self.agreements.nis
         if (said := off(f"the {self.what}", whole, self._expected())) is not None:
             yield said
-        else:
-            for name, own in sorted(self.agreements.sensors.items()):
-                said = off(f"the {self.what} of {name}", own.nis, own.means.expected)
-                if said is not None and said.severity == "warning":
-                    yield said
+            return
+        for name, own in sorted(self.agreements.sensors.items()):
+            said = off(f"the {self.what} of {name}", own.nis, own.means.expected, (name,))
+            if said is not None and said.status == "failed":
+                yield said
+
+    def _motion(self) -> Iterator[Check]:
+        """Targets that move more irregularly than stated."""
         for target, factor in sorted(self.agreements.noise.items()):
             if factor > LIVELY:
-                yield Finding(
-                    "motion",
+                yield finding(
+                    MOTION,
                     "warning",
+                    "motion",
                     f"target {target} moves {math.sqrt(factor):.1f} times as irregularly as the settings of its motion "
                     f"say (allowed: {math.sqrt(LIVELY):.0f} times); state a larger acceleration",
+                    targets=[target],
+                    factor=math.sqrt(factor),
+                    allowed=math.sqrt(LIVELY),
                 )
 
-    def _places(self) -> Iterator[Finding]:
-        """Bearings that meet where the scene says the target cannot be."""
+    def _outside(self) -> Iterator[Check]:
+        """Bearings that meet outside the room."""
         told = self.places
         if told.rows >= FEWEST and beyond(told.outside, told.rows, DOUBTED):
-            yield Finding(
-                "outside-room",
+            yield finding(
+                ROOM,
                 "warning",
+                "outside-room",
                 f"in {told.outside} of {told.rows} rows (allowed: {DOUBTED:.0%}) the bearings meet more than {CLEAR:g} "
                 "standard deviations outside the room, which estimates stay in: the target has left it, the room of "
                 "the scene is too small, or poses are wrong",
+                share=told.outside / told.rows,
+                allowed=DOUBTED,
             )
-        for name, (saw, hidden) in sorted(told.hidden.items()):
+
+    def _through_walls(self) -> Iterator[Check]:
+        """Sensors that see targets through walls."""
+        for name, (saw, hidden) in sorted(self.places.hidden.items()):
             if saw >= FEWEST and beyond(hidden, saw, DOUBTED):
-                yield Finding(
-                    "through-wall",
+                yield finding(
+                    WALLS,
                     "warning",
+                    "through-wall",
                     f"in {hidden} of {saw} rows (allowed: {DOUBTED:.0%}) {name} sees the target, although it is behind "
                     "a wall or static occluder of the scene where the bearings meet; the track avoids the wall and is "
                     "wrong if the wall is: check the scene's occluders, room and poses",
+                    sensors=[name],
+                    share=hidden / saw,
+                    allowed=DOUBTED,
                 )
 
     def _expected(self) -> float:
         return math.fsum(a.means.expected for a in self.agreements.sensors.values())
 
-    def _several(self) -> Iterator[Finding]:
+    def _several(self) -> Iterator[Check]:
         """Candidates that stay, and that no track explains."""
         persistent = {name: share for name, share in self.crowd.persistent(FEWEST).items() if share > CROWDED}
         if not persistent:
             return
-        yield Finding(
-            "several-targets",
+        yield finding(
+            SEVERAL,
             "warning",
+            "several-targets",
             f"the candidates cannot be one target: {self.crowd.unexplained:.1f} of {self.crowd.candidates:.1f} in a "
             f"frame are near no track, and in {', '.join(persistent)} they stay from frame to frame (in "
             f"{max(persistent.values()):.0%} of the frames; allowed: {CROWDED:.0%}); follow everybody "
             "(method jipda, from the boxes), label the candidates, or say where the target is at first",
+            sensors=persistent,
+            share=max(persistent.values()),
+            allowed=CROWDED,
         )
 
 
@@ -353,13 +441,14 @@ def beyond(count: int, of: int, share: float) -> bool:
     return of > 0 and count > share * of and float(bdtrc(count - 1, of, share)) < CHANCE
 
 
-def off(what: str, nis: Ratio, expected: float) -> Finding | None:
+def off(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] = ()) -> Check | None:
     """By how much residuals are not as stated; None if they are, or if there are too few to tell.
 
     Args:
         what: whose residuals.
         nis: their normalised square.
         expected: sum of squares that is expected.
+        sensors: names of their sensors; empty: all.
     """
     low, high = nis.interval(CHANCE)
     if expected < FEWEST or NIS_LOW <= nis.value <= NIS_HIGH or low <= 1.0 <= high:
@@ -367,16 +456,24 @@ def off(what: str, nis: Ratio, expected: float) -> Finding | None:
     factor, kind = math.sqrt(nis.value), "bearings" if "bearings" in what else "measurements"
     found = f"NIS {nis.value:.2g} +- {nis.error:.1g}, expected 1, allowed {NIS_LOW:g} to {NIS_HIGH:g}"
     if nis.value > 1.0:
-        return Finding(
-            "nis-large",
+        return finding(
+            NIS,
             "warning",
+            "nis-large",
             f"{what} are {factor:.1f} times as far from the track as their standard deviations say ({found}): the "
             "noise that is stated is too small, a pose or a clock is wrong, or the track is wrong; state a "
             "larger noise, or check the calibration",
+            sensors=sensors,
+            nis=nis.value,
+            allowed=NIS_HIGH,
         )
-    return Finding(
-        "nis-small",
+    return finding(
+        NIS,
         "note",
+        "nis-small",
         f"{what} have standard deviations that are {1.0 / factor if factor > 0.0 else math.inf:.1f} times too large "
         f"({found}): covariances are too large, and false {kind} pass; state a smaller noise",
+        sensors=sensors,
+        nis=nis.value,
+        allowed=NIS_LOW,
     )

@@ -74,17 +74,26 @@ def _plain(value: object) -> object:
 
 
 def plausible_in_words(summary: Mapping[str, object]) -> str:
-    """The verdict of a summary in a few words: yes, or no with the codes of its warnings."""
+    """The verdict of a summary in a few words: yes, or no with the ids of its warnings, stage by stage."""
+    if summary["plausible"] is None:
+        return "not known (no check could be made)"
     if summary["plausible"]:
         return "yes"
     warnings = summary.get("warnings")
-    codes = [w["code"] for w in warnings if isinstance(w, Mapping)] if isinstance(warnings, list) else []
-    return f"no ({', '.join(dict.fromkeys(codes))})"
+    by_stage: dict[str, dict[str, dict[str, None]]] = {}
+    for each in warnings if isinstance(warnings, list) else []:
+        sensors = by_stage.setdefault(each.get("stage", ""), {}).setdefault(each["code"], {})
+        sensors.update(dict.fromkeys(each.get("sensors", ())))
+    parts = []
+    for stage, codes in by_stage.items():
+        said = ", ".join(" ".join([code, *sensors]) for code, sensors in codes.items())
+        parts.append(f"{stage}: {said}" if stage else said)
+    return f"no ({'; '.join(parts)})"
 
 
-def strict_code(code: int, plausible: bool, strict: bool) -> int:
-    """The exit code, or 6 where estimates are not plausible and --strict was given."""
-    return ExitCode.THRESHOLD if strict and not plausible else code
+def strict_code(code: int, plausible: object, strict: bool) -> int:
+    """The exit code, or 6 where results are not plausible (False) and --strict was given; None: not known."""
+    return ExitCode.THRESHOLD if strict and plausible is False else code
 
 
 def finish(summary: Mapping[str, object], losses: Iterable[ListedLoss], as_json: bool) -> int:

@@ -79,8 +79,8 @@ def command(**values: Any) -> int:
       occlog evaluate test.txt --truth gt.txt --fail-if 'mota<0.5'
       occlog evaluate a.txt --truth gt_a.txt --also b.txt gt_b.txt
     """
-    from occlog.consistency.verdict import plausible
     from occlog.evaluate.mot.run import in_images, run_evaluate_many
+    from occlog.records.verdicts import all_plausible, texts_of
 
     from .by_plugin import names_of_figures
     from .inputs import Paths, lost_earlier
@@ -113,11 +113,10 @@ def command(**values: Any) -> int:
     for line in result.notes:
         console.note(line, quiet)
     _note_losses(lost_earlier(paths.inputs), quiet)
-    console.note_findings(result.findings or (), quiet)
+    console.note_findings(texts_of(result.verdicts, "evaluate"), quiet)
     _show(result, unit, as_json)
     code = _judged(result.metrics, thresholds)
-    if result.findings is not None:
-        code = console.strict_code(code, plausible(result.findings), values["strict"])
+    code = console.strict_code(code, all_plausible(result.verdicts), values["strict"])
     for path in (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts, paths.mot):
         if path is not None:
             console.note(f"wrote {path}", quiet)
@@ -144,6 +143,8 @@ def _several(
     paths: Paths, values: dict[str, Any], config: EvaluateConfig, many: dict[str, Any], thresholds: list[Threshold]
 ) -> int:
     """Figures of several recordings."""
+    from occlog.records.verdicts import summary_of, texts_of
+
     from .several import Recording, run_evaluate_several
     from .text import recording_lines
 
@@ -157,13 +158,18 @@ def _several(
     recordings = [Recording(paths.tracks, paths.truth), *(Recording(*pair) for pair in values["also"])]
     found = run_evaluate_several(recordings, paths, config, many, values["frames"])
     _note_losses(found.losses, values["quiet"])
+    console.note_findings(texts_of(found.verdicts, "evaluate"), values["quiet"])
+    verdict = summary_of(found.verdicts)
     if values["as_json"]:
-        console.echo_summary(dict(found.metrics), True)
+        console.echo_summary({**found.metrics, **verdict}, True)
     else:
         click.echo("\n".join(recording_lines(found.each, found.combined, found.unit)))
+        if verdict:
+            click.echo(f"\nplausible: {plausible_in_words(verdict)}")
     if paths.output is not None:
         console.note(f"wrote {paths.output}", values["quiet"])
-    return _judged(found.metrics, thresholds)
+    code = _judged(found.metrics, thresholds)
+    return console.strict_code(code, verdict.get("plausible"), values["strict"])
 
 
 def _note_losses(losses: Iterable[Loss], quiet: bool) -> None:
@@ -180,7 +186,7 @@ def _show(result: Evaluation, unit: str, as_json: bool) -> None:
     lines = summary_lines(result.metrics, unit)
     if result.plugged:
         lines += ["", "plug-ins", *(f"  {name:<{LABEL}}{number(result.metrics[name]):>12}" for name in result.plugged)]
-    if result.findings is not None:
+    if result.verdicts:
         lines += ["", f"plausible: {plausible_in_words(result.figures)}"]
     click.echo("\n".join(lines))
 

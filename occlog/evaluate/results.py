@@ -9,11 +9,11 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from occlog.consistency.verdict import Finding, figures
 from occlog.errors import UsageError
 from occlog.evaluate.figures import UNITS
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Bound, Errors
+from occlog.records.verdicts import Check, Verdict, summary_of
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -35,7 +35,8 @@ class Evaluation:
         failures: of trackers.
         counts: of targets and tracks on the ground, over time.
         notes: lines that the user must know of.
-        findings: what speaks against the tracks; None: nothing can be said.
+        checks: what was checked of the tracks; None: nothing could be.
+        verdicts: that of this evaluation, after those of the stages before it.
         plugged: names of the metrics that are of plug-ins.
     """
 
@@ -45,13 +46,14 @@ class Evaluation:
     failures: Failures = field(default_factory=Failures.empty)
     counts: Counts = field(default_factory=Counts.empty)
     notes: tuple[str, ...] = ()
-    findings: tuple[Finding, ...] | None = None
+    checks: tuple[Check, ...] | None = None
+    verdicts: tuple[Verdict, ...] = ()
     plugged: tuple[str, ...] = ()
 
     @property
     def figures(self) -> dict[str, object]:
         """The metrics with the verdict."""
-        return {**self.metrics, **({} if self.findings is None else figures(self.findings))}
+        return {**self.metrics, **summary_of(self.verdicts)}
 
 
 @dataclass(frozen=True)

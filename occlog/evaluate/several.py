@@ -24,6 +24,7 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.open import of_others
 from occlog.records.losses import Loss
+from occlog.records.verdicts import Verdict, summary_of
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections
 
@@ -42,12 +43,13 @@ class Recording(NamedTuple):
 
 
 class Several(NamedTuple):
-    """Figures of each recording by name, of all together, the unit of lengths, and what was lost in making inputs."""
+    """Figures of each recording by name, of all together, the unit of lengths; losses and verdicts of inputs."""
 
     each: dict[str, dict[str, float]]
     combined: dict[str, float]
     unit: str
     losses: tuple[Loss, ...]
+    verdicts: tuple[Verdict, ...]
 
     @property
     def metrics(self) -> dict[str, float]:
@@ -86,10 +88,12 @@ def run_evaluate_several(
     else:
         each, whole, unit = _on_ground(sides, chosen, given, frames)
     combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}
-    found = Several(dict(zip(_names(recordings), each, strict=True)), combined, unit, lost_earlier(files))
+    provenance = Provenance("evaluate", {**asdict(chosen), **given}, None, hash_inputs(files), lost_earlier(files))
+    named = dict(zip(_names(recordings), each, strict=True))
+    found = Several(named, combined, unit, provenance.losses, provenance.judged)
     if paths.output is not None:
-        provenance = Provenance("evaluate", {**asdict(chosen), **given}, None, hash_inputs(files), found.losses)
-        write_json(paths.output, {**found.metrics, "_provenance": provenance.as_dict()}, overwrite=paths.overwrite)
+        values = {**found.metrics, **summary_of(found.verdicts), "_provenance": provenance.as_dict()}
+        write_json(paths.output, values, overwrite=paths.overwrite)
     return found
 
 

@@ -214,13 +214,13 @@ class Evaluator:
             self.noise = seen.noise_at_known_places()
             metrics |= figures_of(self.noise)
             notes += notes_of(self._scene, self.noise)
-        findings = None
+        checks = None
         asked = errors.rows or (seen is not None and seen.rows) or (sources.diagnostics is not None and evidence.rows)
         if sources.tracks is not None and asked:
-            findings = with_truth(evidence, sources.made, against, unknown=known.unknown, metrics=metrics)
+            checks = with_truth(evidence, sources.made, against, unknown=known.unknown, metrics=metrics)
         if sources.made.measured and sources.measured is None and seen is not None and seen.bound_rows:
             notes.append(BOUND_WITHOUT_DISTANCES)
-        return Evaluation({name: float(v) for name, v in metrics.items()}, notes=tuple(notes), findings=findings)
+        return Evaluation({name: float(v) for name, v in metrics.items()}, notes=tuple(notes), checks=checks)
 
     def _prepare(self, ground: GroundFigures | None, many: ManyConfig | None) -> dict[int, int]:
         """Which target each track is of; what the figures of many targets must know of all frames."""

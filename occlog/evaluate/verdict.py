@@ -14,17 +14,21 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.consistency.sight import whole
-from occlog.consistency.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, Finding, beyond
+from occlog.consistency.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, beyond
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
 from occlog.io.files.provenance import Provenance
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Tracks
+from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.catalogue import smooths
 
 from .errors.sums import in_space
 from .mot.config import ManyConfig
 
+COVARIANCES, IDENTITY = "covariances against the truth (NEES)", "truth and bearings of one target"
+DETECTIONS, BOUND = "detection rate at the true positions", "errors against the bound"
+"""Names of checks."""
 NEES_HIGH, NEES_LOW = 2.0, 0.2
 """Normalised squared errors over their number of dimensions that matter."""
 OUTSIDE = 0.12
@@ -86,8 +90,8 @@ def judge(
     errors: Errors | None = None,
     metrics: Mapping[str, object] | None = None,
     held_out: tuple[str, ...] = (),
-) -> tuple[Finding, ...] | None:
-    """Everything that speaks against tracks, and what needs care; None without tracks, or if there is nothing to ask.
+) -> tuple[Check, ...] | None:
+    """What was checked of tracks and what was found; None without tracks, or if there is nothing to ask.
 
     Args:
         tracks: estimates in the order of time.
@@ -118,7 +122,7 @@ def judge(
 
 def with_truth(
     found: Evidence, made: Made, against: AgainstTruth, *, unknown: bool, metrics: Mapping[str, object]
-) -> tuple[Finding, ...]:
+) -> tuple[Check, ...]:
     """Everything that speaks against tracks.
 
     Args:
@@ -128,30 +132,37 @@ def with_truth(
         unknown: the covariance of an estimate is not known.
         metrics: figures of the evaluation.
     """
-    said = found.findings(one_target=made.one_target, smoothed=made.smoothed)
+    said = found.checks(one_target=made.one_target, smoothed=made.smoothed)
     if unknown:
         words = (
             "estimates have no covariance, so that nothing is said of whether errors, and what bearings leave at these "
             "estimates, are as large as they say"
         )
-        return (*said, Finding("no-covariance", "note", words), *_of_figures(metrics))
-    told = tuple(against.findings())
-    if any(f.code == "nees-large" for f in told):
-        told += tuple(_of_something_else(found, metrics))
-    return (*said, *told, *_of_figures(metrics))
+        return (*said, finding(COVARIANCES, "note", "no-covariance", words), *_of_figures(metrics))
+    errors = against.checks()
+    large = any(each.id == "nees-large" for each in errors)
+    else_ = outcome(
+        IDENTITY,
+        _of_something_else(found, metrics) if large else (),
+        unless="" if math.isfinite(_number(metrics, "bearing_nis")) else "no bearings are compared with the truth",
+    )
+    return (*said, *errors, *else_, *_of_figures(metrics))
 
 
-def _of_something_else(found: Evidence, metrics: Mapping[str, object]) -> Iterator[Finding]:
+def _of_something_else(found: Evidence, metrics: Mapping[str, object]) -> Iterator[Check]:
     """Whether bearings agree with tracks that are far from the truth, and not with the truth."""
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
     if there > ASIDE and nis.value <= NIS_HIGH and found.agreements.doubted <= NOT_BELIEVED:
-        yield Finding(
-            "something-else",
+        yield finding(
+            IDENTITY,
             "warning",
+            "something-else",
             f"the bearings agree with the tracks (NIS {nis.value:.2g}) and not with the truth (NIS {there:.2g}, "
             f"allowed up to {ASIDE:.0f}): they are of something else than the truth, such as a person who carries what "
             "the truth is of, or the truth has other clocks or another frame; compare with a truth of what was "
             "detected",
+            nis=there,
+            allowed=ASIDE,
         )
 
 
@@ -213,23 +224,34 @@ class AgainstTruth:
             self._ground.update(target, errors.nees[own])
             self._space.update(target, errors.nees_space[own])
 
-    def findings(self) -> Iterator[Finding]:
-        """What there is to say."""
-        if self.rows >= FEWEST:
-            high = self._high == self.rows
-            yield from _of_nees(self._space if high else self._ground, self.rows, " in space" if high else "")
+    def checks(self) -> tuple[Check, ...]:
+        """Whether covariances say how large the errors are."""
+        if self.rows < FEWEST:
+            few = f"fewer than {FEWEST} errors" if self.rows else "no errors against a truth"
+            return outcome(COVARIANCES, (), unless=few)
+        high = self._high == self.rows
+        found = self._space if high else self._ground
+        return outcome(
+            COVARIANCES,
+            _of_nees(found, self.rows, " in space" if high else ""),
+            nees=found.mean.value * found.dimensions,
+            allowed=NEES_HIGH * found.dimensions,
+        )
 
 
-def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Finding]:
+def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
     """Whether covariances say how large the errors are."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.told
     if beyond(singular, rows, SINGULAR):
-        yield Finding(
-            "singular",
+        yield finding(
+            COVARIANCES,
             "warning",
+            "singular",
             f"{singular} of {rows} estimates have a singular covariance (allowed: {SINGULAR:.0%}): the filter has "
             "run out of particles, or the noise that is stated is zero; use more particles, or state the noise",
+            share=singular / rows,
+            allowed=SINGULAR,
         )
     if not found.told:
         return
@@ -241,39 +263,75 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Finding]:
         f"{'ellipsoid' if where else 'ellipse'}, expected 5 %, allowed {OUTSIDE:.0%}"
     )
     if large or many:
-        yield Finding(
-            "nees-large",
+        yield finding(
+            COVARIANCES,
             "warning",
+            "nees-large",
             f"the covariances are too small ({words}): errors are larger than they say; look at other warnings, use "
             "more particles, state larger noises, and check that the truth is of the same target",
+            nees=mean.value * dimensions,
+            allowed=NEES_HIGH * dimensions,
         )
     elif mean.value < NEES_LOW and mean.interval(CHANCE)[1] < 1.0:
         factor = 1.0 / math.sqrt(mean.value) if mean.value > 0.0 else math.inf
-        yield Finding(
-            "nees-small",
+        yield finding(
+            COVARIANCES,
             "note",
+            "nees-small",
             f"the covariances are too large: errors are {factor:.1f} times smaller than they say ({words}); state "
             "smaller noises",
+            nees=mean.value * dimensions,
+            allowed=NEES_LOW * dimensions,
         )
 
 
-def _of_figures(metrics: Mapping[str, object]) -> Iterator[Finding]:
+def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
     """What other figures of the evaluation say."""
+    return (
+        *outcome(
+            DETECTIONS,
+            _not_detected(metrics),
+            unless="" if math.isfinite(_number(metrics, "detection_rate")) else "no bearings are compared with a truth",
+            share=_number(metrics, "detection_rate"),
+            allowed=DETECTED,
+        ),
+        *outcome(
+            BOUND,
+            _far_from_bound(metrics),
+            unless="" if _number(metrics, "bound_estimates") >= FEWEST else "there is no bound",
+            ratio=_number(metrics, "bound_ratio"),
+            allowed=FAR_FROM_BOUND,
+        ),
+    )
+
+
+def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
+    """Bearings that are not of the targets of the truth."""
     rate, visible = _number(metrics, "detection_rate"), _number(metrics, "visible")
     if rate < DETECTED and beyond(round((1.0 - rate) * visible), round(visible), 1.0 - DETECTED):
-        yield Finding(
-            "not-detected",
+        yield finding(
+            DETECTIONS,
             "warning",
+            "not-detected",
             f"only {rate:.0%} of the visible targets were seen where they are (expected at least {DETECTED:.0%}): the "
             "bearings may be of something else than the truth, or the clocks or the calibration do not fit",
+            share=rate,
+            allowed=DETECTED,
         )
+
+
+def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
+    """Errors that are far larger than the bearings would allow."""
     ratio = _number(metrics, "bound_ratio")
     if ratio > FAR_FROM_BOUND and _number(metrics, "bound_estimates") >= FEWEST:
-        yield Finding(
-            "far-from-bound",
+        yield finding(
+            BOUND,
             "note",
+            "far-from-bound",
             f"the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {FAR_FROM_BOUND:.0f}): the bearings "
             "would allow more, or the motion that the bound was told is too quiet",
+            ratio=ratio,
+            allowed=FAR_FROM_BOUND,
         )
 
 

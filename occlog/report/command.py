@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
     from occlog.records.tables import Bearings, Hulls, Occluders
+    from occlog.records.verdicts import Verdict
     from occlog.report.content.model import ReportInput
 
     from .long_tables import LongTables
@@ -74,7 +75,7 @@ def command(**given: Any) -> int:
 
     With --recording no page is made: TRACKS, in images or of the world, and true boxes are drawn over the frames.
     """
-    from occlog.consistency.verdict import figures, plausible
+    from occlog.records.verdicts import summary_of, texts_of
 
     as_json, quiet = given.pop("as_json"), given.pop("quiet")
     if "recording" in given:
@@ -98,8 +99,7 @@ def command(**given: Any) -> int:
             "drawn; give the scene that they were made in",
             quiet,
         )
-    findings = data.findings
-    console.note_findings(findings or (), quiet)
+    console.note_findings(texts_of(data.verdicts, "report"), quiet)
     summary: dict[str, object] = {
         "page": paths.output,
         "png": paths.png,
@@ -108,15 +108,14 @@ def command(**given: Any) -> int:
     }
     summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {"not_in_scene": list(data.strangers)} if data.strangers else {}
-    summary |= {} if findings is None else figures(findings)
+    summary |= summary_of(data.verdicts)
     code = console.finish({k: v for k, v in summary.items() if v is not None}, unseen, as_json)
-    return console.strict_code(code, findings is None or plausible(findings), strict)
+    return console.strict_code(code, data.plausible, strict)
 
 
 def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
     """Two runs side by side, from the values of the options."""
     from occlog.cli.setting_options import given as given_settings
-    from occlog.consistency.verdict import plausible
 
     from .beside.config import BesideConfig
     from .beside.run import Asked, run_beside
@@ -132,13 +131,11 @@ def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
     found = run_beside(asked)
     for whose, loss in found.losses:
         console.note(f"lost earlier in {whose}: {loss}", quiet)
-    believable = True
     for letter, side in found.sides:
-        findings = side.data.findings or ()
-        believable = believable and plausible(findings)
-        console.note_findings(((f.code, f"{letter}: {f.severity}", f.sentence) for f in findings), quiet)
-    code = console.finish(summary_of(found, asked), (), as_json)
-    return console.strict_code(code, believable, strict)
+        for stage, check in side.data.findings:
+            console.note(f"{letter}: {check.severity}: {stage}: {check.text}", quiet)
+    summary = summary_of(found, asked)
+    return console.strict_code(console.finish(summary, (), as_json), summary.get("plausible"), strict)
 
 
 TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "events", "occluders")
@@ -255,10 +252,10 @@ def read_input(paths: Paths, title: str) -> ReportInput:
 
     scene = _scene(paths)
     unit = _unit(paths, scene)
-    provenance, losses = _made(paths, title)
+    provenance, losses, verdicts = _made(paths, title)
     metrics = read_json(paths.metrics) if paths.metrics is not None else {}
     shared: dict[str, Any] = {"title": title, "scene": scene, "metrics": metrics, "provenance": provenance}
-    shared |= {"losses": losses, "made": _made_tracks(paths.tracks), "length_unit": unit}
+    shared |= {"losses": losses, "earlier": verdicts, "made": _made_tracks(paths.tracks), "length_unit": unit}
     if (long := _long(paths, unit)) is not None:
         return ReportInput(**shared, **long.read(shared["made"], scene, metrics))
     return ReportInput(
@@ -356,13 +353,15 @@ def _unit(paths: Paths, scene: Scene | None) -> str:
     return unit
 
 
-def _made(paths: Paths, title: str) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """How this report and each of its inputs were made, and what was lost in making them."""
+def _made(paths: Paths, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
+    """How this report and each of its inputs were made, what was lost in making them, and what was found in them."""
     from occlog.io.files.provenance import Provenance, hash_inputs
     from occlog.io.open import losses_of, open_if_ours
 
     opened = [each for path in paths.inputs if (each := open_if_ours(path)) is not None]
     losses = losses_of(opened)
-    made = {o.path.name: {k: v for k, v in o.provenance.as_dict().items() if k != "losses"} for o in opened}
+    said_apart = ("losses", "verdicts")
+    made = {o.path.name: {k: v for k, v in o.provenance.as_dict().items() if k not in said_apart} for o in opened}
     own = Provenance("report", {"title": title}, None, hash_inputs(paths.inputs), losses)
-    return {k: v for k, v in own.as_dict().items() if k != "losses"} | {"made": made}, losses
+    values = {k: v for k, v in own.as_dict().items() if k not in said_apart} | {"made": made}
+    return values, losses, own.judged

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from occlog.consistency.verdict import plausible
 from occlog.report.content.metrics_in_words import groups
 from occlog.report.content.model import ReportInput
 
-from .summary import headline, row_counts
+from .summary import check_counts, check_rows, headline, row_counts, verdict_heading
 
 SPECIAL = "\\`*_{}[]<>()#+-!|&~"
 MOST_LOSSES = 20
@@ -17,10 +16,9 @@ MOST_LOSSES = 20
 def build_markdown(data: ReportInput) -> str:
     """The verdict, what was lost, and all figures; no pictures."""
     out = [f"# {plain(data.title)}", ""]
-    if data.findings is not None:
-        good = plausible(data.findings)
-        out += ["**Nothing speaks against these estimates.**" if good else "**Not to be believed as they are:**", ""]
-        out += [f"- **{plain(f.code)}**: {plain(f.sentence)}" for f in data.findings]
+    if data.tracks is not None or data.verdicts:
+        out += [f"**{plain(verdict_heading(data.verdicts))}.**", ""]
+        out += [f"- **{plain(check.id)}** ({stage}): {plain(check.text)}" for stage, check in data.findings]
         out += [""] if data.findings else []
     out += table_lines(
         ("Figure", "Value", "Unit", "Note"), ((f.name, f.value, f.unit, f.note) for f in headline(data)), "lrll"
@@ -39,6 +37,9 @@ def build_markdown(data: ReportInput) -> str:
         for table in group.breakdowns:
             cells = ((name, *values) for name, values in table.rows)
             out += table_lines((table.kind.capitalize(), *table.columns), cells, "l" + "r" * len(table.columns))
+    if checks := check_rows(data.verdicts):
+        out += ["## Checks", "", f"{check_counts(checks)}.", ""]
+        out += table_lines(("Check", "Stage", "Result", "Sensors, targets", "Figures"), checks, "lllll")
     out += ["## Tables read", ""]
     out += table_lines(("Table", "Rows", "Time"), ((r.name, r.value, r.note) for r in row_counts(data)), "lrl")
     return "\n".join(out)

@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 
-from occlog.consistency.verdict import plausible
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import groups, number
@@ -32,7 +31,7 @@ from occlog.report.plots.visibility import MOST_ROWS, MOST_TARGETS, draw_visibil
 from occlog.report.replay.build import Replay, replay
 from occlog.report.replay.thumbnails import Thumbnails
 
-from .summary import headline, plural, row_counts
+from .summary import check_counts, check_rows, headline, plural, row_counts, verdict_heading
 
 WIDTH = 8.4
 SCRIPTS = ("plan.js", "time.js", "replay.js")
@@ -227,8 +226,12 @@ def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str
         unit=data.unit,
         start=data.time.start,
         headline=headline(data),
+        judged=data.tracks is not None or bool(data.verdicts),
+        verdict=verdict_heading(data.verdicts),
+        plausible=data.plausible,
         findings=data.findings,
-        plausible=data.findings is None or plausible(data.findings),
+        checks=(checks := check_rows(data.verdicts)),
+        check_counts=check_counts(checks),
         groups=groups(data.metrics, data.unit),
         rows=row_counts(data),
         sensors=sensor_rows(data),

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from occlog.console.text import noun
 from occlog.records.tables import Errors
+from occlog.records.verdicts import Check, Verdict, all_plausible, made_checks
 from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import Figure, number
 from occlog.report.content.model import ReportInput, TimeAxis
@@ -98,3 +101,59 @@ def row_counts(data: ReportInput) -> list[Figure]:
         moments = data.whole[name].times if name in data.whole else len(np.unique(table.t_ns))
         out.append(Figure(name, number(data.rows(name)), "rows", f"{lasted}, {plural(moments, 'time')}"))
     return out
+
+
+class CheckRow(NamedTuple):
+    """A row of the table of checks."""
+
+    name: str
+    stage: str
+    result: str
+    figures: str
+    who: str
+
+
+def verdict_heading(verdicts: Sequence[Verdict]) -> str:
+    """The verdict in a line."""
+    return {
+        True: "Nothing speaks against these estimates",
+        False: "Not to be believed as they are",
+        None: "Not checked: nothing is known for or against these estimates",
+    }[all_plausible(verdicts)]
+
+
+def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
+    """What was checked, with results, figures and the reasons of what could not be checked."""
+    return [
+        CheckRow(check.name, stage, _result(check), _figures(check), affected(check))
+        for stage, check in made_checks(verdicts)
+    ]
+
+
+def check_counts(rows: Sequence[CheckRow]) -> str:
+    """How many checks were made, and how they came out."""
+    open_ = sum(row.result.startswith("not applicable") for row in rows)
+    failed = sum(row.result.startswith("failed") for row in rows)
+    noted = sum(row.result.startswith("passed, ") for row in rows)
+    told = [f"{len(rows) - open_ - failed} passed"]
+    told[0] += f" ({noted} with a note)" if noted else ""
+    told += [f"{failed} failed"] if failed else []
+    told += [f"{open_} not applicable"] if open_ else []
+    return ", ".join(told)
+
+
+def affected(check: Check) -> str:
+    """Sensors and targets that a finding is about."""
+    targets = [f"target {target}" for target in check.targets]
+    return ", ".join([*check.sensors, *targets])
+
+
+def _result(check: Check) -> str:
+    if check.status == "not applicable":
+        return f"not applicable: {check.text}"
+    return ", ".join([check.status, *([check.id] if check.id else [])])
+
+
+def _figures(check: Check) -> str:
+    words = {name: name.replace("_", " ") for name in check.figures}
+    return ", ".join(f"{words[name]} {number(value)}" for name, value in check.figures.items())

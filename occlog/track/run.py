@@ -14,8 +14,8 @@ from occlog import console
 from occlog.consistency.compass import Compass
 from occlog.consistency.sharp import Sharp
 from occlog.consistency.sight import Compared
-from occlog.consistency.verdict import Evidence, Finding, figures
-from occlog.errors import InputError, UsageError
+from occlog.consistency.verdict import Evidence
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.models.losses_of_models import lost_in_models
@@ -24,6 +24,7 @@ from occlog.io.models.path_losses import read_path_loss
 from occlog.io.open import open_input
 from occlog.records.declared.traffic import END_TO_END
 from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Particles, Residuals, Tracks
+from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.scans.config import MeasuredConfig
 from occlog.scans.grouping import checked, choose_sensors
 from occlog.scans.inputs import Inputs
@@ -47,6 +48,10 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
     from occlog.track.drivers.rows import Solve, Tracked
+
+
+NUMBER = "number of targets"
+"""Name of a check."""
 
 
 class TrackSummary:
@@ -102,7 +107,6 @@ class TrackSummary:
             **found.figures(),
             **self.messages.summary(),
             **(self._cooperation() if self.cooperated else {}),
-            **figures(self.findings()),
         }
 
     def _cooperation(self) -> dict[str, Any]:
@@ -115,15 +119,16 @@ class TrackSummary:
             "frames_offered": self.offered,
         }
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What speaks against the estimates, and what else a user must know."""
+    def checks(self) -> tuple[Check, ...]:
+        """What was checked of the estimates, and what was found."""
         if not self.evidence.rows:
             text = (
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             )
-            return (Finding("no-target", "note", text),)
-        found = self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed)
-        return (*self.sharp.findings(), *self.compass.findings(), *found)
+            return (finding(NUMBER, "note", "no-target", text),)
+        found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
+        number = outcome(NUMBER, (), targets=len(self.targets))
+        return (*number, *self.sharp.checks(), *self.compass.checks(), *found)
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -213,7 +218,10 @@ def run_track(
     )
     config = make_config(request, inputs.scene.length_unit)
     if wanted.calibration is not None and not estimates_poses(tracker(request.method), config):
-        raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
+        raise UsageError(
+            f"{option('calibration')} wants estimates to write; add "
+            f"{option('set.calibrate')}joint or {option('set.calibrate')}initial"
+        )
     measured, said = make_measured(request, inputs)
     sensors = choose_sensors(inputs.scene, request.only, request.without, readers=measured is not None)
     targets = request.targets or None
@@ -293,13 +301,18 @@ def run_track(
             why = "no row is of the chosen targets and sensors; choose others"
             if request.method == "fix":
                 why = "no moment of the chosen targets and sensors gives a position; a fix wants directions of two "
-                why += "sensors at one time (--window)"
+                why += f"sensors at one time ({option('window')})"
                 if measured is not None:
                     why = "no moment of the chosen targets and stations gives a position; a fix wants three ranges, or "
-                    why += "as many other measurements, at one time (--window)"
+                    why += f"as many other measurements, at one time ({option('window')})"
             raise InputError(f"{request.bearings}: {why}")
-    console.note_findings(summary.findings(), quiet)
-    return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
+        made = provenance.with_checks(summary.checks())
+        for writer in writers:
+            if writer is not None:
+                writer.annotate(made)
+    console.note_findings(texts_of(made.judged, "track"), quiet)
+    found = {"tracks": str(wanted.tracks), "method": request.method, **summary.figures(), **summary_of(made.judged)}
+    return found, losses
 
 
 def takes_distances(method: AnyMethod) -> bool:
@@ -315,7 +328,9 @@ def make_measured(request: TrackRequest, inputs: Inputs) -> tuple[MeasuredFeed |
     if inputs.measurements is None:
         if request.measured or request.path_loss is not None:
             first = next(iter(request.measured), "path_loss").replace("_", "-")
-            raise UsageError(f"--{first} goes with ranges, strengths or time differences; give --measurements")
+            raise UsageError(
+                f"--{first} goes with ranges, strengths or time differences; give {option('measurements')}"
+            )
         return None, {}
     config = configure(MeasuredConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
@@ -339,7 +354,7 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
         )
     for twice in ("rssi_power", "rssi_exponent"):
         if twice in request.measured:
-            raise UsageError(f"--path-loss and --{twice.replace('_', '-')} say the same; give one of them")
+            raise UsageError(f"{option('path_loss')} and --{twice.replace('_', '-')} say the same; give one of them")
     power = {r.name: r.power for r in spec.readers}
     return Radio(power, spec.exponent, Shadowing(spec.noise_db, spec.shadow_db, spec.shadow_s), spec.height)
 
@@ -368,11 +383,11 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
         values |= motion_settings(request.motion, unit, values)
     if request.starts:
         if "start" in values:
-            raise UsageError("--start and --set start=... say the same; give one of them")
+            raise UsageError(f"{option('start')} and {option('set.start')} say the same; give one of them")
         values["start"] = parse_starts(request.starts, request.method, unit)
     if request.answer_delay is not None:
         if "answer_s" in values:
-            raise UsageError("--answer-delay and --set answer_s=... say the same; give one of them")
+            raise UsageError(f"{option('answer_delay')} and {option('set.answer_s')} say the same; give one of them")
         delay = request.answer_delay
         values["answer_s"] = slowest_router(delay) if isinstance(delay, Path) else delay
     return configure(defaults, values)
@@ -385,7 +400,9 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
         raise UsageError(f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene")
     for name in ("A", "Sigma", "step_s", "acceleration", "jitter"):
         if name in given:
-            raise UsageError(f"--motion and --set {name}=... both say how targets move; give one of them")
+            raise UsageError(
+                f"{option('motion')} and {option('set')} {name}=... both say how targets move; give one of them"
+            )
     A, sigma = tuple(motion.A.ravel().tolist()), tuple(motion.sigma.ravel().tolist())
     return {"A": A, "Sigma": sigma, "step_s": motion.step_s}
 
@@ -416,9 +433,12 @@ def make_selection(request: TrackRequest) -> SelectConfig | None:
     if not given:
         return None
     if "policy" not in given:
-        raise UsageError("--count, --every, --patience, --select-model and --select-order go with --select; add it")
+        raise UsageError(
+            f"{option('count')}, {option('every')}, {option('patience')}, "
+            f"{option('select_model')} and {option('select_order')} go with {option('select')}; add it"
+        )
     if "order" in given and given["policy"] != "fixed":
-        raise UsageError(f"--select-order goes with --select fixed, not {given['policy']}")
+        raise UsageError(f"{option('select_order')} goes with {option('select')} fixed, not {given['policy']}")
     return configure(SelectConfig(), given)
 
 
@@ -427,7 +447,9 @@ def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
     if method == "imm":
         return ",".join(_with_velocity(text, unit) for text in texts)
     if len(texts) > 1:
-        raise UsageError(f"--start says where one target is; give it once, or use --method imm (method {method})")
+        raise UsageError(
+            f"{option('start')} says where one target is; give it once, or use {option('method')} imm (method {method})"
+        )
     return parse_start(texts[0], unit)
 
 
@@ -437,7 +459,7 @@ def _with_velocity(text: str, unit: str) -> str:
     if len(parts) == START_NUMBERS:
         return text
     if len(parts) > 3:
-        raise UsageError(f"--start {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
+        raise UsageError(f"{option('start')} {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
     return f"{parse_start(text, unit)},0,0,{ImmConfig.in_unit(unit).speed}"
 
 
@@ -447,5 +469,5 @@ def parse_start(text: str, unit: str) -> str:
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))
     if len(parts) != 3:
-        raise UsageError(f"--start {text}: want X,Y or X,Y,SIGMA")
+        raise UsageError(f"{option('start')} {text}: want X,Y or X,Y,SIGMA")
     return ",".join(parts)

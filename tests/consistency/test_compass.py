@@ -10,6 +10,7 @@ from occlog.consistency.compass import FEWEST, Compass, misfit
 from occlog.errors import ExitCode
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings
+from occlog.records.verdicts import findings
 
 PLACES = np.array([[0.0, 0.0], [100.0, 10.0], [30.0, 80.0]])
 NAMES = ["a", "b", "c"]
@@ -39,7 +40,7 @@ def table(n: int, *, compass: bool, sigma: float, false: float = 0.0) -> Bearing
 def codes(rows: Bearings) -> list[str]:
     compass = Compass(SCENE)
     assert sum(map(len, compass.watch([rows]))) == len(rows)
-    return [f.code for f in compass.findings()]
+    return [f.id for f in findings(compass.checks())]
 
 
 @pytest.mark.parametrize(("sigma", "false"), [(0.01, 0.0), (0.1, 0.0), (0.02, 0.05)])

@@ -14,6 +14,7 @@ from occlog.consistency.sight import whole
 from occlog.consistency.verdict import DOUBTED, FEWEST, Evidence
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
+from occlog.records.verdicts import findings
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
@@ -140,10 +141,10 @@ def test_a_few_rows_are_no_finding_but_more_than_chance_are(what: str) -> None:
     for share, said in ((DOUBTED, False), (2.0 * DOUBTED, True)):
         bad = round(share * n)
         places = Places(n, bad) if what == "outside-room" else Places(n, 0, {"east": (n, bad)})
-        codes = [f.code for f in Evidence(rows=n, places=places).findings(one_target=True)]
+        codes = [f.id for f in findings(Evidence(rows=n, places=places).checks(one_target=True))]
         assert codes == [what] * said
     few = Places(FEWEST - 1, FEWEST - 1, {"east": (FEWEST - 1, FEWEST - 1)})
-    assert not Evidence(rows=n, places=few).findings(one_target=True)
+    assert not findings(Evidence(rows=n, places=few).checks(one_target=True))
 
 
 @pytest.mark.jit
@@ -161,6 +162,6 @@ def test_a_pillar_that_is_not_there_makes_a_wrong_track_and_the_verdict_says_so(
     found.fared(diagnostics)
     found.saw(tracks, whole(tracks, bearings, scene, diagnostics), scene)
     rmse = np.sqrt(np.mean(np.sum((np.column_stack([tracks.x, tracks.y]) - path)[10:] ** 2, axis=1)))
-    codes = {f.code for f in found.findings(one_target=True)}
+    codes = {f.id for f in findings(found.checks(one_target=True))}
     assert codes == ({"through-wall"} if standing_there else set())
     assert rmse > 6.0 if standing_there else rmse < 3.0

@@ -7,6 +7,7 @@ import pytest
 
 from occlog.consistency.sharp import LEAST_RAD, Sharp
 from occlog.records.tables import Bearings
+from occlog.records.verdicts import findings
 
 
 def bearings(sigma: float, u_px: float = np.nan) -> Bearings:
@@ -25,7 +26,8 @@ def bearings(sigma: float, u_px: float = np.nan) -> Bearings:
 def test_noise_that_no_sensor_has_is_told(given: Bearings, said: list[str]) -> None:
     sharp = Sharp()
     assert list(sharp.watch([given, given])) == [given, given]
-    assert [f.code for f in sharp.findings()] == said
+    assert [f.id for f in findings(sharp.checks())] == said
     assert all(
-        f.sentence.startswith("2 bearings of a state a standard deviation down to 1e-12 rad") for f in sharp.findings()
+        f.text.startswith("2 bearings of a state a standard deviation down to 1e-12 rad")
+        for f in findings(sharp.checks())
     )

@@ -22,15 +22,13 @@ from occlog.consistency.verdict import (
     NOT_BELIEVED,
     RESTARTS,
     Evidence,
-    Finding,
     beyond,
-    figures,
     off,
-    plausible,
 )
 from occlog.core.metrics.consistency import Ratio
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Residuals, Tracks
+from occlog.records.verdicts import Verdict, finding, findings, plausible, summary_of
 
 N = 2000
 
@@ -70,17 +68,21 @@ def residuals(n: int, factor: float = 1.0, doubted: int = 0, sensor: str = "cam1
 def codes(
     *, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...] = (), frames=(), one=True
 ) -> list[str]:
-    return [f.code for f in said(diagnostics=diagnostics, parts=parts, frames=frames, one=one)]
+    return [f.id for f in said(diagnostics=diagnostics, parts=parts, frames=frames, one=one)]
 
 
 def said(*, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...] = (), frames=(), one=True):
+    return findings(every(diagnostics=diagnostics, parts=parts, frames=frames, one=one))
+
+
+def every(*, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...] = (), frames=(), one=True):
     found = Evidence()
     found.fared(fared() if diagnostics is None else diagnostics)
     for part in parts:
         found.saw(Tracks.empty(), Compared(part, tuple(frames)), Scene())
     if not parts:
         found.crowd.add(frames)
-    return found.findings(one_target=one)
+    return found.checks(one_target=one)
 
 
 def crowd(n: int, again: int, sensor: str = "cam1") -> Frames:
@@ -89,9 +91,9 @@ def crowd(n: int, again: int, sensor: str = "cam1") -> Frames:
 
 
 def test_nothing_against_it_is_plausible() -> None:
-    found = said(parts=(residuals(N),))
-    assert found == ()
-    assert figures(found) == {"plausible": True, "warnings": []}
+    found = every(parts=(residuals(N),))
+    assert findings(found) == ()
+    assert summary_of([Verdict.of("track", found)]) == {"plausible": True, "warnings": []}
 
 
 def test_chance_may_break_a_limit_with_one_run_in_a_thousand() -> None:
@@ -121,38 +123,36 @@ def test_cameras_that_were_selected_in_vain_are_said_beyond_half_of_the_rows(bli
 def test_depletion_says_number_limit_and_remedy() -> None:
     (found,) = said(diagnostics=fared(few=N))
     assert found.severity == "warning"
-    assert found.sentence.startswith(
-        "100% of the rows rest on fewer than 10 effective particles (median 5; allowed in 25%"
-    )
-    assert "use more particles" in found.sentence
+    assert found.text.startswith("100% of the rows rest on fewer than 10 effective particles (median 5; allowed in 25%")
+    assert "use more particles" in found.text
 
 
 @pytest.mark.parametrize("doubt", ["edge", "one-sensor", "out-of-view", "sensor-disagrees"])
 def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: str) -> None:
     for count, severity in ((1, "note"), (round(DOUBTED * N), "note"), (round(DOUBTED * N) + 1, "warning")):
         (found,) = said(diagnostics=fared(doubt=(doubt, count)))
-        assert (found.code, found.severity) == (doubt, severity)
-        assert found.sentence.startswith(f"{count} of {N} rows ")
+        assert (found.id, found.severity) == (doubt, severity)
+        assert found.text.startswith(f"{count} of {N} rows ")
     assert codes(diagnostics=fared(doubt=(doubt, 0))) == []
 
 
 def test_an_honest_covariance_needs_care_and_is_plausible() -> None:
     found = said(diagnostics=fared(fallback=("unobservable", N)))
-    assert [(f.code, f.severity) for f in found] == [("unobservable", "note")]
+    assert [(f.id, f.severity) for f in found] == [("unobservable", "note")]
     assert plausible(found)
 
 
 def test_a_target_that_no_sensor_ever_saw_is_told() -> None:
     (found,) = said(diagnostics=fared(seen=0))
-    assert (found.code, found.severity) == ("never-seen", "note")
-    assert found.sentence.startswith("1 target of 1, the first 0, no sensor saw at any time: ")
+    assert (found.id, found.severity) == ("never-seen", "note")
+    assert found.text.startswith("1 target of 1, the first 0, no sensor saw at any time: ")
 
 
 def test_a_filter_that_begins_anew_in_nearly_every_row_says_how_far_apart_rows_are() -> None:
     minutes = np.arange(N) * 60_000_000_000
     (found,) = said(diagnostics=replace(fared(fallback=("gap", round(0.9 * N))), t_ns=minutes))
-    assert found.code == "gaps"
-    assert "60 s apart on average" in found.sentence
+    assert found.id == "gaps"
+    assert "60 s apart on average" in found.text
     assert said(diagnostics=replace(fared(fallback=("gap", round(0.5 * N))), t_ns=minutes)) == ()
 
 
@@ -164,7 +164,7 @@ def test_places_that_are_contested_are_said_beyond_one_row_in_ten() -> None:
 @pytest.mark.parametrize("code", ["contradiction", "wall", "unfinished"])
 def test_rows_of_a_batch_method_that_failed_are_said(code: str) -> None:
     found = said(diagnostics=fared(fallback=(code, 1)))
-    assert [f.code for f in found] == [code]
+    assert [f.id for f in found] == [code]
     assert not plausible(found)
 
 
@@ -174,8 +174,8 @@ def test_more_than_a_quarter_not_believed_is_said_of_the_sensor() -> None:
 
     assert codes(parts=two(N, round(NOT_BELIEVED * N))) == []
     (found,) = said(parts=two(N, round(0.35 * N)))
-    assert found.code == "not-believed"
-    assert found.sentence.startswith("cam1: 35% of 2000 bearings are not believed (allowed: 25%)")
+    assert found.id == "not-believed"
+    assert found.text.startswith("cam1: 35% of 2000 bearings are not believed (allowed: 25%)")
     assert codes(parts=two(FEWEST - 1, FEWEST - 1)) == []
     assert codes(parts=two(FEWEST, FEWEST)) == ["not-believed"]
 
@@ -192,7 +192,7 @@ def test_bearings_not_believed_are_said_sooner_where_one_sensor_at_a_time_sees_t
 )
 def test_residuals_that_are_not_as_stated_are_said(nis: float, code: str | None) -> None:
     found = off("the bearings", Ratio(nis, 0.02), 1000.0)
-    assert (None if found is None else found.code) == code
+    assert (None if found is None else found.id) == code
 
 
 def test_residuals_that_chance_can_have_made_are_not_said() -> None:
@@ -203,47 +203,46 @@ def test_residuals_that_chance_can_have_made_are_not_said() -> None:
 
 def test_by_how_much_noise_is_misstated_is_said() -> None:
     (large,) = said(parts=(residuals(N, 2.1),))
-    assert large.sentence.startswith(
-        "the bearings are 2.1 times as far from the track as their standard deviations say"
-    )
-    assert "expected 1, allowed 0.5 to 2.25" in large.sentence
+    assert large.text.startswith("the bearings are 2.1 times as far from the track as their standard deviations say")
+    assert "expected 1, allowed 0.5 to 2.25" in large.text
     (small,) = said(parts=(residuals(N, 1 / 2.1),))
-    assert small.sentence.startswith("the bearings have standard deviations that are 2.1 times too large")
+    assert small.text.startswith("the bearings have standard deviations that are 2.1 times too large")
     assert small.severity == "note"
 
 
 def test_one_sensor_whose_residuals_are_too_large_is_named() -> None:
     (found,) = said(parts=(residuals(3000), residuals(300, 2.0, sensor="cam7")))
-    assert found.sentence.startswith("the bearings of cam7 are 2.0 times as far")
+    assert found.text.startswith("the bearings of cam7 are 2.0 times as far")
 
 
 def test_motion_that_is_livelier_than_stated_is_said_of_the_target() -> None:
     found = Evidence(rows=1)
     found.agreements.moves(3, LIVELY)
     found.agreements.moves(4, 2.25 * LIVELY)
-    (only,) = found.findings(one_target=True)
-    assert only.sentence.startswith("target 4 moves 3.0 times as irregularly")
+    (only,) = findings(found.checks(one_target=True))
+    assert only.text.startswith("target 4 moves 3.0 times as irregularly")
 
 
 def test_candidates_that_stay_cannot_be_one_target() -> None:
     n = 100
     assert codes(frames=(crowd(n, round(CROWDED * n)),)) == []
     (found,) = said(frames=(crowd(n, round(CROWDED * n) + 1),))
-    assert found.code == "several-targets"
-    assert found.sentence.startswith("the candidates cannot be one target: 2.0 of 3.0 in a frame are near no track")
+    assert found.id == "several-targets"
+    assert found.text.startswith("the candidates cannot be one target: 2.0 of 3.0 in a frame are near no track")
     assert codes(frames=(crowd(n, n),), one=False) == []
     assert codes(frames=(crowd(FEWEST - 1, FEWEST - 1),)) == []
     assert codes(frames=(crowd(FEWEST, FEWEST),)) == ["several-targets"]
 
 
 def test_a_summary_has_the_warnings_and_not_the_notes() -> None:
-    found = (Finding("a", "note", "care"), Finding("b", "warning", "wrong"))
-    assert figures(found) == {"plausible": False, "warnings": [{"code": "b", "sentence": "wrong"}]}
+    made = (finding("x", "note", "a", "care"), finding("y", "warning", "b", "wrong", sensors=["cam"]))
+    warning = {"stage": "track", "code": "b", "sentence": "wrong", "sensors": ["cam"]}
+    assert summary_of([Verdict.of("track", made)]) == {"plausible": False, "warnings": [warning]}
 
 
 @pytest.mark.parametrize(("few", "smoothed", "warns"), [(20, False, False), (20, True, True), (4, True, False)])
 def test_smoothed_rows_suffer_from_fewer_depleted_ones(few: int, smoothed: bool, warns: bool) -> None:
     found = Evidence()
     found.particles.add(np.where(np.arange(200) < few, 3.0, 900.0))
-    codes = [f.code for f in found.findings(one_target=False, smoothed=smoothed)]
+    codes = [f.id for f in findings(found.checks(one_target=False, smoothed=smoothed))]
     assert codes == (["depleted"] if warns else [])

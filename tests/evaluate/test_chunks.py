@@ -72,7 +72,7 @@ def same(a: tuple[Evaluation, dict[str, Table]], b: tuple[Evaluation, dict[str, 
     exact = [n for n, v in two.metrics.items() if float(v).is_integer() or "median" in n or "p95" in n or "_max" in n]
     assert {n: one.metrics[n] for n in exact} == pytest.approx({n: two.metrics[n] for n in exact}, rel=0, nan_ok=True)
     assert one.notes == two.notes
-    assert [f.code for f in one.findings or ()] == [f.code for f in two.findings or ()]
+    assert [(c.name, c.status, c.id) for c in one.checks or ()] == [(c.name, c.status, c.id) for c in two.checks or ()]
     for name, table in tables.items():
         for c in table.columns():
             ours, theirs = getattr(table, c.name), getattr(others[name], c.name)

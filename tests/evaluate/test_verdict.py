@@ -12,6 +12,7 @@ from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, Made, judge
 from occlog.io.files.provenance import Provenance
 from occlog.records.tables import Errors, Tracks
+from occlog.records.verdicts import findings
 
 N = 1000
 
@@ -37,13 +38,18 @@ def codes(nees: np.ndarray | None = None, **metrics: float) -> list[str]:
     table = errors(chi_square() if nees is None else nees)
     found = judge(tracks(), None, Made(), errors=table, metrics=metrics)
     assert found is not None
-    return [f.code for f in found]
+    return [f.id for f in findings(found)]
 
 
 def test_without_anything_to_ask_there_is_no_verdict() -> None:
     assert judge(None, None, Made()) is None
     assert judge(tracks(), None, Made()) is None
-    assert judge(tracks(), None, Made(), errors=errors(chi_square())) == ()
+    made = judge(tracks(), None, Made(), errors=errors(chi_square()))
+    assert made is not None
+    assert not findings(made)
+    status = {check.name: check.status for check in made}
+    assert status["covariances against the truth (NEES)"] == "passed"
+    assert status["effective number of particles"] == "not applicable"
 
 
 @pytest.mark.parametrize(("factor", "said"), [(0.22, []), (0.18, ["nees-small"]), (1.0, []), (1.4, [])])
@@ -54,9 +60,9 @@ def test_covariances_that_are_about_right_pass(factor: float, said: list[str]) -
 def test_covariances_that_are_too_small_are_said_with_the_numbers() -> None:
     found = judge(tracks(), None, Made(), errors=errors(chi_square(1.2 * NEES_HIGH)))
     assert found is not None
-    (only,) = found
-    assert (only.code, only.severity) == ("nees-large", "warning")
-    assert "mean NEES 4.8, expected 2, allowed up to 4" in only.sentence
+    (only,) = findings(found)
+    assert (only.id, only.severity) == ("nees-large", "warning")
+    assert "mean NEES 4.8, expected 2, allowed up to 4" in only.text
 
 
 def test_many_errors_outside_of_the_ellipse_are_said_though_a_few_make_the_mean() -> None:
@@ -105,7 +111,7 @@ def test_bearings_that_agree_with_the_tracks_and_not_with_the_truth_are_of_somet
     monkeypatch.setattr(Agreements, "nis", Ratio(own, 0.1))
     monkeypatch.setattr(Agreements, "doubted", 0.0)
     found = judge(tracks(), None, Made(), errors=errors(chi_square(nees)), metrics={"bearing_nis": there})
-    assert ("something-else" in {f.code for f in found}) == said
+    assert ("something-else" in {f.id for f in found}) == said
 
 
 @pytest.mark.parametrize(("ratio", "said"), [(FAR_FROM_BOUND, []), (FAR_FROM_BOUND + 0.01, ["far-from-bound"])])

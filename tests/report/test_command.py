@@ -94,7 +94,7 @@ def test_json_summary(folder: Path, capsys: Any) -> None:
     assert report(*args, "-o", page, "--json", "-q") == ExitCode.DONE
     out, err = capsys.readouterr()
     assert err == ""
-    verdict = {"plausible": True, "warnings": []}
+    verdict = {"plausible": None, "warnings": []}
     assert json.loads(out) == {"page": str(page), "targets": 1, "tracks": 5, "bearings": 10, **verdict, "losses": []}
     assert "Track and sight lines" in page.read_text()
 

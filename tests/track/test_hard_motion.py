@@ -9,6 +9,7 @@ from benchmarks.track._metric_rooms import Recording, record
 from occlog.consistency.doubts import covariances
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.records.tables import Tracks
+from occlog.records.verdicts import findings
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
@@ -27,7 +28,7 @@ def followed(made: Recording, **settings: float) -> tuple[float, set[str]]:
         summary.add(part)
     away = np.column_stack([tracks.x, tracks.y]) - made.xy[np.searchsorted(made.t_ns, tracks.t_ns)]
     nees = normalised_squared_errors(away, covariances(tracks))
-    return float(nees.mean()), {f.code for f in summary.findings() if f.severity == "warning"}
+    return float(nees.mean()), {f.id for f in findings(summary.checks()) if f.severity == "warning"}
 
 
 @pytest.mark.parametrize("false", [0.0, 0.1])

@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import msgspec
+
 from occlog import __version__
-from occlog.errors import InputError
+from occlog.errors import InputError, spelled
 from occlog.records.losses import Loss
+from occlog.records.verdicts import Check, Verdict, distinct
 
 from .stated_units import STATED
 from .versions import installed_versions
@@ -18,6 +21,11 @@ from .versions import installed_versions
 PROVENANCE_KEY = "occlog.provenance"
 READERS_USED: dict[str, Mapping[str, object]] = {}
 """By the name of a file that a plug-in has read: the plug-in and its settings."""
+VERDICTS: dict[str, tuple[Verdict, ...]] = {}
+"""Verdicts that a file carries, by the SHA-256 of its bytes; `hash_inputs` reads them.
+
+What is made from a file carries its verdicts on, and no stage can forget that.
+"""
 
 
 @dataclass(frozen=True)
@@ -34,6 +42,7 @@ class Provenance:
         readers: name of each input that a plug-in has read, with the plug-in and its settings; None: as it was.
         version: of occlog; empty: not known.
         versions: of Python and of the packages that are installed, by name; empty: not known.
+        verdicts: of this stage and of those before it, in their order; None: those of the inputs.
     """
 
     command: str
@@ -45,12 +54,25 @@ class Provenance:
     readers: tuple[Mapping[str, object], ...] | None = None
     version: str = __version__
     versions: Mapping[str, str] = field(default_factory=installed_versions)
+    verdicts: tuple[Verdict, ...] | None = None
 
     def __post_init__(self) -> None:
+        if self.verdicts is None:
+            carried = distinct(each for _, digest in self.inputs for each in VERDICTS.get(digest, ()))
+            object.__setattr__(self, "verdicts", carried)  # frozen for everybody else
         if self.readers is None:
             names = dict.fromkeys(name for name, _ in self.inputs)
             found = tuple({"file": name, **READERS_USED[name]} for name in names if name in READERS_USED)
             object.__setattr__(self, "readers", found)  # frozen for everybody else
+
+    @property
+    def judged(self) -> tuple[Verdict, ...]:
+        """The verdicts of this stage and of those before it."""
+        return self.verdicts or ()
+
+    def with_checks(self, checks: Iterable[Check]) -> Provenance:
+        """Return the record with the verdict of this stage after those of the inputs."""
+        return replace(self, verdicts=distinct((*self.judged, Verdict.of(self.command, checks))))
 
     def as_dict(self) -> dict[str, object]:
         """The record as JSON-ready values."""
@@ -65,14 +87,15 @@ class Provenance:
             **({"input_units": list(self.input_units)} if self.input_units else {}),
             **({"readers": [dict(reader) for reader in self.readers]} if self.readers else {}),
             **({"versions": dict(self.versions)} if self.versions else {}),
+            **({"verdicts": msgspec.to_builtins(self.verdicts)} if self.verdicts else {}),
         }
 
     def json(self) -> str:
         """The record as one line of JSON with sorted keys."""
-        return json.dumps(self.as_dict(), sort_keys=True, default=str)
+        return spelled(json.dumps(self.as_dict(), sort_keys=True, default=str))
 
 
-UNKNOWN = Provenance("unknown", input_units=(), readers=(), version="", versions={})
+UNKNOWN = Provenance("unknown", input_units=(), readers=(), version="", versions={}, verdicts=())
 """How files of others were made."""
 
 
@@ -93,12 +116,20 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
         readers = tuple(dict(each) for each in raw.get("readers", ()))
         version, versions = str(raw.get("version", "")), {str(k): str(v) for k, v in raw.get("versions", {}).items()}
         command, parameters = str(raw["command"]), dict(raw["parameters"])
-        return Provenance(command, parameters, raw.get("seed"), inputs, losses, units, readers, version, versions)
+        verdicts = verdicts_in(raw)
+        return Provenance(
+            command, parameters, raw.get("seed"), inputs, losses, units, readers, version, versions, verdicts
+        )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{where}: its provenance is damaged ({type(error).__name__}), so that nobody knows what was lost on the "
             "way; make it again"
         ) from error
+
+
+def verdicts_in(raw: Mapping[str, object]) -> tuple[Verdict, ...]:
+    """Verdicts in the values of a provenance; ValueError where they are damaged."""
+    return msgspec.convert(raw.get("verdicts", []), tuple[Verdict, ...])
 
 
 def hash_file(path: Path) -> str:
@@ -111,5 +142,38 @@ def hash_file(path: Path) -> str:
 
 
 def hash_inputs(paths: Iterable[Path]) -> tuple[tuple[str, str], ...]:
-    """(name, SHA-256) of each file; names without folders, so that outputs do not depend on where they lie."""
-    return tuple((Path(path).name, hash_file(path)) for path in paths)
+    """(name, SHA-256) of each file; names without folders, so that outputs do not depend on where they lie.
+
+    What provenance is made with these inputs carries their verdicts on.
+    """
+    hashed = tuple((Path(path), hash_file(path)) for path in paths)
+    for path, digest in hashed:
+        if digest not in VERDICTS:
+            VERDICTS[digest] = verdicts_of_file(path)
+    return tuple((path.name, digest) for path, digest in hashed)
+
+
+def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
+    """Verdicts that a table, a recording or a JSON file carries; none where it is of another kind or is damaged.
+
+    A stage that opens a damaged file refuses it itself.
+    """
+    from .tables.header import read_provenance
+    from .tables.parquet import is_ours
+    from .texts.json_file import read_json
+    from .untrusted.content import Content, content_of
+
+    try:
+        content = content_of(path)
+        if content is Content.RECORDING:
+            from occlog.io.recording.reader import open_recording
+
+            return open_recording(path).provenance.judged
+        if content is Content.TABLE:
+            return read_provenance(path).judged if is_ours(path) else ()
+        if path.suffix.lower() == ".json":
+            made = read_json(path).get("_provenance")
+            return verdicts_in(made) if isinstance(made, dict) else ()
+    except (InputError, ValueError):
+        pass
+    return ()

@@ -23,8 +23,8 @@ RUNS = (
     field("exit_code", pa.int32(), "as `occlog run` would have ended"),
     field("stage", NAMES, "the stage that failed; empty: none did"),
     field("message", pa.string(), "why it failed, in one line"),
-    field("plausible", pa.bool_(), "what the evaluation says; null: nothing was evaluated", nullable=True),
-    field("warnings", pa.list_(pa.string()), "sentences on why the tracks are not to be believed"),
+    field("plausible", pa.bool_(), "whether every stage found its results plausible; null: none judged", nullable=True),
+    field("warnings", pa.list_(pa.string()), "why results are not to be believed: stage, id and sentence"),
     field("losses", pa.list_(_LOSS), "input that was lost: source, place, what, and how many (0: not known)"),
 )
 METRICS = (

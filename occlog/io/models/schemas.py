@@ -15,6 +15,7 @@ from occlog.io.scenes.paths import paths_schema
 from occlog.io.scenes.scene import SceneSpec
 from occlog.records.columns import ANY, Table
 from occlog.records.tables import TABLES
+from occlog.records.verdicts import Verdict
 
 from .fundamental_matrices import epipolar_schema
 from .motion_models import motion_schema
@@ -49,6 +50,11 @@ def scene_schema() -> dict[str, object]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(SceneSpec)}
 
 
+def verdict_schema() -> dict[str, object]:
+    """JSON Schema of a verdict: `verdicts` of the provenance of every output is a list of them."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(Verdict)}
+
+
 SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {
     **{name: partial(table_definition, table) for name, table in TABLES.items()},
     **{schema_of(table): partial(message_schema, table) for table in RECORDED},
@@ -59,6 +65,7 @@ SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {
     "network": network_schema,
     "paths": paths_schema,
     "epipolar": epipolar_schema,
+    "verdict": verdict_schema,
 }
 """Every published schema by name; `schemas/NAME.json` holds its text."""
 

@@ -14,17 +14,16 @@ from pathlib import Path
 from occlog.cli.main import explain
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import hash_file
-from occlog.io.files.texts.json_file import read_json
 from occlog.io.remote.cache import Cache
 from occlog.io.remote.urls import is_url
-from occlog.pipeline.run.run import GOING_ON, Step, do_stages, drop_empty, losses_of, sentences, worst
+from occlog.pipeline.run.run import GOING_ON, Step, do_stages, drop_empty, losses_of, verdicts_of, worst
 from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
+from occlog.records.verdicts import Verdict, all_plausible, found_by_stage
 
 from .folders import run_folder
 from .plan import in_line
 
-METRICS = "metrics.json"
 STATES = {ExitCode.DONE: "done", ExitCode.LOSSY: "lossy", ExitCode.THRESHOLD: "threshold"}
 FAILED = "failed"
 """State of a recording one of whose stages ended with any other exit code."""
@@ -53,8 +52,7 @@ class Outcome:
     code: int = ExitCode.DONE
     stage: str = ""  # the one that failed
     message: str = ""  # why
-    plausible: bool | None = None  # None: nothing was evaluated
-    warnings: tuple[str, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()  # of all stages
     losses: tuple[Loss, ...] = ()
     outputs: tuple[str, ...] = ()  # files of the run folder that hold for this recording and configuration
     redone: bool = False  # a stage was not up to date
@@ -65,6 +63,17 @@ class Outcome:
     def state(self) -> str:
         """The exit code in a word."""
         return STATES.get(ExitCode(self.code), FAILED)
+
+    @property
+    def plausible(self) -> bool | None:
+        """Whether every stage found its results plausible; None: none has judged."""
+        return all_plausible(self.verdicts)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the results, each with its stage."""
+        failed = ((stage, check) for stage, check in found_by_stage(self.verdicts) if check.status == "failed")
+        return tuple(f"{stage}: {check.id}: {check.text}" for stage, check in failed)
 
 
 def process(task: Task) -> Outcome:
@@ -138,9 +147,5 @@ class _Run:
         """The outcome with what its files say."""
         made = tuple(name for step in self._steps for name in step.outputs)
         redone = told.redone or any(step.what == "done" for step in self._steps)
-        told = replace(told, outputs=made, redone=redone, losses=losses_of(folder / name for name in made))
-        if METRICS not in made:
-            return told
-        values = read_json(folder / METRICS)
-        plausible = None if values.get("plausible") is None else bool(values["plausible"])
-        return replace(told, plausible=plausible, warnings=tuple(sentences(values)))
+        files = [folder / name for name in made]
+        return replace(told, outputs=made, redone=redone, losses=losses_of(files), verdicts=verdicts_of(files))

@@ -11,8 +11,9 @@ import click
 
 from occlog import console
 from occlog.console.details import begin_work, note_files
+from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted, told
-from occlog.errors import ExitCode, UsageError, did_you_mean
+from occlog.errors import ExitCode, UsageError, did_you_mean, option
 from occlog.io.files.atomic import write_bytes
 from occlog.io.remote.cache import Cache
 from occlog.io.remote.urls import is_url, kind_of, shown
@@ -24,6 +25,7 @@ from occlog.pipeline.progress import shown_progress
 from occlog.pipeline.run.run import worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
 from occlog.records.tables import TABLES
+from occlog.records.verdicts import summary_of
 
 from .folders import RUNS, batch_folder, fetch_files
 from .plan import Source, in_line, in_text, sources_of
@@ -74,7 +76,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
     """
     for name in request.tables:
         if name not in TABLES:
-            raise UsageError(f"--tables: no table {name!r}; {did_you_mean(name, TABLES)}")
+            raise UsageError(f"{option('tables')}: no table {name!r}; {did_you_mean(name, TABLES)}")
     config = read_config(request.config, ())
     sources = sources_of(request.recordings, request.output)
     _check_config(config)
@@ -115,7 +117,7 @@ def _check_places(request: BatchRequest, sources: Sequence[Source]) -> None:
     """Refuse places that other processes do not have."""
     here = [p for p in (request.output, *(source.place for source in sources)) if is_url(p) and kind_of(p) == "memory"]
     if here and (request.workers > 1 or request.scheduler is not None):
-        raise UsageError(f"{here[0]}: lies in the memory of this process; give --workers 1")
+        raise UsageError(f"{here[0]}: lies in the memory of this process; give {option('workers')} 1")
 
 
 def _outcomes(
@@ -190,9 +192,10 @@ def _tell(outcomes: Sequence[Outcome], sources: Sequence[Source], quiet: bool) -
             f"occlog: lost: input of {counted(len(lossy), 'recording')}; {RUNS_TABLE} lists it (losses)", err=True
         )
     doubted = [each for each in outcomes if each.plausible is False]
-    if doubted:
-        names = ", ".join(each.name for each in doubted[:TOLD]) + (", ..." if len(doubted) > TOLD else "")
-        console.note(f"warning: tracks of {counted(len(doubted), 'recording')} are not plausible: {names}", quiet)
+    for each in doubted[:TOLD]:
+        console.note(f"warning: {each.name}: plausible: {plausible_in_words(summary_of(each.verdicts))}", quiet)
+    if len(doubted) > TOLD:
+        console.note(f"warning: {len(doubted) - TOLD} more are not plausible; {RUNS_TABLE} names them", quiet)
 
 
 def _summary(folder: str, outcomes: Sequence[Outcome], rows: object) -> dict[str, object]:

@@ -13,11 +13,14 @@ from occlog.io.gathered.joined import join_tables
 from occlog.io.gathered.runs import write_metrics, write_runs
 from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
+from occlog.records.verdicts import Check, finding, outcome
 
-from .recording import FAILED, METRICS, Outcome
+from .recording import FAILED, Outcome
 
 RUNS_TABLE, METRICS_TABLE = "runs.parquet", "metrics.parquet"
-METRICS_FILES = (METRICS, "metrics_in_images.json")
+VERDICTS = "verdicts of the recordings"
+"""Name of the check of a batch."""
+METRICS_FILES = ("metrics.json", "metrics_in_images.json")
 MOST_LOSSES = 20
 """Losses of a recording that the provenance of each table has; the table of runs has all."""
 WHOLE = "the whole recording"
@@ -85,13 +88,28 @@ def losses_of(outcomes: Sequence[Outcome]) -> tuple[Loss, ...]:
 def _provenance(outcomes: Sequence[Outcome], tables: Sequence[str], config: Config) -> Provenance:
     seed = config.values.get("seed")
     recordings = tuple((each.shown, each.sha256) for each in outcomes)
-    return Provenance(
+    made = Provenance(
         "batch",
         {"config": config.values, "tables": list(tables)},
         seed if isinstance(seed, int) else None,
         (*hash_inputs([config.path]), *recordings),
         losses_of(outcomes),
+        verdicts=(),
     )
+    return made.with_checks(_checks(outcomes))
+
+
+def _checks(outcomes: Sequence[Outcome]) -> tuple[Check, ...]:
+    """The verdicts of all recordings as one check, with those that are doubted."""
+    judged = [each for each in outcomes if each.plausible is not None]
+    doubted = (
+        finding(
+            VERDICTS, "warning", "recording-doubtful", f"{each.name}: {each.warnings[0]}; {RUNS_TABLE} has them all"
+        )
+        for each in judged
+        if not each.plausible
+    )
+    return outcome(VERDICTS, doubted, unless="" if judged else "no recording was judged", recordings=len(judged))
 
 
 def _row(each: Outcome) -> dict[str, object]:

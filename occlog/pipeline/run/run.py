@@ -9,9 +9,9 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,11 +22,12 @@ from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL, no_links_out_of
 from occlog.io.files.locks import alone_with
-from occlog.io.files.provenance import hash_file
+from occlog.io.files.provenance import hash_file, verdicts_of_file
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions
 from occlog.records.losses import Loss
+from occlog.records.verdicts import Verdict, distinct, summary_of, texts_of
 
 from .inputs import files_of, name_of, places_of
 from .stages import Config, Stage, check_settings, plan, read_config, refused_in
@@ -85,7 +86,7 @@ def run_stages(
         output: run folder.
         force: true: run every stage.
         dry_run: true: only say which stages would run.
-        strict: true: exit code 6 if the evaluation says that the tracks are not plausible.
+        strict: true: exit code 6 if a stage says that its results are not plausible.
         quiet: true: no notes.
         as_json: true: print the summary as JSON.
     """
@@ -103,13 +104,14 @@ def run_stages(
     # What is lost in a stage that is done stands there when it is
     kept = [step for step in steps if step.what == UP_TO_DATE and step.code == ExitCode.LOSSY]
     console.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
-    summary = _summary(folder, {step.stage: step.what for step in steps}, as_json)
+    verdicts = verdicts_of(folder / name for step in steps for name in step.outputs)
+    summary = {**_summary(folder, {step.stage: step.what for step in steps}, as_json), **summary_of(verdicts)}
     if as_json:
         lost = losses_of(folder / name for step in steps for name in step.outputs)
         summary["losses"] = [loss.as_dict() for loss in lost]
-    console.note_findings((("", "warning", text) for text in sentences(summary)), quiet)
+    console.note_findings(texts_of(verdicts, "run"), quiet)
     console.echo_summary(summary, as_json)
-    return console.strict_code(worst(step.code for step in steps), bool(summary.get("plausible", True)), strict)
+    return console.strict_code(worst(step.code for step in steps), summary.get("plausible"), strict)
 
 
 def do_stages(
@@ -193,10 +195,9 @@ def _note_begin(stage: str, quiet: bool) -> None:
     console.note(f"{stage} ...", quiet)
 
 
-def sentences(summary: Mapping[str, object]) -> list[str]:
-    """The warnings of a summary."""
-    warnings = summary.get("warnings")
-    return [str(w["sentence"]) for w in warnings] if isinstance(warnings, list) else []
+def verdicts_of(files: Iterable[Path]) -> tuple[Verdict, ...]:
+    """Verdicts that the outputs of a run carry, each once, in the order of the stages."""
+    return distinct(verdict for file in files for verdict in verdicts_of_file(file))
 
 
 def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
@@ -218,13 +219,12 @@ def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, obj
     metrics = folder / "metrics.json"
     # Figures that another evaluation made, before a dry run, are not those of this configuration
     values = read_json(metrics) if done.get("evaluate", WAITING) != WAITING and metrics.is_file() else {}
-    verdict = {k: v for k, v in values.items() if k in ("plausible", "warnings")}
-    numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in verdict}
+    numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in ("plausible", "warnings")}
     if as_json:
-        return {"stages": done, "folder": str(folder), "metrics": numbers, **verdict}
+        return {"stages": done, "folder": str(folder), "metrics": numbers}
     head = {k: v for k, v in numbers.items() if _is_headline(k) and v is not None}
     page = {} if done.get("report") == WAITING else {"report": str(folder / "report.html")}
-    return {**done, **page, **head, **verdict}
+    return {**done, **page, **head}
 
 
 def _is_headline(name: str) -> bool:
@@ -256,8 +256,8 @@ def inside(folder: Path) -> Iterator[None]:
 
 def _do(stage: Stage) -> int:
     """Run a stage's command without its own summary; return its exit code."""
-    args = [*stage.args, "--overwrite"]
-    with redirect_stdout(io.StringIO()), stage.command.make_context(f"occlog {stage.name}", args) as context:
+    replacing = replace(stage, values={**stage.values, "overwrite": True})
+    with redirect_stdout(io.StringIO()), replacing.context() as context:
         result = stage.command.invoke(context)
         try:
             check_common(context)
@@ -272,7 +272,7 @@ def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
     Files are known by name (those of a folder by the way to them) and content, so that a run may be moved.
     """
     digest = hashlib.sha256(f"{__version__}\0{installed_versions()}\0{stage.name}\0".encode())
-    for text in stage.args:
+    for text in stage.texts():
         shown = text.replace(str(folder), "RUN")
         if text in stage.output_paths:
             digest.update(f"{shown}\0".encode())

@@ -17,7 +17,7 @@ def build_markdown(found: Beside) -> str:
     for letter, side in found.sides:
         said, _ = words.believed(side)
         out += [f"**{letter}: {plain(said)}.**", ""]
-        out += [f"- **{plain(f.code)}**: {plain(f.sentence)}" for f in side.data.findings or ()]
+        out += [f"- **{plain(check.id)}** ({stage}): {plain(check.text)}" for stage, check in side.data.findings]
         out += [""] if side.data.findings else []
     if rows := words.figure_rows(found):
         head = ("Figure", "A", "B", "B - A", "95 % interval", "p", "Verdict")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from occlog.array_types import NS
-from occlog.consistency.verdict import figures
 from occlog.evaluate.compare.run import Row
+from occlog.records.verdicts import all_plausible
+from occlog.records.verdicts import summary_of as verdict_summary
 
 from . import words
 from .comparison.partings import Moment
@@ -30,14 +31,13 @@ def summary_of(found: Beside, asked: Asked) -> dict[str, object]:
         out["true_frames"] = truth.comparison.frames  # which figures are of, as those of `compare`
         out["figures"] = {row.figure: _figure(row) for row in truth.comparison.rows}
     out |= {"notes": list(found.notes)} if found.notes else {}
-    judged = {letter.lower(): side.data.findings for letter, side in found.sides}
-    told = {letter: figures(said) for letter, said in judged.items() if said is not None}
-    if told:
-        out["plausible"] = all(each["plausible"] for each in told.values())
+    judged = {letter.lower(): side.data.verdicts for letter, side in found.sides}
+    if any(judged.values()):
+        out["plausible"] = all_plausible([each for verdicts in judged.values() for each in verdicts])
         out["warnings"] = [
             {"run": letter, **warning}
-            for letter, each in told.items()
-            for warning in each["warnings"]  # type: ignore[attr-defined]
+            for letter, verdicts in judged.items()
+            for warning in verdict_summary(verdicts).get("warnings", [])  # type: ignore[attr-defined]
         ]
     return out
 

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.consistency.verdict import plausible
 from occlog.console.text import counted
 from occlog.evaluate.compare import text
 from occlog.evaluate.compare.run import Row
 from occlog.report.content.metrics_in_words import groups, number
+from occlog.report.summary import verdict_heading
 
 from .comparison.identities import Change, Followed, Piece, without_counterpart
 from .comparison.partings import APART, ONLY_A, ONLY_B, OTHER, Moment
@@ -236,11 +236,7 @@ def lasting_ns(found: Beside) -> int:
 
 def believed(side: Side) -> tuple[str, bool]:
     """Whether something speaks against a run, in a line; whether it may be believed."""
-    findings = side.data.findings
-    if findings is None:
-        return "Nothing is known that could speak against it: tables of tracks alone say little of themselves", True
-    good = plausible(findings)
-    return ("Nothing speaks against these estimates" if good else "Not to be believed as they are"), good
+    return verdict_heading(side.data.verdicts), side.data.plausible is not False
 
 
 # ---- tables

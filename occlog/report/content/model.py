@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.consistency.verdict import Finding
 from occlog.errors import InputError
 from occlog.evaluate.verdict import Made, judge
 from occlog.records.losses import Loss
@@ -27,6 +26,7 @@ from occlog.records.tables import (
     Tracks,
     Truth,
 )
+from occlog.records.verdicts import Check, Verdict, all_plausible, found_by_stage
 
 from .beside_bound import with_bound
 from .fared import Fared, deviation
@@ -108,6 +108,7 @@ class ReportInput:
         losses: input that was lost on the way.
         made: how the tracks were made.
         length_unit: unit of lengths where there is no scene to say it.
+        earlier: verdicts of the stages that made the inputs.
         of_all: what is known of all rows, where a table is too long to be drawn whole; None: everything is here.
     """
 
@@ -126,6 +127,7 @@ class ReportInput:
     losses: tuple[Loss, ...] = ()
     made: Made = field(default_factory=Made)
     length_unit: str = "m"
+    earlier: tuple[Verdict, ...] = ()
     of_all: OfAll | None = None
 
     def __post_init__(self) -> None:
@@ -178,10 +180,24 @@ class ReportInput:
         return None if self.of_all is None else self.of_all.errors
 
     @cached_property
-    def findings(self) -> tuple[Finding, ...] | None:
-        """What speaks against the tracks; None without tracks."""
-        if self.of_all is not None:
-            return self.of_all.judged
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Verdicts of the stages before, and that of the report where its tables say something of the tracks."""
+        own = self._judged if self.of_all is None else self.of_all.judged
+        return self.earlier if own is None else (*self.earlier, Verdict.of("report", own))
+
+    @property
+    def findings(self) -> tuple[tuple[str, Check], ...]:
+        """What was found, with the stage that found it."""
+        return found_by_stage(self.verdicts)
+
+    @property
+    def plausible(self) -> bool | None:
+        """Whether no stage found anything that speaks against the tracks; None: none has judged."""
+        return all_plausible(self.verdicts)
+
+    @property
+    def _judged(self) -> tuple[Check, ...] | None:
+        """What was checked of whole tables; None without tracks."""
         if self.tracks is None:
             return None
         return judge(

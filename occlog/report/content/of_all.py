@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from occlog.array_types import Floats, Ints
-from occlog.consistency.verdict import Finding
+from occlog.records.verdicts import Check
 
 from .beside_bound import BesideBound
 from .fared import Fared
@@ -39,7 +39,7 @@ class OfAll:
         deviation: median standard deviation of a position.
         selections: of each target for which cameras were selected.
         events: how many there are of each kind.
-        judged: what speaks against the tracks; None: nothing was asked.
+        judged: what was checked of the tracks; None: nothing was.
     """
 
     whole: Mapping[str, Whole] = field(default_factory=dict)
@@ -59,4 +59,4 @@ class OfAll:
     deviation: float = float("nan")
     selections: Mapping[int, Selections] = field(default_factory=dict)
     events: Mapping[str, int] = field(default_factory=dict)
-    judged: tuple[Finding, ...] | None = None
+    judged: tuple[Check, ...] | None = None

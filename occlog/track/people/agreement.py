@@ -8,8 +8,9 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.consistency.verdict import FEWEST as FEWEST_BOXES
-from occlog.consistency.verdict import Finding, beyond
+from occlog.consistency.verdict import beyond
 from occlog.records.scene import Camera
+from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.jipda.interface import Moment
 
 from .boxes_by_moment import BoxTally, FrameLook
@@ -17,6 +18,9 @@ from .delay import Delays
 from .lean import Leans
 from .rows import LIKELY, seen_in
 
+EXPLAINED, AGREES, LEANS = "boxes explained by tracks", "detection rates of the cameras", "offsets between the cameras"
+TIMES, BOXES = "times of the cameras", "boxes of the cameras"
+"""Names of checks."""
 PLAIN = 0.8
 """A person so probably visible should be detected."""
 FEWEST = 50
@@ -76,48 +80,85 @@ class Agreement:
         told = self.expected >= FEWEST
         return np.where(told, self.met / np.maximum(self.expected, 1.0), np.nan)
 
-    def findings(self, tally: BoxTally) -> Iterator[Finding]:
-        """What a user must know of the cameras."""
-        yield from self._unexplained(tally)
-        yield from self._odd(tally)
-        yield from self._leaning()
-        yield from self._apart(tally.first_ns, tally.last_ns)
+    def checks(self, tally: BoxTally) -> tuple[Check, ...]:
+        """What was checked of the cameras, and what was found."""
+        boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
+        known, leans = np.isfinite(self.shares), self._leans.medians()
+        few = f"fewer than {FEWEST} people seen elsewhere should be seen plainly in each camera"
+        far = float(np.nanmax(np.abs(leans))) if np.isfinite(leans).any() else float("nan")
+        return (
+            *outcome(
+                EXPLAINED,
+                self._unexplained(tally),
+                unless=f"there are fewer than {FEWEST_BOXES} boxes" if boxes < FEWEST_BOXES else "",
+                boxes=boxes,
+            ),
+            *outcome(AGREES, self._odd(tally), unless="" if known.any() else few),
+            *outcome(
+                LEANS,
+                self._leaning(),
+                unless="too few boxes" if np.isnan(far) else "",
+                lean=far,
+                allowed=LEAN,
+            ),
+            *outcome(
+                TIMES,
+                self._apart(tally.first_ns, tally.last_ns),
+                unless="" if np.count_nonzero(tally.first_ns >= 0) > 1 else "there is one camera",
+            ),
+            *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
+        )
+
+    def _boxes(self, tally: BoxTally) -> Iterator[Check]:
+        """Cameras without boxes, with boxes twice, or outside the image."""
         whole = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.names):
             if not whole[c] and whole.any():
-                yield Finding("no-boxes", "note", f"camera {name} has no box at any time")
+                yield finding(BOXES, "note", "no-boxes", f"camera {name} has no box at any time", sensors=[name])
             if tally.twice[c] > TWICE * whole[c]:
-                yield Finding(
-                    "boxes-twice",
+                yield finding(
+                    BOXES,
                     "warning",
+                    "boxes-twice",
                     f"camera {name} reports people more than once: {tally.twice[c]} of its {whole[c]} boxes repeat "
                     "another one of the same frame, and are left out",
+                    sensors=[name],
+                    share=tally.twice[c] / whole[c],
+                    allowed=TWICE,
                 )
             if tally.outside[c] > OUTSIDE * whole[c]:
-                yield Finding(
-                    "boxes-outside",
+                yield finding(
+                    BOXES,
                     "warning",
+                    "boxes-outside",
                     f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are left out; "
                     "is the calibration for another size of the image, or are the boxes another camera's?",
+                    sensors=[name],
+                    share=tally.outside[c] / whole[c],
+                    allowed=OUTSIDE,
                 )
 
-    def _unexplained(self, tally: BoxTally) -> Iterator[Finding]:
+    def _unexplained(self, tally: BoxTally) -> Iterator[Check]:
         """Most boxes are of nobody who was found: the cameras stand otherwise, or the boxes are of something else."""
         boxes = int(tally.boxes.sum())
         nobodys = boxes - round(float(self.used.sum()))
         if boxes < FEWEST_BOXES or not beyond(nobodys, boxes, UNEXPLAINED):
             return
         buried = [name for name, place in zip(self.names, self.heights, strict=True) if place < 0.0]
-        yield Finding(
-            "boxes-unexplained",
+        yield finding(
+            EXPLAINED,
             "warning",
+            "boxes-unexplained",
             f"{nobodys / boxes:.0%} of {boxes} boxes are explained by nobody (allowed: {UNEXPLAINED:.0%})"
             + (f", and {', '.join(buried)} would be below the ground (z < 0)" if buried else "")
             + ": the cameras may not stand as the scene says: check which way is up, where the ground is, the unit of "
             "the calibration, and that each camera has its own boxes; or the boxes are not of people on the ground",
+            sensors=buried,
+            share=nobodys / boxes,
+            allowed=UNEXPLAINED,
         )
 
-    def _odd(self, tally: BoxTally) -> Iterator[Finding]:
+    def _odd(self, tally: BoxTally) -> Iterator[Check]:
         """Cameras that do not see whom the others see, unless that is because their boxes are left out."""
         shares = self.shares
         for c, name in enumerate(self.names):
@@ -129,39 +170,50 @@ class Agreement:
             usual = float(np.median(others)) if len(others) else 0.0
             late = self._delays.late(c, self.fewest) if shares[c] < max(limit, LESS * usual) else float("nan")
             if shares[c] < limit or np.isfinite(late):
-                yield Finding(
-                    "camera-disagrees",
+                yield finding(
+                    AGREES,
                     "warning",
+                    "camera-disagrees",
                     f"camera {name} sees {shares[c]:.0%} of the people whom other cameras see and it should see plainly"
                     + (f" (the others: {float(np.median(others)):.0%})" if len(others) else "")
                     + f"; {_remedy(late)}, or leave {name} out",
+                    sensors=[name],
+                    share=float(shares[c]),
+                    allowed=limit,
+                    late_s=late,
                 )
 
-    def _leaning(self) -> Iterator[Finding]:
+    def _leaning(self) -> Iterator[Check]:
         """The camera whose boxes are the farthest to one side, if that is far: the others' people follow it there."""
         leans = self._leans.medians()
         if not np.isfinite(leans).any() or np.nanmax(np.abs(leans)) <= LEAN:
             return
         c = int(np.nanargmax(np.abs(leans)))
-        yield Finding(
-            "camera-leans",
+        yield finding(
+            LEANS,
             "warning",
+            "camera-leans",
             f"camera {self.names[c]} has people {abs(leans[c]):.2g} of their height to the "
             f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: {LEAN:g}): check "
             f"its yaw, its principal point and whose boxes it has, or leave {self.names[c]} out",
+            sensors=[self.names[c]],
+            lean=float(leans[c]),
+            allowed=LEAN,
         )
 
-    def _apart(self, first_ns: Ints, last_ns: Ints) -> Iterator[Finding]:
+    def _apart(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
         """Cameras that look at no time at which another one does."""
         there = np.flatnonzero(first_ns >= 0)
         for c in there.tolist():
             others = there[there != c]
             if len(others) and ((first_ns[others] > last_ns[c]) | (last_ns[others] < first_ns[c])).all():
-                yield Finding(
-                    "camera-at-other-times",
+                yield finding(
+                    TIMES,
                     "warning",
+                    "camera-at-other-times",
                     f"camera {self.names[c]} looks at no time at which another camera does: its first frame is "
                     f"{(first_ns[c] - first_ns[others].min()) / 1e9:+.3g} s from the others'; check its clock",
+                    sensors=[self.names[c]],
                 )
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from occlog import console
-from occlog.consistency.verdict import Finding, figures
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
@@ -19,6 +18,7 @@ from occlog.records.columns import Table
 from occlog.records.declared.people import UNSEEN
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
+from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.track.catalogue import METHODS, load
 
 from .agreement import Agreement
@@ -28,6 +28,10 @@ from .rows import MomentTables
 from .sizes import odd_cameras
 from .stage import Follower, Tabulator, follow
 
+OUTSIDE, SIZES, IDENTITIES = "boxes left out at ingest", "sizes of people", "expected identity switches"
+FRAMES, SMOOTHED, FOUND = "numbers of the frames", "errors of regions", "number of people"
+"""Names of checks."""
+UNSIZED = "too few boxes are whole to compare cameras"
 DOUBTFUL, MUCH_DOUBTED = 0.2, 0.5
 """Exchanges of identities expected of each person that a user must know, and that speak against the identities."""
 RARE, FEWEST_PAIRS = 0.02, 50
@@ -111,25 +115,46 @@ class PeopleSummary:
             "frames": dict(zip(self.inputs.names, self.inputs.tally.frames.tolist(), strict=True)),
             "boxes": boxes,
             **({"sees": sees} if sees else {}),
-            **figures(self.findings()),
         }
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What speaks against the tracks, and what else a user must know."""
-        found = [*self.agreement.findings(self.inputs.tally), *self._lost(), *self._tall(), *self._doubtful()]
-        found += self._numbers()
+    def checks(self) -> tuple[Check, ...]:
+        """What was checked of the tracks, and what was found."""
+        tally, heights = self.inputs.tally, self.inputs.heights
+        each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
+        compared = np.count_nonzero(np.isfinite(heights)) > 1
+        return (
+            *self.agreement.checks(tally),
+            *outcome(OUTSIDE, self._lost()),
+            *outcome(SIZES, self._tall(), unless="" if compared else UNSIZED),
+            *outcome(
+                IDENTITIES,
+                self._doubtful(),
+                unless="" if self.rows else "nobody was found",
+                switches=round(self.exchanges, 1),
+                per_person=each,
+                allowed=MUCH_DOUBTED,
+            ),
+            *outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered"),
+            *outcome(SMOOTHED, self._smoothed()),
+            *outcome(FOUND, self._nobody(), people=len(self.people), rows=self.rows),
+        )
+
+    def _smoothed(self) -> Iterator[Check]:
+        """Errors that go on from frame to frame, smoothed."""
         if self.inputs.regions_smoothed and self.rows:
             says = (
                 "the boxes are regions of video, whose errors go on from frame to frame: where people meet, "
                 "covariances of what the future smooths are too small (mean NEES of rendered rooms: 1.4 to 4.3 "
                 "instead of 2, and 8 in one)"
             )
-            found.append(Finding("regions-smoothed", "note", says))
-        if not self.rows:
-            found.append(Finding("nobody", "note", "nobody was found: the tracks are empty"))
-        return tuple(found)
+            yield finding(SMOOTHED, "note", "regions-smoothed", says)
 
-    def _lost(self) -> Iterator[Finding]:
+    def _nobody(self) -> Iterator[Check]:
+        """No tracks at all."""
+        if not self.rows:
+            yield finding(FOUND, "note", "nobody", "nobody was found: the tracks are empty")
+
+    def _lost(self) -> Iterator[Check]:
         """Cameras of which many boxes were left out when the recording was made."""
         tally = self.inputs.tally
         kept = tally.boxes + tally.outside + tally.twice
@@ -138,48 +163,63 @@ class PeopleSummary:
             lost = sum(each.count for each in gone if each.what.startswith(OUTSIDE_IMAGE))
             whole = int(kept[c]) + lost
             if lost > LOST * whole:
-                yield Finding(
-                    "boxes-outside",
+                yield finding(
+                    OUTSIDE,
                     "warning",
+                    "boxes-outside",
                     f"camera {name}: {lost} of {whole} boxes lie outside the image, and were left out when the "
                     f"recording was made (allowed: {LOST:.0%}); is the calibration for another size of the image, or "
                     "are the boxes another camera's?",
+                    sensors=[name],
+                    share=lost / whole,
+                    allowed=LOST,
                 )
 
-    def _numbers(self) -> Iterator[Finding]:
+    def _numbers(self) -> Iterator[Check]:
         """Cameras whose numbers of frames are hardly ever successive, so that most frames would have no box."""
         for name, each in sorted(self.inputs.numbers.items()):
             successive = each.pairs - each.left_out
             if each.pairs >= FEWEST_PAIRS and successive < RARE * each.pairs:
-                yield Finding(
-                    "frames-between",
+                yield finding(
+                    FRAMES,
                     "warning",
+                    "frames-between",
                     f"camera {name}: {successive} of {each.pairs} frames with boxes follow the one numbered before "
                     f"them (allowed: {RARE:.0%} and more): in the frames numbered between, the camera is taken to have "
                     "seen nobody; where there are no such frames, number frames one after the other",
+                    sensors=[name],
+                    share=successive / each.pairs,
+                    allowed=RARE,
                 )
 
-    def _doubtful(self) -> Iterator[Finding]:
+    def _doubtful(self) -> Iterator[Check]:
         """Identities that may have been exchanged where people met."""
         each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
         if each >= DOUBTFUL:
-            yield Finding(
-                "identities-doubtful",
+            yield finding(
+                IDENTITIES,
                 "warning" if each >= MUCH_DOUBTED else "note",
+                "identities-doubtful",
                 f"where people met identities may have been exchanged, some {self.exchanges:.1f} times ({each:.2f} for "
                 f"each person who is there at a time; a warning from {MUCH_DOUBTED:g} on): places hold, who is who may "
                 "not; --events says who, when and how probably",
+                switches=round(self.exchanges, 1),
+                per_person=each,
+                allowed=MUCH_DOUBTED,
             )
 
-    def _tall(self) -> Iterator[Finding]:
+    def _tall(self) -> Iterator[Check]:
         """Cameras in which people are taller or shorter than in the others."""
         unit = self.inputs.scene.length_unit
         for c, height in odd_cameras(self.inputs.heights).items():
-            yield Finding(
-                "calibration-contradicts",
+            yield finding(
+                SIZES,
                 "warning",
+                "calibration-contradicts",
                 f"camera {self.inputs.names[c]}: by its boxes and its pose people are {height:.3g} {unit} tall, not as "
                 "in the other cameras; check its calibration, or leave it out",
+                sensors=[self.inputs.names[c]],
+                height=height,
             )
 
 
@@ -234,15 +274,14 @@ def run_track_people(
                 if writer is not None and table is not None:
                     writer.write(table)
             summary.add(part)
-        losses = inputs.losses
-        if names is not None and names.losses:
-            losses = tuple(dict.fromkeys((*losses, *names.losses)))
-            for writer in writers:
-                if writer is not None:
-                    writer.annotate(replace(provenance, losses=losses))
+        losses = tuple(dict.fromkeys((*inputs.losses, *(() if names is None else names.losses))))
+        made = replace(provenance, losses=losses).with_checks(summary.checks())
+        for writer in writers:
+            if writer is not None:
+                writer.annotate(made)
     for line in () if names is None else names.notes():
         console.note(line, quiet)
-    console.note_findings(summary.findings(), quiet)
+    console.note_findings(texts_of(made.judged, "track"), quiet)
     written = {name: str(path) for name, path in asdict(wanted).items() if path is not None}
     told = {} if names is None else names.figures()
-    return {**written, "method": request.method, **summary.figures(), **told}, losses
+    return {**written, "method": request.method, **summary.figures(), **summary_of(made.judged), **told}, losses

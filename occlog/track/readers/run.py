@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from occlog import console
-from occlog.consistency.verdict import Finding, figures
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -18,6 +17,7 @@ from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.losses import Loss
 from occlog.records.tables import TagTracks
 from occlog.records.tables import VirtualSensors as RegionTable
+from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 
 from .config import VirtualConfig
 from .inputs import ReadsInput, ReadsRequest
@@ -77,18 +77,27 @@ class ReadsSummary:
             **({"refined": self.refined} if self.refined else {}),
             "mean_spread": self.spread / self.rows if self.rows else float("nan"),
             **({"doubts": dict(sorted(self.doubts.items()))} if self.doubts else {}),
-            **figures(self.findings()),
         }
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What speaks against the tracks."""
+    def checks(self) -> tuple[Check, ...]:
+        """What was checked of the tracks, and what was found."""
         shares = {name: n / self.rows for name, n in sorted(self.doubts.items())}
-        return tuple(
-            Finding(
-                name, "warning", f"{share:.0%} of the rows have the doubt {name} (limit {OFTEN:.0%}): {REMEDIES[name]}"
-            )
-            for name, share in shares.items()
-            if share > OFTEN
+        return outcome(
+            "doubts of the rows",
+            (
+                finding(
+                    "doubts of the rows",
+                    "warning",
+                    name,
+                    f"{share:.0%} of the rows have the doubt {name} (limit {OFTEN:.0%}): {REMEDIES[name]}",
+                    share=share,
+                    allowed=OFTEN,
+                )
+                for name, share in shares.items()
+                if share > OFTEN
+            ),
+            unless="" if self.rows else "there are no rows",
+            rows=self.rows,
         )
 
 
@@ -119,6 +128,7 @@ def run_track_reads(
         writer = stack.enter_context(
             TableWriter(wanted.tracks, TagTracks, provenance, overwrite=overwrite, length_unit=unit, together=together)
         )
+        table = None
         if wanted.virtual_sensors is not None and regions is not None:
             table = stack.enter_context(
                 TableWriter(
@@ -136,6 +146,11 @@ def run_track_reads(
             summary.add(part)
         if not summary.rows:
             raise InputError(f"{request.reads}: no read is as strong as the threshold; lower it")
-    console.note_findings(summary.findings(), quiet)
+        made = provenance.with_checks(summary.checks())
+        for each in (writer, table):
+            if each is not None:
+                each.annotate(made)
+    console.note_findings(texts_of(made.judged, "track"), quiet)
     more = {} if regions is None else {"virtual_sensors": len(regions.area)}
-    return {"tracks": str(wanted.tracks), "method": request.method, **more, **summary.figures()}, inputs.losses
+    figures = {**more, **summary.figures(), **summary_of(made.judged)}
+    return {"tracks": str(wanted.tracks), "method": request.method, **figures}, inputs.losses

@@ -285,7 +285,7 @@ def test_strict_asks_both_runs(tmp_path: Path, capsys: Any) -> None:
     args = ("-o", tmp_path / "x.html", "--overwrite")
     assert report(a, a, *args, "--strict") == ExitCode.DONE
     assert report(a, b, *args) == ExitCode.DONE
-    assert "B: warning: the covariances are too small" in capsys.readouterr().err
+    assert "B: warning: report: the covariances are too small" in capsys.readouterr().err
     assert report(a, b, *args, "--strict", "--json") == report(b, a, *args, "--strict", "--json") == ExitCode.THRESHOLD
     said = json.loads(capsys.readouterr().out.splitlines()[0])
     assert said["plausible"] is False

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from people_boxes import camera
 
+from occlog.records.verdicts import findings
 from occlog.track.jipda.interface import Look, Moment, Support
 from occlog.track.people.agreement import FEWEST, Agreement
 from occlog.track.people.boxes_by_moment import BoxTally, FrameLook
@@ -44,7 +45,7 @@ def codes(by: list[bool], times: int, visible: float = 1.0) -> list[str]:
         agreement.add(moment([by], visible), looks(len(by)))
     tally = BoxTally.of(len(by))
     tally.boxes[:] = 1
-    return [f"{found.code}: {found.sentence.split()[1]}" for found in agreement.findings(tally)]
+    return [f"{found.id}: {found.text.split()[1]}" for found in findings(agreement.checks(tally))]
 
 
 def test_a_box_of_two_people_who_touch_is_one_explained_box() -> None:
@@ -75,7 +76,7 @@ def unexplained(boxes: int, used: int, height: float = 2.5) -> list[str]:
     agreement, tally = Agreement(cameras), BoxTally.of(2)
     agreement.used[0] = used
     tally.boxes[0], tally.boxes[1] = boxes - boxes // 2, boxes // 2
-    return [found.sentence for found in agreement.findings(tally) if found.code == "boxes-unexplained"]
+    return [found.text for found in findings(agreement.checks(tally)) if found.id == "boxes-unexplained"]
 
 
 @pytest.mark.parametrize(
@@ -102,15 +103,15 @@ def test_of_two_cameras_each_must_see_a_quarter_of_whom_the_other_sees(seen: flo
         agreement.add(moment([[True, k < 100 * seen]]), looks(2))
     tally = BoxTally.of(2)
     tally.boxes[:] = 1
-    assert [f.code for f in agreement.findings(tally)] == (["camera-disagrees"] if said else [])
+    assert [f.id for f in findings(agreement.checks(tally))] == (["camera-disagrees"] if said else [])
 
 
 def test_cameras_that_look_at_other_times_are_named() -> None:
     tally = BoxTally.of(2)
     tally.boxes[:] = 1
     tally.first_ns[:], tally.last_ns[:] = (0, 10_000_000_000), (9_000_000_000, 20_000_000_000)
-    found = list(Agreement([camera(name) for name in "ab"]).findings(tally))
-    assert [f.code for f in found] == ["camera-at-other-times"] * 2
-    assert "its first frame is +10 s from the others'" in found[1].sentence
+    found = list(findings(Agreement([camera(name) for name in "ab"]).checks(tally)))
+    assert [f.id for f in found] == ["camera-at-other-times"] * 2
+    assert "its first frame is +10 s from the others'" in found[1].text
     tally.first_ns[1] = 9_000_000_000
-    assert list(Agreement([camera(name) for name in "ab"]).findings(tally)) == []
+    assert list(findings(Agreement([camera(name) for name in "ab"]).checks(tally))) == []

@@ -1,0 +1,204 @@
+"""Verdicts: what a stage checked of its results and what it found, stored with its outputs beside the losses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+from msgspec.structs import replace
+
+Status = Literal["passed", "failed", "not applicable"]
+Severity = Literal["warning", "note"]
+MAX_FINDINGS = 20
+"""Findings of one id that a stored verdict lists; one more check has the number of the others."""
+
+
+class Check(Struct, frozen=True, omit_defaults=True):
+    """A check of a stage's results."""
+
+    name: Annotated[str, Meta(description="What was checked, as words of a list: `restarts of the filter`.")]
+    status: Annotated[
+        Status,
+        Meta(description="`failed`: the results are not plausible; `not applicable`: could not be checked."),
+    ]
+    id: Annotated[str, Meta(description="Id of what was found, the same in all outputs; empty: nothing was.")] = ""
+    text: Annotated[
+        str,
+        Meta(description="What was found, the limit and the remedy; of a check that could not be made, the reason."),
+    ] = ""
+    sensors: Annotated[tuple[str, ...], Meta(description="Names of the sensors that are affected.")] = ()
+    targets: Annotated[tuple[int, ...], Meta(description="Ids of the targets that are affected.")] = ()
+    figures: Annotated[
+        dict[str, float], Meta(description="What was measured and, as `allowed`, its limit, to six digits.")
+    ] = {}
+
+    @property
+    def found(self) -> bool:
+        """Whether there is something that a user must know."""
+        return bool(self.id)
+
+    @property
+    def severity(self) -> Severity:
+        """`warning`: the check failed; `note`: it passed, and the results need care all the same."""
+        return "warning" if self.status == "failed" else "note"
+
+
+class Verdict(Struct, frozen=True, omit_defaults=True):
+    """What a stage checked and what it found."""
+
+    stage: Annotated[str, Meta(description="The command that made the checks.")]
+    plausible: Annotated[bool | None, Meta(description="Whether no check failed; null: no check could be made.")]
+    checks: tuple[Check, ...] = ()
+
+    @classmethod
+    def of(cls, stage: str, checks: Iterable[Check]) -> Verdict:
+        """The verdict of a stage; of findings with one id, only the first `MAX_FINDINGS` are listed."""
+        kept: list[Check] = []
+        of_id: dict[str, list[Check]] = {}
+        for check in checks:
+            same = of_id.setdefault(check.id, [])
+            same.append(check)
+            if not check.found or len(same) <= MAX_FINDINGS:
+                kept.append(check)
+        for same in of_id.values():
+            if same[0].found and len(same) > MAX_FINDINGS:
+                last = kept.index(same[MAX_FINDINGS - 1])
+                more = f"; and {len(same) - MAX_FINDINGS} more findings of this kind"
+                kept[last] = replace(kept[last], text=kept[last].text + more)
+        return cls(stage, plausible(kept), tuple(kept))
+
+
+def finding(
+    name: str,
+    severity: Severity,
+    id: str,
+    text: str,
+    *,
+    sensors: Iterable[str] = (),
+    targets: Iterable[int] = (),
+    **figures: float,
+) -> Check:
+    """Return a check that failed (`warning`), or one that passed with something to be known (`note`).
+
+    Args:
+        name: what was checked.
+        severity: `warning` if the results are not to be believed as they are.
+        id: of what was found.
+        text: what was found, the limit, the remedy.
+        sensors: names of those that are affected.
+        targets: ids of those that are affected.
+        **figures: what was measured, and its limit as `allowed`; those that are not finite are left out.
+    """
+    status: Status = "failed" if severity == "warning" else "passed"
+    return Check(name, status, id, text, tuple(sensors), tuple(targets), _rounded(figures))
+
+
+def outcome(name: str, findings: Iterable[Check], *, unless: str = "", **figures: float) -> tuple[Check, ...]:
+    """The findings of a check; without any, the check itself as passed.
+
+    Args:
+        name: what is checked.
+        findings: what is found.
+        unless: why the check could not be made; empty: it could be.
+        **figures: what was measured.
+    """
+    found = tuple(findings)
+    if found:
+        return found
+    if unless:
+        return (Check(name, "not applicable", text=unless),)
+    return (Check(name, "passed", figures=_rounded(figures)),)
+
+
+def _rounded(figures: Mapping[str, float]) -> dict[str, float]:
+    """Finite figures to six significant digits, so that they do not depend on the order of sums."""
+    return {name: float(f"{value:.6g}") for name, value in figures.items() if math.isfinite(value)}
+
+
+def plausible(checks: Iterable[Check]) -> bool | None:
+    """Whether no check failed; None: none could be made."""
+    made = [check.status for check in checks if check.status != "not applicable"]
+    return "failed" not in made if made else None
+
+
+def findings(checks: Iterable[Check]) -> tuple[Check, ...]:
+    """The checks that found something."""
+    return tuple(check for check in checks if check.found)
+
+
+def all_plausible(verdicts: Iterable[Verdict]) -> bool | None:
+    """Whether every stage that judged found its results plausible; None: none has judged."""
+    given = [verdict.plausible for verdict in verdicts if verdict.plausible is not None]
+    return all(given) if given else None
+
+
+def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
+    """Verdicts without repetitions, in their order."""
+    kept: list[Verdict] = []
+    for verdict in verdicts:
+        if verdict not in kept:
+            kept.append(verdict)
+    return tuple(kept)
+
+
+def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
+    """Findings with their stages; what a later stage found again of the same sensors and targets is said once."""
+    kept: list[tuple[str, Check]] = []
+    for verdict in verdicts:
+        found = findings(verdict.checks)
+        again = {_subject(check) for check in found}
+        kept = [each for each in kept if _subject(each[1]) not in again] + [(verdict.stage, check) for check in found]
+    return tuple(kept)
+
+
+def _subject(check: Check) -> tuple[str, Status, tuple[str, ...], tuple[int, ...]]:
+    """What was found, and of whom."""
+    return check.id, check.status, check.sensors, check.targets
+
+
+def texts_of(verdicts: Sequence[Verdict], own: str) -> tuple[str, ...]:
+    """Lines on what was found: warnings and notes of the stage `own`, and warnings of the others with their names."""
+    return tuple(
+        f"{check.severity}: {check.text}" if stage == own else f"warning: {stage}: {check.text}"
+        for stage, check in found_by_stage(verdicts)
+        if stage == own or check.status == "failed"
+    )
+
+
+def summary_of(verdicts: Sequence[Verdict]) -> dict[str, object]:
+    """The verdict for a summary: `plausible`, and `warnings` with stage, id (`code`), sentence and who is affected."""
+    if not verdicts:
+        return {}
+    warnings = [
+        {
+            "stage": stage,
+            "code": check.id,
+            "sentence": check.text,
+            **({"sensors": list(check.sensors)} if check.sensors else {}),
+            **({"targets": list(check.targets)} if check.targets else {}),
+        }
+        for stage, check in found_by_stage(verdicts)
+        if check.status == "failed"
+    ]
+    return {"plausible": all_plausible(verdicts), "warnings": warnings}
+
+
+def made_checks(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
+    """The outcome of each check with its stage, in the order of the stages.
+
+    Of a check that several stages made, the findings and otherwise the last result stand; that it was not applicable
+    is kept only where no stage could make it.
+    """
+    by_name: dict[str, list[tuple[str, Check]]] = {}
+    for verdict in verdicts:
+        for check in verdict.checks:
+            by_name.setdefault(check.name, []).append((verdict.stage, check))
+    found = found_by_stage(verdicts)
+    out: list[tuple[str, Check]] = []
+    for name, made in by_name.items():
+        findings_of = [each for each in found if each[1].name == name]
+        applied = [each for each in made if each[1].status != "not applicable"]
+        out += findings_of or [(applied or made)[-1]]
+    return tuple(out)

@@ -1,0 +1,129 @@
+"""The verdict of `track` in every later stage: three cameras, one turned by 6 degrees, without a truth and with it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import people_boxes as hall
+import pyarrow.parquet as pq
+import pytest
+
+from occlog.cli.main import run
+from occlog.core.sight.camera import rotation_from_angles
+from occlog.errors import ExitCode
+from occlog.io.files.provenance import verdicts_of_file
+from occlog.io.files.tables.header import read_provenance
+from occlog.io.models.schemas import verdict_schema
+from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.verdicts import all_plausible, found_by_stage
+
+SECONDS, CROOKED = 20.0, "b"
+INGEST = "  boxes: {a: a.csv, b: b.csv, c: c.csv}\n  scene: scene.yaml\n  fps: 10\n"
+STAGES = "occlog_run: 1\nseed: 1\ningest:\n%strack: {method: jipda}\n"
+
+pytestmark = [pytest.mark.slow, pytest.mark.jit]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Boxes, scene and truth; the camera `CROOKED` stood 6 degrees further to the left than the scene says."""
+    place, scene = tmp_path_factory.mktemp("crooked"), hall.hall()
+    stood = tuple(
+        replace(
+            camera,
+            rotation=rotation_from_angles(
+                np.radians(hall.CORNERS[camera.name][2] + 6.0 * (camera.name == CROOKED)), np.radians(-20.0), 0.0
+            ),
+        )
+        for camera in scene.cameras
+    )
+    boxes = hall.boxes(replace(scene, cameras=stood), SECONDS)
+    for name in "abc":
+        own = boxes.take((boxes.sensor == name) & (boxes.box >= 0))
+        edges = np.column_stack([own.left_px, own.top_px, own.width_px, own.height_px]).round(2)
+        rows = [f"{f},{','.join(map(str, e))},0.9" for f, e in zip(own.frame.tolist(), edges.tolist(), strict=True)]
+        text = "\n".join(["frame,left_px,top_px,width_px,height_px,confidence", *rows])
+        (place / f"{name}.csv").write_text(text + "\n")
+    (place / "scene.yaml").write_text(scene_to_yaml(scene))
+    times = [0.1 * k for k in range(round(10 * SECONDS))]
+    walks = [(t, person, *hall.place(person, t)) for t in times for person in range(hall.PEOPLE)]
+    (place / "truth.csv").write_text(
+        "time,id,x,y\n" + "".join(f"{t:.1f},{k},{x:.4f},{y:.4f}\n" for t, k, x, y in walks)
+    )
+    (place / "plain.yaml").write_text(STAGES % INGEST + "report: {title: crooked}\n")
+    (place / "truth.yaml").write_text(STAGES % (INGEST + "  truth: truth.csv\n") + "evaluate: {}\nreport: {title: c}\n")
+    (place / "batch.yaml").write_text("occlog_run: 1\nseed: 1\ntrack: {method: jipda}\n")
+    return place
+
+
+@pytest.fixture(scope="module")
+def done(folder: Path) -> Path:
+    """The run without a truth."""
+    assert run(["run", str(folder / "plain.yaml"), "-o", str(folder / "plain")]) == ExitCode.DONE
+    return folder / "plain"
+
+
+def leans(stages_and_checks: Any) -> list[tuple[str, tuple[str, ...]]]:
+    return [(stage, check.sensors) for stage, check in stages_and_checks if check.id == "camera-leans"]
+
+
+def test_track_stores_what_it_checked_with_its_tracks(done: Path) -> None:
+    (verdict,) = read_provenance(done / "tracks.parquet").judged
+    assert (verdict.stage, verdict.plausible) == ("track", False)
+    status = {check.name: check.status for check in verdict.checks}
+    assert status["offsets between the cameras"] == "failed"
+    assert status["times of the cameras"] == "passed"
+    metadata = pq.read_metadata(done / "tracks.parquet").metadata
+    jsonschema.validate(json.loads(metadata[b"occlog.provenance"])["verdicts"][0], verdict_schema())
+
+
+def test_a_strict_run_names_the_stage_the_finding_and_the_camera(done: Path, folder: Path, capsys: Any) -> None:
+    args = ["run", str(folder / "plain.yaml"), "-o", str(done), "--strict"]
+    assert run(args) == ExitCode.THRESHOLD
+    told = capsys.readouterr()
+    assert f"plausible: no (track: camera-leans {CROOKED}" in " ".join(told.out.split())
+    assert f"warning: track: camera {CROOKED} " in told.err
+    assert run([*args, "--json"]) == ExitCode.THRESHOLD
+    summary = json.loads(capsys.readouterr().out)
+    warning = next(each for each in summary["warnings"] if each["code"] == "camera-leans")
+    assert (warning["stage"], warning["sensors"]) == ("track", [CROOKED])
+
+
+def test_the_page_has_the_verdict_at_its_top_and_says_what_was_checked(done: Path) -> None:
+    page = (done / "report.html").read_text()
+    verdict = page[page.index('<section class="lost" aria-labelledby="verdict">') :]
+    verdict = verdict[: verdict.index("</section>")]
+    assert f"<strong>camera-leans</strong> (track): camera {CROOKED} " in verdict
+    assert "offsets between the cameras" in verdict
+    assert "effective number of particles</th><td>report</td><td>not applicable" in verdict
+    assert page.index('id="verdict"') < page.index("<figure")
+
+
+def test_with_a_truth_the_camera_is_named_too(folder: Path, capsys: Any) -> None:
+    args = ["run", str(folder / "truth.yaml"), "-o", str(folder / "with"), "--strict"]
+    assert run(args) == ExitCode.THRESHOLD
+    assert f"warning: track: camera {CROOKED} " in capsys.readouterr().err
+    for name in ("tracks.parquet", "errors.parquet", "metrics.json"):
+        assert ("track", (CROOKED,)) in leans(found_by_stage(verdicts_of_file(folder / "with" / name)))
+    figures = json.loads((folder / "with/metrics.json").read_text())
+    assert figures["plausible"] is False
+    assert "camera-leans" in {each["code"] for each in figures["warnings"]}
+
+
+def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, capsys: Any) -> None:
+    out = folder / "all"
+    args = ["batch", str(folder / "batch.yaml"), str(done / "recording.mcap"), "-o", str(out), "--tables", "tracks"]
+    assert run([*args, "--strict", "--workers", "1"]) == ExitCode.THRESHOLD
+    told = capsys.readouterr()
+    assert "not plausible: 1" in " ".join(told.out.split())
+    assert f"plausible: no (track: camera-leans {CROOKED}" in told.err
+    (row,) = pq.read_table(out / "runs.parquet").to_pylist()
+    assert row["plausible"] is False
+    assert any(text.startswith(f"track: camera-leans: camera {CROOKED} ") for text in row["warnings"])
+    assert all_plausible(verdicts_of_file(out / "tracks.parquet")) is False
+    assert all_plausible(verdicts_of_file(out / "runs.parquet")) is False
