@@ -229,7 +229,7 @@ def run_track_people(request: PeopleRequest, job: Job) -> tuple[dict[str, object
     with job.tables(provenance, inputs.scene.length_unit, wider) as tables:
         parts = ((some, tabulator.tables(some)) for some in seen)
         for part in (part for _, part in parts) if names is None else names.named(parts):
-            tables.write(output=part.tracks, support=part.support, events=part.events, view_tracks=part.view_tracks)
+            tables.write(output=part.tracks, support=part.support, events=part.events, view_tracks=part.views)
             summary.add(part)
         losses = tuple(dict.fromkeys((*inputs.losses, *(() if names is None else names.losses))))
         made = replace(provenance, losses=losses).with_checks(summary.checks())
