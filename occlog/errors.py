@@ -4,8 +4,35 @@ Every error message is one line that names the file, the place in it, the value 
 the limit it breaks, and what to do.
 """
 
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
+from contextvars import ContextVar
 from enum import IntEnum
+
+_OPTION = re.compile(r"(?:\ue000|\\ue000)([\w.]+)(?:\ue001|\\ue001)")
+
+
+def as_flag(name: str) -> str:
+    """The name of something that a request takes as it is typed: `--fused-views`, `--set height=`."""
+    free = name.removeprefix("set.")
+    return f"--{name.replace('_', '-')}" if free == name else f"--set {free}="
+
+
+SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=as_flag)
+"""How the surface in use spells the name of something that a request takes."""
+
+
+def option(name: str) -> str:
+    """The name of something that a request takes, for a message: each surface spells it in its own way.
+
+    A setting without an option of its own is called `set.NAME`.
+    """
+    return f"\ue000{name}\ue001"
+
+
+def spelled(text: str) -> str:
+    """A message, or JSON with one, with the names of `option` as the surface in use spells them."""
+    return _OPTION.sub(lambda found: SPELLING.get()(found[1]), text)
 
 
 class ExitCode(IntEnum):
@@ -30,6 +57,15 @@ class OcclogError(Exception):
     """Base of all errors that occlog raises on purpose; `exit_code` is what the command returns."""
 
     exit_code: ExitCode = ExitCode.BAD_INPUT
+
+    def __str__(self) -> str:
+        """The message, with options as the surface in use spells them."""
+        return spelled(super().__str__())
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The names of what a request takes that the message is about; the first is the one that is wrong."""
+        return tuple(_OPTION.findall(super().__str__()))
 
 
 class InputError(OcclogError):
@@ -65,7 +101,7 @@ class NoSceneError(UsageError):
 
     def __init__(self, where: object) -> None:
         """Name the file."""
-        super().__init__(f"{where}: holds no scene; give one with --scene")
+        super().__init__(f"{where}: holds no scene; give one with {option('scene')}")
         self.where = where
 
 

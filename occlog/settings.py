@@ -62,7 +62,7 @@ class Declaration:
         own: default where the scene has a unit of its own; None: the same.
         option: option of the command line, as click writes it (`--lag`, `--shadows/--no-shadows`); None: only --set.
         metavar: how the option's value is called.
-        shown: how --help tells the default; None: as it is.
+        shown: how --help tells the default; None: as it is; empty: not at all.
         nothing: what None means, in words.
         scale: the option's number times this is the value, where people give another unit (degrees).
         repeat: the option may be repeated; each time it adds names, separated by commas.

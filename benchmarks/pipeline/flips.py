@@ -79,6 +79,7 @@ def read_parquet(path: Path) -> Read:
     if content_of(path) is not Content.TABLE or find_source(path) is not None:
         raise InputError(f"{path}: not read as a table of occlog")
     table, said = read_table(path, Bearings), describe(path)
+    del said["columns"]  # units and meanings of columns, which no command takes from the file
     return [np.asarray(getattr(table, c.name)).tobytes() for c in table.columns()], json.dumps(said, sort_keys=True)
 
 

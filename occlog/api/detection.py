@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 from occlog import console
 from occlog.console.details import threads_by_default
 from occlog.errors import UsageError
 from occlog.measure.detect.config import DetectConfig
 from occlog.measure.fuse.config import FuseConfig
+from occlog.measure.fuse.request import FuseRequest, TrackFusionRequest
+from occlog.measure.label.request import LabelRequest
+from occlog.request import Form
 
+from .call import call
 from .detectors import Network, Where, detector_of, run_detector
 from .folders import Folder
 from .keywords import Setting, names_of, settings_by_class
@@ -98,7 +101,7 @@ def detect(
             )
             files = home.file("bearings.parquet"), home.file("views.parquet")
             summary, losses = run_detect(request, *files, False, not progress)
-        said = [inputs.in_words_of_python(text) for text in notes]
+        said = [inputs.named(text) for text in notes]
     told, rest = sentences(said)
     warn(told, losses)
     tables = tables_in(home, ("bearings", "views"))
@@ -137,24 +140,7 @@ def fuse(
     Warns:
         OcclogWarning: input was lost, or the fusion cannot be believed.
     """
-    from occlog.measure.fuse.run import FuseFiles, run_fuse
-
-    chosen = _of_fusion(settings)
-    home = Folder()
-    with Inputs() as inputs, console.notes_kept() as notes:
-        files = FuseFiles(
-            bearings=inputs.rows(bearings, "bearings"),
-            views=inputs.optional(views, "views"),
-            scene=inputs.scene(scene),
-            output=home.file("bearings.parquet"),
-            fused_views=None if views is None else home.file("views.parquet"),
-            overwrite=False,
-        )
-        summary, losses = run_fuse(files, chosen, True)
-        said = [inputs.in_words_of_python(text) for text in notes]
-    told, rest = sentences(said)
-    warn(told, losses)
-    return DetectResult(home.without_paths(summary), tables_in(home, ("bearings", "views")), tuple(losses), told, rest)
+    return call(Form(FuseRequest), locals(), DetectResult)
 
 
 def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> TrackResult:
@@ -174,29 +160,11 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
     Warns:
         OcclogWarning: input was lost, or groups do not agree.
     """
-    from occlog.measure.fuse.tracks.config import TrackFusionConfig
-    from occlog.measure.fuse.tracks.run import TrackFiles, run_fuse_tracks
-
     if isinstance(tracks, str | os.PathLike) or len(tracks) < 2:
         raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list")
-    (chosen,) = settings_by_class("fuse_tracks", settings, [("", TrackFusionConfig)], ())
-    home = Folder()
-    with Inputs() as inputs, console.notes_kept() as notes:
-        paths = []
-        for place, given in enumerate(tracks):
-            of_result = given.tracks if isinstance(given, TrackResult) else given
-            path = inputs.rows(of_result, f"tracks[{place}]")
-            paths.append(path if isinstance(of_result, str | os.PathLike) else inputs.called(path, f"tracks[{place}]"))
-        files = TrackFiles(tuple(paths), home.file("tracks.parquet"), home.file("events.parquet"), False)
-        summary, losses = run_fuse_tracks(files, chosen, True)
-        said = [inputs.in_words_of_python(text) for text in notes]
-    told, rest = sentences(said)
-    warn(told, losses)
-    shown = home.without_paths(summary)
-    called = [Path(t).name if isinstance(t, str | os.PathLike) else f"tracks[{k}]" for k, t in enumerate(tracks)]
-    if len(set(called)) == len(called):
-        shown["groups"] = dict(zip(called, shown["groups"].values(), strict=True))
-    return TrackResult(shown, tables_in(home, ("tracks", "events")), losses, told, rest)
+    first, *others = (each.tracks if isinstance(each, TrackResult) else each for each in tracks)
+    arguments = {"bearings": first, "others": others, "settings": settings}
+    return call(Form(TrackFusionRequest), arguments, TrackResult)
 
 
 def label(
@@ -229,25 +197,4 @@ def label(
     Warns:
         OcclogWarning: input was lost.
     """
-    from occlog.measure.label.config import LabelConfig
-    from occlog.measure.label.run import LabelFiles, Sensors, run_label
-    from occlog.settings import configure
-
-    (chosen,) = settings_by_class("label", settings, [("", LabelConfig)], ("scene", "doa", "cameras", "without"))
-    home = Folder()
-    with Inputs() as inputs, console.notes_kept() as notes:
-        files = LabelFiles(
-            bearings=inputs.rows(bearings, "bearings"),
-            tracks=inputs.rows(tracks, "tracks"),
-            scene=inputs.scene(scene),
-            doa=inputs.optional(doa, "doa"),
-            doa_labels=doa_labels,
-            output=home.file("bearings.parquet"),
-            overwrite=False,
-        )
-        use = Sensors(names_of(cameras), names_of(without))
-        summary, losses = run_label(files, use, configure(LabelConfig(), chosen), True)
-        said = [inputs.in_words_of_python(text) for text in notes]
-    told, rest = sentences(said)
-    warn(told, losses)
-    return DetectResult(home.without_paths(summary), tables_in(home, ("bearings",)), tuple(losses), told, rest)
+    return call(Form(LabelRequest), locals(), DetectResult)

@@ -118,8 +118,8 @@ def evaluate(
             result = run_evaluate_many(paths, config.box_overlap, {**many, **of_frames})
         else:
             result, _ = run_evaluate(paths, chosen, many, frames, plugged)
-        lines = [inputs.in_words_of_python(text) for text in (*notes, *result.notes)]
-        lines += [inputs.in_words_of_python(text) for text in texts_of(result.verdicts, "evaluate")]
+        lines = [inputs.named(text) for text in (*notes, *result.notes)]
+        lines += [inputs.named(text) for text in texts_of(result.verdicts, "evaluate")]
         losses = provenance_of(paths, {}).losses
     said, rest = sentences(lines)
     warn(said, losses)

@@ -139,7 +139,7 @@ def ingest(
         plan = IngestPlan.of(path, values)
         check_outputs(plan.inputs(), [path], overwrite)
         summary, losses = run_ingest(plan, overwrite=overwrite, quiet=not progress)
-        told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
+        told, rest = sentences(inputs.named(text) for text in notes)
     warn(told, losses)
     shown = {**(home.without_paths(summary) if output is None else summary), "notes": rest}
     return Recording(path, shown, None if output is not None else home)

@@ -91,7 +91,7 @@ def report(
             **tables,
         )
         data, _ = run_report(paths, title)
-        told, rest = sentences(inputs.in_words_of_python(text) for text in texts_of(data.verdicts, "report"))
+        told, rest = sentences(inputs.named(text) for text in texts_of(data.verdicts, "report"))
     warn(told, data.losses)
     shown = summary_of(data.verdicts)
     return ReportResult(
@@ -199,7 +199,7 @@ def overlay(
             overwrite=overwrite,
         )
         summary, losses = run_overlay(asked, quiet=not progress)
-        told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
+        told, rest = sentences(inputs.named(text) for text in notes)
     warn(told, losses)
     return OverlayResult(
         summary=home.without_paths(summary),

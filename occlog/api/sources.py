@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeAlias
 
-from occlog.errors import InputError, OcclogError
+from occlog.errors import SPELLING, InputError, OcclogError
 from occlog.records.scene import Scene
 
 from .folders import Folder
@@ -33,7 +32,6 @@ Source: TypeAlias = "str | os.PathLike[str] | Table | Recording | ArrowStream | 
 """Where rows come from: a file, a table or a recording of this program, a DataFrame, or a dict of columns."""
 SceneSource: TypeAlias = "Source | Scene"
 """A scene: a file or a recording that holds one, a `Scene`, or a table of stations."""
-_OPTION = re.compile(r"(?<![\w-])--(set )?([a-z][a-z0-9-]*)(=\.\.\.)?")
 
 
 class Inputs:
@@ -42,13 +40,19 @@ class Inputs:
     Errors inside the block name the argument in the place of such a file, and arguments in the place of options.
     """
 
-    def __init__(self) -> None:
-        """No input yet."""
+    def __init__(self, arguments: Mapping[str, str] | None = None) -> None:
+        """No input yet.
+
+        Args:
+            arguments: names of arguments by those of what a request takes, where they differ.
+        """
+        self._arguments = arguments or {}
         self._folder = Folder()
         self._names: dict[str, str] = {}
 
     def __enter__(self) -> Self:
-        """Begin the call."""
+        """Begin the call; messages spell options as arguments."""
+        self._spelling = SPELLING.set(self._as_argument)
         return self
 
     def __exit__(
@@ -57,7 +61,8 @@ class Inputs:
         """Remove the files; an error speaks of arguments."""
         self._folder.remove()
         if isinstance(error, OcclogError):
-            error.args = (self.in_words_of_python(str(error)),)
+            error.args = (self.named(str(error)),)
+        SPELLING.reset(self._spelling)
 
     def rows(self, value: Source, name: str) -> Path:
         """The file with the rows that an argument gives.
@@ -110,13 +115,16 @@ class Inputs:
             pyarrow.csv.write_csv(arrow_of(value, "scene"), path)
         return self.called(path, "scene")
 
-    def in_words_of_python(self, text: str) -> str:
-        """A sentence with arguments in the place of files and options; commands between backquotes stay."""
+    def named(self, text: str) -> str:
+        """A sentence with arguments in the place of files."""
         for path, name in self._names.items():
             text = text.replace(path, name)
-        parts = text.split("`")
-        parts[::2] = [_OPTION.sub(lambda found: found[2].replace("-", "_"), part) for part in parts[::2]]
-        return "`".join(parts)
+        return text
+
+    def _as_argument(self, name: str) -> str:
+        """What a request takes, or a setting, as an argument."""
+        free = name.removeprefix("set.")
+        return self._arguments.get(name, name) if free == name else f"{free}="
 
 
 @contextmanager

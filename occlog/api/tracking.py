@@ -174,7 +174,7 @@ def track(
         tracks = home.file("view_tracks.parquet" if METHODS[method].images else "tracks.parquet")
         summary, losses = _RUNS[entry(method).takes_in](asked, tracks)
         where = open_input(measured_path).scene if scene_path is None else scene_in(scene_path)
-        said = [inputs.in_words_of_python(text) for text in notes]
+        said = [inputs.named(text) for text in notes]
     told, rest = sentences(said)
     warn(told, losses)
     return TrackResult(

@@ -23,9 +23,9 @@ from .open_files import allow_open_files, open_files_limit
 
 
 class Command(NamedTuple):
-    """Where a command is, and what it does in one line."""
+    """Where a command is (module and name of its request, or a module with `command`), and what it does in one line."""
 
-    module: str
+    where: str
     summary: str
 
 
@@ -41,7 +41,8 @@ COMMANDS = {
     "epipolar": Command("occlog.measure.epipolar.command", "Find how pairs of views see the same point, or check it."),
     "detect": Command("occlog.measure.detect.command", "Reduce the frames of a recording to bearings."),
     "fuse": Command(
-        "occlog.measure.fuse.command", "Fuse detections of several cameras, or tracks of several groups of cameras."
+        "occlog.measure.fuse.request:VERB",
+        "Fuse detections of several cameras, or tracks of several groups of cameras.",
     ),
     "appearance": Command("occlog.measure.appearance.command", "Learn how people look from several sides."),
     "priors": Command("occlog.measure.priors.command", "Find where moving occluders are."),
@@ -49,9 +50,10 @@ COMMANDS = {
     "fit-readers": Command("occlog.track.readers.fit.command", "Learn how strongly readers read tags."),
     "track": Command("occlog.track.command", "Estimate target tracks from bearings."),
     "ground": Command(
-        "occlog.track.images.ground.command", "Bring tracks in the images of calibrated cameras together in the world."
+        "occlog.track.images.ground.request:GroundRequest",
+        "Bring tracks in the images of calibrated cameras together in the world.",
     ),
-    "label": Command("occlog.measure.label.command", "Give candidates the identity of the track they agree with."),
+    "label": Command("occlog.measure.label.request:VERB", "Give candidates the identity of the track they agree with."),
     "navigate": Command(
         "occlog.papers.lee.navigation.command", "Drive a robot through a scene, around obstacles and tracked people."
     ),
@@ -83,8 +85,15 @@ COMMANDS = {
 
 def load_command(name: str) -> click.Command:
     """The command of that name in `COMMANDS`; its module is imported here."""
-    command: click.Command = importlib.import_module(COMMANDS[name].module).command
-    return command
+    where, summary = COMMANDS[name]
+    if ":" not in where:
+        command: click.Command = importlib.import_module(where).command
+        return command
+    from occlog.request import load
+
+    from .request_command import command_of
+
+    return command_of(load(where), name, summary)
 
 
 DEBUG = "OCCLOG_DEBUG"

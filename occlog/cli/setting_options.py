@@ -25,6 +25,7 @@ from occlog.settings import (
     declaration,
     declared,
     default_in,
+    item_kind,
     kind_of,
     listed,
     plain_kind,
@@ -67,7 +68,7 @@ class SettingOption(click.Option):
             multiple=said.repeat,
             nargs=said.counts[0] if said.apart else None,
             metavar=said.metavar,
-            help=f"{said.help} [default: {default_words(f)}]",
+            help=said.help if said.shown == "" else f"{said.help} [default: {default_words(f)}]",
         )
 
     def told(self, value: Any) -> Any:
@@ -84,7 +85,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
     said, kind = declaration(f), plain_kind(kind_of(settings, f.name))
     low = said.at_least if said.above is None else said.above
     high = said.at_most if said.below is None else said.below
-    if kind is int:
+    if kind is int or item_kind(kind_of(settings, f.name)) == (tuple, int):
         if low is None and high is None:
             return click.INT
         whole = (None if low is None else int(low), None if high is None else int(high))
@@ -219,13 +220,13 @@ class Variant:
     Attributes:
         summary: one line.
         params: makes its options; called when the variant is chosen.
-        settings: make the classes whose settings without an option are listed in --help.
+        settings: makes the classes whose settings without an option are listed in --help.
         called: how it is chosen, if not as the command's other variants are.
     """
 
     summary: str
     params: Callable[[], Sequence[click.Parameter]]
-    settings: tuple[Callable[[], type[Settings]], ...] = ()
+    settings: Callable[[], Sequence[type[Settings]]] = tuple
     called: str | None = None
 
 
@@ -422,8 +423,8 @@ class VariantCommand(SettingsCommand):
         if rows:
             with formatter.section(f"Options of {self.called(name)}"):
                 formatter.write_dl(rows)
-        for settings in chosen.settings:
-            write_settings(formatter, f"Settings of {self.called(name)} (--set NAME=VALUE)", settings())
+        for settings in chosen.settings():
+            write_settings(formatter, f"Settings of {self.called(name)} (--set NAME=VALUE)", settings)
 
 
 def _texts_of_set(ctx: click.Context) -> Sequence[str]:
@@ -458,7 +459,7 @@ def values_after(args: Sequence[str], flag: str) -> list[str]:
 def settings_of(command: click.Command, chosen: str | None = None) -> Sequence[type[Settings]]:
     """The classes of the settings that `--set` of a command takes; of a `VariantCommand` those of a variant."""
     if isinstance(command, VariantCommand):
-        return [each() for each in command.existing(chosen or command.default).settings]
+        return command.existing(chosen or command.default).settings()
     return () if not isinstance(command, SettingsCommand) or command.settings is None else (command.settings(),)
 
 

@@ -9,6 +9,7 @@ from contextvars import ContextVar
 from typing import TextIO
 
 from occlog.console.text import told
+from occlog.errors import spelled
 
 ALIASES: dict[str, str] = {}
 """Paths of temporary files and the names to report in their place, such as that which holds standard input."""
@@ -18,7 +19,7 @@ _KEPT: ContextVar[list[str] | None] = ContextVar("_KEPT", default=None)
 def write_line(text: str, stream: TextIO | None) -> None:
     """Write a line to a standard stream at once; nothing where the stream is closed (None)."""
     if stream is not None:
-        stream.write(f"{text}\n")
+        stream.write(f"{spelled(text)}\n")
         stream.flush()
 
 
@@ -44,9 +45,9 @@ def note(message: str, quiet: bool = False) -> None:
     """Write a line to standard error, or append it to the list of `notes_kept`."""
     kept = _KEPT.get()
     if kept is not None:
-        kept.append(message)
+        kept.append(spelled(message))
     elif not quiet:
-        write_line(f"occlog: {told(named(message))}", sys.stderr)
+        write_line(f"occlog: {told(named(spelled(message)))}", sys.stderr)
 
 
 def note_findings(texts: Iterable[str], quiet: bool = False) -> None:

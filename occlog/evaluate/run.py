@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.console.details import begin_work
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.evaluate.bearings.azimuths import doa_metrics
 from occlog.evaluate.bearings.known_places import MeasuredNoise, comment, scene_with
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -107,7 +107,8 @@ def run_evaluate(
         if plugged and sources.tracks is not None and sources.truth is not None:
             whole = Tracks.concat(sources.tracks()), Truth.concat(sources.truth())
             result = with_plugins(replace(result, errors=Errors.concat(kept)), plugged, *whole, unit)
-    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
+    how = f"{option('match')} optimal"
+    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance ({how})"
     more = () if unknown is None else (unknown,)
     other = other_video(paths.tracks, [paths.truth])
     notes = (*((told,) if own_numbers else ()), *result.notes, *more, *other)
@@ -140,23 +141,33 @@ def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *
 def _check_request(paths: Paths, given: Mapping[str, object]) -> None:
     held_boxes = bool(given.get("held_out")) and paths.tracks is not None and paths.views is not None
     if paths.views is not None and paths.truth is None and not held_boxes:
-        raise UsageError("--views needs --truth with true boxes, or TRACKS and --held-out")
+        raise UsageError(
+            f"{option('views')} needs {option('truth')} with true boxes, or TRACKS and {option('held_out')}"
+        )
     if paths.tracks is None and paths.views is None and (paths.directions is None or paths.truth is None):
-        raise UsageError("nothing to compare: give TRACKS with --truth or --bearings, or --bearings with --truth")
+        raise UsageError(
+            f"nothing to compare: give TRACKS with {option('truth')} or "
+            f"{option('bearings')}, or {option('bearings')} with {option('truth')}"
+        )
     if paths.write_scene is not None and (paths.truth is None or paths.directions is None):
-        raise UsageError("--write-scene measures noise at known places; give --bearings and --truth")
+        raise UsageError(
+            f"{option('write_scene')} measures noise at known places; give {option('bearings')} and {option('truth')}"
+        )
     if paths.tracks is not None and paths.truth is None and paths.directions is None and not held_boxes:
-        raise UsageError("TRACKS alone cannot be evaluated; give --truth, --bearings or both")
+        raise UsageError(f"TRACKS alone cannot be evaluated; give {option('truth')}, {option('bearings')} or both")
     if paths.measurements is not None and (paths.tracks is None or paths.truth is None):
-        raise UsageError("--measurements are for the bound; give TRACKS and --truth as well")
+        raise UsageError(f"{option('measurements')} are for the bound; give TRACKS and {option('truth')} as well")
     if given.get("held_out") and (paths.tracks is None or (paths.directions is None and not held_boxes)):
-        raise UsageError("--held-out needs TRACKS made without that sensor, and --bearings or --views that include it")
+        raise UsageError(
+            f"{option('held_out')} needs TRACKS made without that sensor, and "
+            f"{option('bearings')} or {option('views')} that include it"
+        )
     _check_used(paths, given)
 
 
-LOOKS = "bearings against the truth", "--bearings (or --doa) and --truth"
+LOOKS = "bearings against the truth", f"{option('bearings')} (or {option('doa')}) and {option('truth')}"
 BOUND = "the bound", "--bearings (or --doa, --measurements) and --truth"
-LINES = "sight lines", "--bearings (or --doa)"
+LINES = "sight lines", f"{option('bearings')} (or {option('doa')})"
 OF_WHAT = {
     **dict.fromkeys(("gate_sigma", "gate_px", "occluder_diameter"), LOOKS),
     **dict.fromkeys(("motion", "sigma_v", "prior_cov", "prior_z", "bound_in"), BOUND),
@@ -222,9 +233,11 @@ def run_evaluate_doa(
     """
     doa, output = paths.doa, paths.output
     if paths.tracks is not None:
-        raise UsageError("--truth-azimuths goes with --doa and nothing else to compare; leave TRACKS out")
+        raise UsageError(
+            f"{option('truth_azimuths')} goes with {option('doa')} and nothing else to compare; leave TRACKS out"
+        )
     if doa is None:
-        raise UsageError("--truth-azimuths wants directions to compare; give them with --doa")
+        raise UsageError(f"{option('truth_azimuths')} wants directions to compare; give them with {option('doa')}")
     check_outputs([doa, truth], [output], paths.overwrite)
     found = open_input(doa).read(Doa)
     if not len(found):
@@ -232,7 +245,9 @@ def run_evaluate_doa(
     begin_work()
     metrics = doa_metrics(found, _true_directions(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
     if metrics["doa_found"] == 0:
-        raise InputError(f"{truth}: has no time near those of {doa}; look at the times, or give a larger --max-gap")
+        raise InputError(
+            f"{truth}: has no time near those of {doa}; look at the times, or give a larger {option('max_gap')}"
+        )
     losses = lost_earlier([doa, truth])
     if output is not None:
         parameters = {"doa_gate_deg": gate_deg, "max_gap_s": max_gap_s}

@@ -1,4 +1,4 @@
-"""The `occlog recover` command: makes a recording or a table that was cut off or damaged readable again."""
+"""The `occlog recover` command: makes a recording that was cut off or damaged readable again."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_outputs
 
 
-@click.command(name="recover", short_help="Salvage what is whole in a file that was cut off or damaged.")
+@click.command(name="recover", short_help="Salvage what is whole in a recording that was cut off or damaged.")
 @click.argument("file", type=options.INPUT)
-@options.output_opt("The recording (MCAP) or table (Parquet) that is whole again.")
+@options.output_opt("The recording (MCAP) that is whole again.")
 @click.option(
     "--video",
     "videos",
@@ -25,15 +25,14 @@ from occlog.io.files.atomic import check_outputs
 @options.overwrite_opt
 @options.json_opt
 def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, as_json: bool) -> int:
-    """Write what is whole in FILE, a recording or table that was cut off or damaged, so that every command reads it.
+    """Write what is whole in FILE, a recording that was cut off or damaged, so that every command reads it.
 
-    Of a recording all messages whose check sums are right are kept, and all before a cut; of a table all groups of
-    rows.  What is lost is listed, with times and numbers of frames or rows where they are known; the list goes into
-    the new file, and from there into everything that is made of it.  The exit code is 3 if anything is lost.
+    All messages with a correct check sum are kept, and all before a cut.  What is lost is listed, with times and
+    numbers of frames where they are known; the list goes into the new file, and from there into everything that is
+    made of it.  The exit code is 3 if anything is lost.  A damaged table is made again by the command that made it.
 
     \b
       occlog recover hall.mcap -o whole.mcap
-      occlog recover tracks.parquet -o whole.parquet
       occlog recover hall.mcap -o whole.mcap --video cam1=hall.cam1.avi
     """
     from occlog.io.files.untrusted.content import Content, content_of, mistaken_for
@@ -45,18 +44,29 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
         what = mistaken_for(file) or content.value
         raise InputError(f"{file}: is {what}; nothing of it can be salvaged here: copy it again, or make it again")
     if content is Content.TABLE:
-        if given:
-            raise UsageError("--video: belongs to recordings; a table links to no video")
-        from occlog.io.files.tables.salvage.table import recover_table
-
-        table = recover_table(file, output, overwrite=overwrite)
-        return console.finish({"table": str(output), "rows": table.rows, **_times(table.span)}, table.losses, as_json)
+        raise InputError(_made_again(file))
     from occlog.io.recording.salvage.recover import recover_recording
 
     found = recover_recording(file, output, given, overwrite=overwrite)
     summary = {"recording": str(output), "messages": sum(found.messages.values()), **_times(found.span)}
     summary |= {f"messages of {topic}": count for topic, count in found.messages.items()}
     return console.finish(summary, found.losses, as_json)
+
+
+def _made_again(path: Path) -> str:
+    """What to do with a table instead: the command and the inputs that it was made by, as far as its footer says."""
+    from occlog.io.files.tables.header import read_header
+
+    try:
+        header = read_header(path)
+    except InputError as error:
+        return f"{error}; tables are not salvaged, since a table can be made again from its inputs"
+    made = header.provenance
+    inputs = ", ".join(name for name, _ in made.inputs[:3]) + (", ..." if len(made.inputs) > 3 else "")
+    return (
+        f"{path}: is a table ({header.table}); tables are not salvaged: make it again by `occlog {made.command}`"
+        f"{f' from {inputs}' if inputs else ''}"
+    )
 
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from occlog.errors import UsageError, did_you_mean
+from occlog.errors import UsageError, did_you_mean, option
 
 if TYPE_CHECKING:
     from occlog.records.scene import Scene
@@ -31,9 +31,11 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
         found = _OFFSET.fullmatch(value.strip())
         seconds = float(found[1]) * UNITS[found[2]] if found else math.inf
         if not name or not abs(seconds) <= MOST_S:
-            raise UsageError(f"--offset {text}: want SENSOR=SECONDS, at most {MOST_S:g} s either way, as in cam2=-0.4s")
+            raise UsageError(
+                f"{option('offset')} {text}: want SENSOR=SECONDS, at most {MOST_S:g} s either way, as in cam2=-0.4s"
+            )
         if name in out:
-            raise UsageError(f"--offset: sensor {name} is given twice; give every sensor one offset")
+            raise UsageError(f"{option('offset')}: sensor {name} is given twice; give every sensor one offset")
         out[name] = seconds
     return out
 
@@ -53,7 +55,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
     names = [s.name for s in scene.sensors]
     for name in offsets:
         if name not in names:
-            raise UsageError(f"--offset: no sensor {name!r}; {did_you_mean(name, names)}")
+            raise UsageError(f"{option('offset')}: no sensor {name!r}; {did_you_mean(name, names)}")
     clocks = {clock.name: clock for clock in scene.clocks}
     own, taken = {}, set(clocks)
     for sensor in scene.sensors:

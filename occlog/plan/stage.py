@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.bounds.in_plane import polygon_covariance
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.declared.plans import PlanMap
 from occlog.records.scene import Scene
 
@@ -101,7 +101,7 @@ def _weights(cells: Cells, paths: Floats | None) -> Floats:
     cell = nearest_cell(cells, paths)
     inside = np.all(np.abs(paths - cells.xy[cell]) <= cells.size, axis=1)
     if not inside.any():
-        raise InputError("plan: no place of --paths is in the room; give paths in the scene's coordinates")
+        raise InputError(f"plan: no place of {option('paths')} is in the room; give paths in the scene's coordinates")
     count = np.bincount(cell[inside], minlength=len(cells.xy))
     return np.asarray(count / count.sum())
 

@@ -62,7 +62,9 @@ class Inputs:
         # Of tables of others any with times, sensors and identities might be reads without strengths
         alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))
         if not distances and measured.has(Measurements):
-            raise InputError(f"{bearings}: holds measurements of distances, which methods fix, apf and map take")
+            raise InputError(
+                f"{bearings}: holds measurements of distances, which methods apf, ekf, fix, map and ukf take"
+            )
         if not alone and (doa is None or measured.recording is None):
             more: tuple[type[Table], ...] = (Measurements,) if distances else ()
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))

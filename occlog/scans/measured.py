@@ -18,8 +18,8 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.path_loss import log_distance
 from occlog.errors import InputError
-from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, concat, nothing
-from occlog.records.declared.measurements import DIFFERENCES, Measurements
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, PLAIN, RANGE, Distances, concat, nothing
+from occlog.records.declared.measurements import DIFFERENCES, VALUES, Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Reads
 from occlog.settings import METRES
@@ -234,17 +234,17 @@ def pack(
     rise2 = _rise2(at, station, reference, height)
     how = (config.measured_bend, config.measured_late, math.nan if config.detour is None else config.detour)
     parts, rows = [nothing(*how)], [np.empty(0, dtype=np.int64)]
-    for name in ("range", "rssi", "tdoa", "range_difference"):
+    for name in (*VALUES, *PLAIN):
         own = np.flatnonzero(np.isfinite(getattr(table, name)))
         if not len(own):
             continue
         kind, value, sigma = _as_length(name, table.take(own), at, station[own], config, radio)
         if (silent := ~np.isfinite(sigma)).any():
             option = "sigma_range" if name == "range" else "sigma_difference"
+            remedy = "" if name in PLAIN else f", or set {option}"
             raise InputError(
-                f"measurements: the {WORDS[name]} of {str(table.sensor[own][silent][0])!r} at "
-                f"{table.t_ns[own][silent][0]} ns has no standard deviation; give a column sigma_{name}, or "
-                f"set {option}"
+                f"measurements: the {WORDS.get(name, name)} of {str(table.sensor[own][silent][0])!r} at "
+                f"{table.t_ns[own][silent][0]} ns has no standard deviation; give a column sigma_{name}{remedy}"
             )
         other = reference[own] if name in DIFFERENCES else station[own]
         parts.append(
@@ -276,6 +276,8 @@ def _as_length(
     """Kind, values and standard deviations of one column, as `Distances` has them; NaN: no standard deviation."""
     value: Floats = getattr(table, name)
     sigma: Floats = getattr(table, f"sigma_{name}")
+    if name in PLAIN:
+        return PLAIN[name], value, sigma
     if name == "range":
         return RANGE, value, _filled(sigma, config.sigma_range)
     if name == "range_difference":

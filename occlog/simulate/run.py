@@ -19,7 +19,7 @@ from occlog.console.details import threads_by_default
 from occlog.core.navigation.moving import Moving
 from occlog.core.navigation.potentials import distance
 from occlog.core.numerics.time_grid import Grid
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import Opened, load_scene, open_input
@@ -162,10 +162,10 @@ def _check_request(scene: Scene, request: SimulateRequest) -> None:
     of_video = [flag_of(RenderConfig, name) for name in request.render]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
     if of_video and not request.video:
-        raise UsageError(f"{of_video[0]} is about video; add --render")
+        raise UsageError(f"{of_video[0]} is about video; add {option('render')}")
     if (request.avoidance or request.avoid is not None) and request.world.get("motion") != "field":
-        flag = "--avoid" if request.avoid is not None else flag_of(FieldConfig, next(iter(request.avoidance)))
-        raise UsageError(f"{flag} is about walkers that avoid what is in their way; add --motion field")
+        flag = option("avoid") if request.avoid is not None else flag_of(FieldConfig, next(iter(request.avoidance)))
+        raise UsageError(f"{flag} is about walkers that avoid what is in their way; add {option('motion')} field")
     if request.sound and not scene.arrays:
         flag = flag_of(SoundConfig, next(iter(request.sound)))
         raise UsageError(f"{flag} is about microphone arrays, but the scene has none")
@@ -175,15 +175,18 @@ def _check_request(scene: Scene, request: SimulateRequest) -> None:
         raise UsageError(f"{flag} is about readers of tags, but the scene has none")
     if request.measure and not kinds:
         flag = flag_of(MeasureConfig, next(iter(request.measure)))
-        raise UsageError(f"{flag} is about measurements of distances; add --measure range, difference or strength")
+        raise UsageError(
+            f"{flag} is about measurements of distances; add {option('measure')} range, difference or strength"
+        )
     stations = sum(c.placed for c in scene.cameras) + len(scene.arrays)
     if kinds and stations < (2 if kinds == ("difference",) else 1):
         raise UsageError(
-            f"--measure {request.measure['measure']} wants cameras or arrays with a place, of differences two; "
+            f"{option('measure')} {request.measure['measure']} wants cameras or arrays "
+            f"with a place, of differences two; "
             f"the scene has {stations}"
         )
     if request.seconds is not None and "steps" in request.world:
-        raise UsageError("--seconds and --steps both say how long the recording is; give one")
+        raise UsageError(f"{option('seconds')} and {option('steps')} both say how long the recording is; give one")
 
 
 def _walkers(scene: Scene, request: SimulateRequest) -> WorldConfig:
@@ -198,7 +201,9 @@ def _walkers(scene: Scene, request: SimulateRequest) -> WorldConfig:
 def _scripted(scene: Scene, request: SimulateRequest, script: Script) -> WorldConfig:
     """Number and times of the steps, and sizes; options go before the file of paths, and that before the defaults."""
     if script.length_unit not in (None, scene.length_unit):
-        raise InputError(f"--paths: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one")
+        raise InputError(
+            f"{option('paths')}: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one"
+        )
     defaults = replace(WorldConfig.in_unit(scene.length_unit), z=None)
     rate_hz = script.rate_hz if request.rate_hz is None else request.rate_hz
     seconds = script.seconds if request.seconds is None else request.seconds
@@ -296,7 +301,7 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
-        raise UsageError(f"{error} (--overlap)") from None
+        raise UsageError(f"{error} ({option('overlap')})") from None
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Grid]:

@@ -134,13 +134,13 @@ OURS: dict[str, Entry] = {
         "baseline of apf: extended Kalman filter of readings and bearings",
         "occlog.track.kalman.filter:EKF",
         "occlog.track.kalman.config:EkfConfig",
-        (*IN_WORLD, "starts"),
+        (*IN_WORLD, *MEASURED, "starts"),
     ),
     "ukf": Entry(
         "baseline of apf: unscented Kalman filter (Julier, Uhlmann 1997)",
         "occlog.track.kalman.filter:UKF",
         "occlog.track.kalman.config:UkfConfig",
-        (*IN_WORLD, "starts"),
+        (*IN_WORLD, *MEASURED, "starts"),
     ),
     "iekf": Entry(
         "baseline of apf: MAP estimate of each scan in a Kalman filter, the iterated EKF (Bell, Cathey 1993)",

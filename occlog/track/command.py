@@ -13,6 +13,7 @@ from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import Variant, VariantCommand, given, value_after
 from occlog.io.files.atomic import check_outputs
+from occlog.settings import Settings
 
 from .catalogue import BOXES, METHODS, OURS, READS, VIEW, settings_of
 from .options import method_params
@@ -20,15 +21,16 @@ from .options import method_params
 
 def _variant(name: str) -> Variant:
     """What --method NAME takes; its settings are loaded when they are asked for."""
-    around = (_around,) if METHODS[name].images else ()
-    return Variant(METHODS[name].summary, partial(method_params, name), (partial(settings_of, name), *around))
+    return Variant(METHODS[name].summary, partial(method_params, name), partial(_settings, name))
 
 
-def _around() -> Any:
-    """Settings around the trackers in images."""
+def _settings(name: str) -> list[type[Settings]]:
+    """The classes of the settings of a method, and of what is around the trackers in images."""
+    if not METHODS[name].images:
+        return [settings_of(name)]
     from .images.births.config import ViewsConfig
 
-    return ViewsConfig
+    return [settings_of(name), ViewsConfig]
 
 
 def _plugged() -> dict[str, Variant]:
@@ -137,8 +139,8 @@ def command(
     --method virtual and rssi locate radio tags: BEARINGS is then a recording (or a table) with the reads of fixed
     readers. A tag's track has the tag's identity, which `occlog label` gives to bearings.
 
-    --method fix, apf and map also take ranges, signal strengths and time differences of stations: in --measurements
-    beside bearings, or in the place of BEARINGS.
+    --method apf, ekf, fix, map and ukf also take ranges, signal strengths and time differences of stations: in
+    --measurements beside bearings, or in the place of BEARINGS.
 
     \b
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet

@@ -15,7 +15,7 @@ from occlog.consistency.compass import Compass
 from occlog.consistency.sharp import Sharp
 from occlog.consistency.sight import Compared
 from occlog.consistency.verdict import Evidence
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.models.losses_of_models import lost_in_models
@@ -218,7 +218,10 @@ def run_track(
     )
     config = make_config(request, inputs.scene.length_unit)
     if wanted.calibration is not None and not estimates_poses(tracker(request.method), config):
-        raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
+        raise UsageError(
+            f"{option('calibration')} wants estimates to write; add "
+            f"{option('set.calibrate')}joint or {option('set.calibrate')}initial"
+        )
     measured, said = make_measured(request, inputs)
     sensors = choose_sensors(inputs.scene, request.only, request.without, readers=measured is not None)
     targets = request.targets or None
@@ -298,10 +301,10 @@ def run_track(
             why = "no row is of the chosen targets and sensors; choose others"
             if request.method == "fix":
                 why = "no moment of the chosen targets and sensors gives a position; a fix wants directions of two "
-                why += "sensors at one time (--window)"
+                why += f"sensors at one time ({option('window')})"
                 if measured is not None:
                     why = "no moment of the chosen targets and stations gives a position; a fix wants three ranges, or "
-                    why += "as many other measurements, at one time (--window)"
+                    why += f"as many other measurements, at one time ({option('window')})"
             raise InputError(f"{request.bearings}: {why}")
         made = provenance.with_checks(summary.checks())
         for writer in writers:
@@ -325,7 +328,9 @@ def make_measured(request: TrackRequest, inputs: Inputs) -> tuple[MeasuredFeed |
     if inputs.measurements is None:
         if request.measured or request.path_loss is not None:
             first = next(iter(request.measured), "path_loss").replace("_", "-")
-            raise UsageError(f"--{first} goes with ranges, strengths or time differences; give --measurements")
+            raise UsageError(
+                f"--{first} goes with ranges, strengths or time differences; give {option('measurements')}"
+            )
         return None, {}
     config = configure(MeasuredConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
@@ -349,7 +354,7 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
         )
     for twice in ("rssi_power", "rssi_exponent"):
         if twice in request.measured:
-            raise UsageError(f"--path-loss and --{twice.replace('_', '-')} say the same; give one of them")
+            raise UsageError(f"{option('path_loss')} and --{twice.replace('_', '-')} say the same; give one of them")
     power = {r.name: r.power for r in spec.readers}
     return Radio(power, spec.exponent, Shadowing(spec.noise_db, spec.shadow_db, spec.shadow_s), spec.height)
 
@@ -378,11 +383,11 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
         values |= motion_settings(request.motion, unit, values)
     if request.starts:
         if "start" in values:
-            raise UsageError("--start and --set start=... say the same; give one of them")
+            raise UsageError(f"{option('start')} and {option('set.start')} say the same; give one of them")
         values["start"] = parse_starts(request.starts, request.method, unit)
     if request.answer_delay is not None:
         if "answer_s" in values:
-            raise UsageError("--answer-delay and --set answer_s=... say the same; give one of them")
+            raise UsageError(f"{option('answer_delay')} and {option('set.answer_s')} say the same; give one of them")
         delay = request.answer_delay
         values["answer_s"] = slowest_router(delay) if isinstance(delay, Path) else delay
     return configure(defaults, values)
@@ -395,7 +400,9 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
         raise UsageError(f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene")
     for name in ("A", "Sigma", "step_s", "acceleration", "jitter"):
         if name in given:
-            raise UsageError(f"--motion and --set {name}=... both say how targets move; give one of them")
+            raise UsageError(
+                f"{option('motion')} and {option('set')} {name}=... both say how targets move; give one of them"
+            )
     A, sigma = tuple(motion.A.ravel().tolist()), tuple(motion.sigma.ravel().tolist())
     return {"A": A, "Sigma": sigma, "step_s": motion.step_s}
 
@@ -426,9 +433,12 @@ def make_selection(request: TrackRequest) -> SelectConfig | None:
     if not given:
         return None
     if "policy" not in given:
-        raise UsageError("--count, --every, --patience, --select-model and --select-order go with --select; add it")
+        raise UsageError(
+            f"{option('count')}, {option('every')}, {option('patience')}, "
+            f"{option('select_model')} and {option('select_order')} go with {option('select')}; add it"
+        )
     if "order" in given and given["policy"] != "fixed":
-        raise UsageError(f"--select-order goes with --select fixed, not {given['policy']}")
+        raise UsageError(f"{option('select_order')} goes with {option('select')} fixed, not {given['policy']}")
     return configure(SelectConfig(), given)
 
 
@@ -437,7 +447,9 @@ def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
     if method == "imm":
         return ",".join(_with_velocity(text, unit) for text in texts)
     if len(texts) > 1:
-        raise UsageError(f"--start says where one target is; give it once, or use --method imm (method {method})")
+        raise UsageError(
+            f"{option('start')} says where one target is; give it once, or use {option('method')} imm (method {method})"
+        )
     return parse_start(texts[0], unit)
 
 
@@ -447,7 +459,7 @@ def _with_velocity(text: str, unit: str) -> str:
     if len(parts) == START_NUMBERS:
         return text
     if len(parts) > 3:
-        raise UsageError(f"--start {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
+        raise UsageError(f"{option('start')} {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
     return f"{parse_start(text, unit)},0,0,{ImmConfig.in_unit(unit).speed}"
 
 
@@ -457,5 +469,5 @@ def parse_start(text: str, unit: str) -> str:
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))
     if len(parts) != 3:
-        raise UsageError(f"--start {text}: want X,Y or X,Y,SIGMA")
+        raise UsageError(f"{option('start')} {text}: want X,Y or X,Y,SIGMA")
     return ",".join(parts)

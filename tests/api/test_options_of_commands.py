@@ -50,7 +50,7 @@ TABLES = {
 }
 """Outputs that are tables of the result."""
 MISSING = {
-    "label": {"--gallery", "--images", "--labelled", "--named"},
+    "label": {"--gallery", "--images", "--named"},
     "evaluate": {"--write-scene", "--fail-if", "--mot"},
     "report": {"other", "--seed"},  # of two runs side by side
 }

@@ -26,8 +26,6 @@ from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from occlog.io.files.tables.salvage.marks import SCHEMA, group_of, mark_of_group, mark_of_schema, marks
-
 LONGEST = 1 << 18
 """Bytes of an input: what is larger takes time, and shows nothing else."""
 BOUNDARIES = tuple(
@@ -492,25 +490,6 @@ def _pack_parquet(data: bytes, number: int, part: bytes) -> bytes:
 
 
 PARQUET = Layer(_parquet_parts, _pack_parquet)
-
-
-def _marked_parts(data: bytes) -> list[bytes]:
-    """Groups of rows of a table that has marks, and the mark with its schema."""
-    found = list(marks(data))
-    return [mark.says if mark.kind == SCHEMA else data[group_of(mark).at : mark.at] for mark in found]
-
-
-def _pack_marked(data: bytes, number: int, part: bytes) -> bytes:
-    """Another group of rows, or another schema, with its mark as it should be."""
-    mark = list(marks(data))[number]
-    if mark.kind == SCHEMA:
-        return data[: mark.at] + mark_of_schema(part) + data[mark.behind :]
-    group = group_of(mark)
-    new = mark_of_group(group.at, group.rows, group.values, zlib.crc32(part))
-    return data[: group.at] + part + new + data[mark.behind :]
-
-
-MARKED = Layer(_marked_parts, _pack_marked)
 MCAP = Layer(_mcap_parts, _pack_mcap)
 PNG = Layer(_png_parts, _pack_png)
 ZIP = Layer(_zip_parts, _pack_zip)

@@ -22,7 +22,6 @@ from occlog.io.calibration.reader import describe as describe_calibration
 from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.tables.header import describe, first_rows, read_header, read_provenance
 from occlog.io.files.tables.parquet import read_table
-from occlog.io.files.tables.salvage.table import recover_table
 from occlog.io.files.texts.json_file import read_json
 from occlog.io.files.times.timestamps import read_sidecar
 from occlog.io.frames.codec import decode_image
@@ -63,7 +62,7 @@ from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import TABLES, Boxes
 
 from . import seeds
-from .mutations import GZIP, MARKED, MCAP, PARQUET, PNG, ZIP, ZSTD, Layer
+from .mutations import GZIP, MCAP, PARQUET, PNG, ZIP, ZSTD, Layer
 
 RATE = rate_times(Fraction(10), "given")
 SIZES = {"a": (64, 48), "b": (64, 48), "C1": (1920, 1080), "C2": (1920, 1080)}
@@ -126,14 +125,6 @@ def _recover(path: Path) -> None:
     out = path.with_name("out.mcap")
     try:
         recover_recording(path, out, {"cam": path})
-    finally:
-        out.unlink(missing_ok=True)
-
-
-def _recover_table(path: Path) -> None:
-    out = path.with_name("out.parquet")
-    try:
-        recover_table(path, out)
     finally:
         out.unlink(missing_ok=True)
 
@@ -243,7 +234,6 @@ READERS = {
             beside={"bag/b.mcap": b"\x89MCAP0\r\n"},
         ),
         Reader("table", "t.parquet", _table, seeds.tables, PARQUET),
-        Reader("recover (table)", "t.parquet", _recover_table, seeds.cut_tables, MARKED),
         Reader("foreign table (Arrow)", "t.parquet", _foreign, seeds.foreign_tables),
         Reader("foreign table (Parquet)", "t.parquet", _foreign, lambda: seeds.foreign_tables()[:1], PARQUET),
         Reader("foreign table (text)", "t.csv", _foreign, seeds.text(seeds.TRUTH, seeds.TRACKS, seeds.DOA)),

@@ -163,11 +163,6 @@ def tables() -> list[bytes]:
     ]
 
 
-def cut_tables() -> list[bytes]:
-    """Tables of some kinds without the end of their footer."""
-    return [data[:-20] for data in tables()[:3]]
-
-
 def _foreign() -> pa.Table:
     t = 1_700_000_000 + np.arange(8) / 10
     return pa.table({"time": t, "track_id": np.arange(8) % 2, "x_m": t % 7, "y_m": t % 5, "note": list("abcdefgh")})

@@ -17,6 +17,7 @@ ELSEWHERE = {
     "frames/folder.py read_folders": "lists the images of folders, of which there are one reader each",
     "frames/folder.py load": "gives these their places",
     "open.py open_in_unit": "opens by `open_input`, and converts units",
+    "open.py load_scene": "chooses between readers of scenes and of recordings",
     "recording/reader.py open_linked": "opens videos, which FFmpeg takes apart",
 }
 """Functions that no reader calls, and why."""

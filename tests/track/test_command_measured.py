@@ -19,6 +19,8 @@ from occlog.records.tables import Diagnostics, Residuals, Tracks
 
 PLACES = {"a": (0.0, 0.0), "b": (10.0, 0.0), "c": (0.0, 8.0), "d": (10.0, 8.0)}
 TIMES = np.arange(0, 6, 0.2)
+PER_TIME = {"tdoa": 3}
+"""Measurements at each time, where these are not 4."""
 
 
 def walked() -> np.ndarray:
@@ -27,7 +29,8 @@ def walked() -> np.ndarray:
 
 def files(folder: Path) -> None:
     """Stations, and a log of each kind with noise of 0.1 m, or of 3 dB."""
-    rng, paths = np.random.default_rng(0), {name: [] for name in ("ranges", "rssi", "tdoa", "bearings")}
+    own = np.random.default_rng(1)
+    rng, paths = np.random.default_rng(0), {name: [] for name in ("ranges", "rssi", "tdoa", "radar", "bearings")}
     for t, xy in zip(TIMES.tolist(), walked(), strict=True):
         far = {name: float(np.hypot(*(xy - place))) for name, place in PLACES.items()}
         for name, d in far.items():
@@ -36,12 +39,17 @@ def files(folder: Path) -> None:
             if name != "a":
                 late = (d - far["a"] + 0.1 * rng.standard_normal()) / 343.0
                 paths["tdoa"].append(f"{t},{name},a,{late * 1e6:.3f},{0.1 / 343.0 * 1e6:.3f}")
+        for name in ("a", "d"):
+            away, noise = xy - np.array(PLACES[name]), own.standard_normal(2)
+            angle = np.degrees(np.arctan2(away[1], away[0])) + noise[1]
+            paths["radar"].append(f"{t},{name},{far[name] + 0.1 * noise[0]:.6f},0.1,{angle:.6f},1")
         turn = np.degrees(np.arctan2(xy[1], xy[0])) + 0.5 * rng.standard_normal()
         paths["bearings"].append(f"{t},a,{turn:.4f},0.5,0")
     heads = {
         "ranges": "time,anchor,range_m,sigma_range_m",
         "rssi": "time,anchor,rssi_dbm",
         "tdoa": "time,anchor,reference,tdoa_us,sigma_tdoa_us",
+        "radar": "time,station,range_m,sigma_range_m,bearing_deg,sigma_bearing_deg",
         "bearings": "time,station,bearing_deg,sigma_deg,id",
     }
     for name, lines in paths.items():
@@ -71,13 +79,40 @@ def truth_of(folder: Path) -> str:
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", ["fix", "apf", "map"])
+@pytest.mark.parametrize("method", ["apf", "ekf", "ukf"])
+def test_bearings_with_ranges_are_smoothed(tmp_path: Path, method: str) -> None:
+    files(tmp_path)
+    errors = []
+    for more in ([], ["--smooth"], ["--lag", "1"]):
+        assert track(tmp_path, "radar", method, *more) == ExitCode.DONE
+        errors.append(float(np.sqrt(np.mean(off(tmp_path) ** 2))))
+    assert errors[1] < 0.9 * errors[0]
+    assert errors[2] < errors[0]
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [(",,30,1", "without a range"), ("2,0.1,30,", "sigma_bearing"), ("2,0.1,30,-1", "above 0")],
+)
+def test_a_bearing_wants_a_range_and_a_standard_deviation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], cells: str, said: str
+) -> None:
+    files(tmp_path)
+    with (tmp_path / "radar.csv").open("a") as file:
+        file.write(f"7,a,{cells}\n")
+    assert track(tmp_path, "radar", "ekf") == ExitCode.BAD_INPUT
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("method", ["fix", "apf", "map", "ekf", "ukf"])
 @pytest.mark.parametrize(
     ("log", "more", "most"),
     [
         ("ranges", [], 0.15),
         ("tdoa", ["--propagation", "sound"], 0.15),
         ("rssi", ["--sigma-rssi", "3"], 4.0),
+        ("radar", [], 0.15),
     ],
 )
 def test_a_log_of_five_columns_becomes_a_track(
@@ -88,11 +123,11 @@ def test_a_log_of_five_columns_becomes_a_track(
     assert track(tmp_path, log, method, *more, *told) == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     assert "bearings" not in summary
-    assert summary["measurements"] == len(TIMES) * (3 if log == "tdoa" else 4)
+    assert summary["measurements"] == len(TIMES) * PER_TIME.get(log, 4)
     assert len(off(tmp_path)) == len(TIMES)
     assert np.sqrt(np.mean(off(tmp_path)[5:] ** 2)) < most
     residuals = read_table(tmp_path / "r.parquet", Residuals)
-    assert len(residuals) == len(TIMES) * (3 if log == "tdoa" else 4)
+    assert len(residuals) == len(TIMES) * PER_TIME.get(log, 4)
     assert np.mean(residuals.believed > 0.5) > 0.95
     assert np.all(np.diff(residuals.t_ns) >= 0)
     compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", truth_of(tmp_path), "-q"]
@@ -109,7 +144,7 @@ def test_a_log_of_five_columns_becomes_a_track(
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", ["fix", "apf", "map"])
+@pytest.mark.parametrize("method", ["fix", "apf", "map", "ekf", "ukf"])
 def test_bearings_and_ranges_of_one_station_are_a_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str
 ) -> None:
@@ -137,7 +172,7 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
     [
         ("tdoa", "fix", [], "want the speed of propagation"),
         ("tdoa", "fix", ["--propagation", "warp"], "--propagation warp: must be sound, light, or a number above 0"),
-        ("ranges", "ekf", [], "which methods fix, apf and map take"),
+        ("ranges", "iekf", [], "which methods apf, ekf, fix, map and ukf take"),
         ("ranges", "fix", ["--set", "estimator=huber"], "huber takes bearings alone"),
         ("ranges", "apf", ["--select", "greedy"], "leave select or the measurements out"),
         ("bearings", "fix", ["--tag-height", "1"], "--tag-height goes with ranges"),

@@ -306,9 +306,9 @@ BORDER = {
     "cv2.imdecode": {"frames/codec.py"},
     "cv2.imread": set(),
     "cv2.FileStorage": set(),
-    "pq.ParquetFile": {"files/tables/header.py", "files/tables/salvage/groups.py"},
+    "pq.ParquetFile": set(),
     "pq.read_metadata": {"files/tables/parquet.py"},
-    "PagedFile": {"files/tables/parquet.py"},
+    "SizedFile": {"files/tables/parquet.py"},
     "open_parquet": {"files/tables/parquet.py", "foreign/source.py"},
     "sqlite3.connect": {"messages/sqlite_file.py"},
 }
@@ -325,7 +325,7 @@ LIBRARIES = {
     "import gzip": {"io/files/texts/csv_rows.py", "examine/export/run.py"},  # which writes
     "import lz4": {"io/recording/chunks.py", "io/recording/salvage/records.py"},
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mkv_uids", "mp4", "reader")}
-    | {"io/models/onnx_file.py", "io/files/tables/salvage/marks.py", "io/files/tables/salvage/table.py"}
+    | {"io/models/onnx_file.py"}
     | {"io/frames/decoders/memory.py"},  # of images that were decoded
     "import pickle": {"track/people/named/by_gallery.py", "conformance/faults.py"},  # of the process itself
     "import sqlite3": {"io/messages/sqlite_file.py"},

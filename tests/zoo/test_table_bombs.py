@@ -13,14 +13,15 @@ import pyarrow.parquet as pq
 import pytest
 from apart import check_apart
 from random_tables import random_table
+from thrift_compact import Field, Struct, Structs, written
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables import arrow_columns, pages, parquet, vectors
+from occlog.io.files.tables import arrow_columns, parquet, sizes, vectors
 from occlog.io.files.tables.parquet import batches, opened_table, read_table
+from occlog.io.files.tables.sizes import BINARY, I32, I64, LIST, STRUCT
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.files.tables.thrift import BINARY, I32, I64, LIST, STRUCT, Field, Reader, Struct, written
 from occlog.io.files.untrusted.promises import FREE_BYTES, FREE_ROWS, check_promise
 from occlog.io.foreign.arrow_messages import Message, messages
 from occlog.records.tables import Bearings, Views
@@ -53,12 +54,12 @@ def with_large_pages(table: pa.Table, size: int) -> bytes:
     pq.write_table(table, out, compression="zstd", use_dictionary=False, write_statistics=False)
     data = out.getvalue()
     length = int.from_bytes(data[-8:-4], "little")
-    footer = Reader(data[-8 - length : -8]).struct()
+    footer = Structs(data[-8 - length : -8]).struct()
     zeros = pa.Codec("zstd").compress(bytes(size), asbytes=True)
     made = bytearray(b"PAR1")
     for column in footer[4].value[1][0][1].value[1]:
         told = column[3].value
-        reader = Reader(data, told[9].value)
+        reader = Structs(data, told[9].value)
         head = reader.struct()
         body = data[reader.at : reader.at + head[3].value]
         if told[3].value[1] != [b"t_ns"]:
@@ -189,7 +190,7 @@ def with_footer(change: Callable[[Struct], None], rows: int = ROWS) -> bytes:
     """Tracks as Parquet, whose footer is changed."""
     data = as_parquet(tracks(rows))
     length = int.from_bytes(data[-8:-4], "little")
-    footer = Reader(data[-8 - length : -8]).struct()
+    footer = Structs(data[-8 - length : -8]).struct()
     change(footer)
     end = written(footer)
     return data[: -8 - length] + end + len(end).to_bytes(4, "little") + b"PAR1"
@@ -242,7 +243,7 @@ def test_all_groups_together_unpack_to_no_more_than_their_file_may(
     pq.write_table(rows, path, compression="zstd", use_dictionary=False, row_group_size=1000)
     unpacked = 20_000 * 32
     for free, code in ((unpacked, ExitCode.DONE), (unpacked // 2, ExitCode.BAD_INPUT)):
-        monkeypatch.setattr(pages, "most_unpacked", lambda _, free=free: free + 20 * 4 * 64)
+        monkeypatch.setattr(sizes, "most_unpacked", lambda _, free=free: free + 20 * 4 * 64)
         assert run(["export", str(path), "-o", str(out), "--overwrite"]) == code
     assert "column t_ns unpacks to more than 325120 bytes" in capfd.readouterr().err
 

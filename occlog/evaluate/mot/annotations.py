@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.boxes.reader import BoxOptions, table_times
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.files.times.frame_times import FrameTimes, as_rate
@@ -101,7 +101,7 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: ManyConfig
         raise InputError(f"{path}: frame {stop - 1}; there may be {MAX_FRAMES} frames; correct the number")
     rate = float(NS / np.median(np.diff(t_ns) / np.diff(frame)))
     if config.fps is not None and abs(config.fps - rate) > SAME_RATE * rate:
-        raise UsageError(f"--fps {config.fps:g}: the tracks have {rate:.4g} frames a second; leave it out")
+        raise UsageError(f"{option('fps')} {config.fps:g}: the tracks have {rate:.4g} frames a second; leave it out")
     known = dict(zip(frame.tolist(), t_ns.tolist(), strict=True))
     return replace(truth, t_ns=table_times(known, 0, stop, f"tracks of {camera}").at(truth.frame))
 
@@ -116,6 +116,6 @@ def check_counted(path: Path, name: str | None, text: bool, config: ManyConfig) 
         config: with what was given.
     """
     if config.fps is not None and name is None and not text:
-        raise UsageError(f"--fps is for a truth that counts frames; {path} has times, leave it out")
+        raise UsageError(f"{option('fps')} is for a truth that counts frames; {path} has times, leave it out")
     if config.first_number is not None and name != "xml":
-        raise UsageError(f"--first-number is for true boxes in XML; the frames of {path} have their numbers")
+        raise UsageError(f"{option('first_number')} is for true boxes in XML; the frames of {path} have their numbers")

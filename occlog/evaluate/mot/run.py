@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.console.details import begin_work
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.evaluate.inputs import Paths, provenance_of
 from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import opened_rows, rows_of
@@ -103,8 +103,8 @@ def _configured(paths: Paths, ours: Opened | None, overlap: float, given: Mappin
     config = configure(ManyConfig(), {"own": own, "overlap": overlap, **given})
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(
-            f"--gospa-cutoff {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
-            "there is --gospa-px"
+            f"{option('gospa_cutoff')} {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
+            f"there is {option('gospa_px')}"
         )
     return config
 
@@ -120,7 +120,9 @@ def compared_boxes(
         given: settings of `ManyConfig` that were given.
     """
     if paths.tracks is None or paths.truth is None:
-        raise UsageError("tracks in images need --truth: a recording or a table with true boxes, or MOTChallenge text")
+        raise UsageError(
+            f"tracks in images need {option('truth')}: a recording or a table with true boxes, or MOTChallenge text"
+        )
     text, counted = _is_text(paths.tracks), annotation_format(paths.truth)
     ours = None if text else open_input(paths.tracks)
     config = _configured(paths, ours, overlap, given)
@@ -166,7 +168,9 @@ def _benchmark(truth: Path, config: ManyConfig, text: bool) -> str:
     if config.benchmark == "auto":
         return "mot17" if classes else "mot15"
     if config.benchmark in DISTRACTORS and not classes:
-        raise UsageError(f"--benchmark {config.benchmark}: {truth} has no column of classes, which is its eighth")
+        raise UsageError(
+            f"{option('benchmark')} {config.benchmark}: {truth} has no column of classes, which is its eighth"
+        )
     return config.benchmark
 
 
@@ -244,7 +248,9 @@ def _read_truth(path: Path) -> tuple[TruthBoxes, Scene | None]:
 def _sole_camera(path: Path, boxes: Boxes, config: ManyConfig) -> str:
     names = list(config.cameras) or np.unique(boxes.sensor).tolist()
     if len(names) != 1:
-        raise UsageError(f"{path}: has cameras {', '.join(names)}; say with --camera NAME which one the text is of")
+        raise UsageError(
+            f"{path}: has cameras {', '.join(names)}; say with {option('camera')} NAME which one the text is of"
+        )
     return str(names[0])
 
 
@@ -261,7 +267,9 @@ def _read_text(
         return table.concat(empty) if last is not None else table.empty()
     head = first_line(path, "MOTChallenge text")
     if is_kitti(head):
-        raise InputError(f"{path}: is KITTI text, not MOTChallenge text; ingest it (--boxes CAMERA={path.name})")
+        raise InputError(
+            f"{path}: is KITTI text, not MOTChallenge text; ingest it ({option('boxes')} CAMERA={path.name})"
+        )
     if is_header(head):
         raise InputError(f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes")
     file, how = [BoxFile(path, camera)], BoxOptions(drop_zero=marked, use_confidence=marked)

@@ -11,7 +11,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.tables.header import describe
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.open import Opened, check_unit, common_unit, open_if_ours
@@ -61,7 +61,7 @@ def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
         if wanted.rpartition(".")[2] not in names:
             near = difflib.get_close_matches(wanted, names, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"columns: {', '.join(names)}"
-            raise UsageError(f"--tol {wanted}: {table} has no such column; {hint}")
+            raise UsageError(f"{option('tol')} {wanted}: {table} has no such column; {hint}")
 
 
 def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> Comparison:

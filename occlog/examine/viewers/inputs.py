@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog import console
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.open import Opened, open_if_ours, open_input, scene_in
 from occlog.io.recording.reader import Recording
 from occlog.records.columns import Table
@@ -181,8 +181,12 @@ def _files(folder: Path) -> list[Path]:
 def note_strangers(inputs: Inputs, quiet: bool) -> None:
     """Say what is not as one may expect: no images, a unit without a length, tracks of another recording."""
     if inputs.recording is None:
-        console.note("no recording is given: no images and no truth are shown; name it with --recording", quiet)
+        console.note(
+            f"no recording is given: no images and no truth are shown; name it with {option('recording')}", quiet
+        )
     if inputs.scene is None:
-        console.note("no scene is given: no plan, cameras and sight lines are shown; name one with --scene", quiet)
+        console.note(
+            f"no scene is given: no plan, cameras and sight lines are shown; name one with {option('scene')}", quiet
+        )
     if inputs.unit not in METRES:
         console.note(f"lengths are in {inputs.unit}, of which the length is not known: viewers show one as 1 m", quiet)

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from occlog.errors import OutputError, UsageError
+from occlog.errors import OutputError, UsageError, option
 from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
 from occlog.records.losses import Loss
 
@@ -56,14 +56,14 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
     program, viewer = find_viewer(request.viewer, started=not request.only_print, takes=made)
     if made is not None:
         if request.output is not None:
-            raise UsageError(f"{request.input}: is made for {made} already; leave out --output")
+            raise UsageError(f"{request.input}: is made for {made} already; leave out {option('output')}")
         if request.every is not None:
             raise UsageError(
-                f"{request.input}: is made for {made} already; give --every where it is made (occlog export)"
+                f"{request.input}: is made for {made} already; give {option('every')} where it is made (occlog export)"
             )
         return {"command": _start(program, viewer, request.input, started=not request.only_print)}, ()
     if request.only_print and request.output is None:
-        raise UsageError("--print: the file must stay for the command; name it with -o")
+        raise UsageError(f"{option('print')}: the file must stay for the command; name it with -o")
     with ExitStack() as stack:
         output = request.output
         if output is None:
@@ -112,10 +112,12 @@ def find_viewer(named: str | None, *, started: bool, takes: str | None = None) -
     if named is not None:
         found = shutil.which(named)
         if found is None and started:
-            raise UsageError(f"--viewer {named}: no such program; {_others()}")
+            raise UsageError(f"{option('viewer')} {named}: no such program; {_others()}")
         kind = PROGRAMS.get(Path(named).stem.lower()) or (RERUN if "rerun" in named.lower() else FOXGLOVE)
         if takes not in (None, VIEWERS, kind):
-            raise UsageError(f"--viewer {named}: the file is made for {takes}; view the run that it was made of")
+            raise UsageError(
+                f"{option('viewer')} {named}: the file is made for {takes}; view the run that it was made of"
+            )
         return found or named, kind
     for name, kind in programs.items():
         found = shutil.which(name)

@@ -6,6 +6,7 @@ not depend on x:
     range       z = |x - p|                              [length]
     logarithm   z = log |x - p|                          a signal strength under the log-distance path loss
     difference  z = |x - p| - |x - q|                    a time difference times the speed of propagation
+    azimuth     z = atan2(y - p_y, x - p_x)              [rad], with a range: `occlog.filtering.likelihood.azimuth`
 
 Distances are in space, |x - p|^2 = (x - p_x)^2 + (y - p_y)^2 + h^2, with h the height of the station over the target.
 A signal strength P - 10 n log10(d) [dBm] has the mean (ln 10 / 10 n) (P - rssi) of log d, and a standard deviation
@@ -23,9 +24,12 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.usual_radio import DETOUR
 
+from . import azimuth
 from .distance_errors import LOG_ROOT_2PI, Errors, log_density
+from .measurement_model import Geometry, MeasurementModel
 
 RANGE, LOGARITHM, DIFFERENCE = 0, 1, 2
 """Kinds of measurements."""
@@ -36,7 +40,7 @@ NEAREST = 1e-9
 class Distances(NamedTuple):
     """m measurements of one target at one time, or at several."""
 
-    kind: Ints  # (m,) RANGE, LOGARITHM or DIFFERENCE
+    kind: Ints  # (m,) index of `MODELS`: RANGE, LOGARITHM, DIFFERENCE, ...
     value: Floats  # (m,) z
     sigma: Floats  # (m,) > 0
     place: Floats  # (m, 2) of the station, p
@@ -54,11 +58,16 @@ class Distances(NamedTuple):
         return Distances._make((*(column[rows] for column in own), *self[COLUMNS:]))
 
     @property
+    def geometry(self) -> Geometry:
+        """Positions of the stations."""
+        return Geometry(self.place, self.rise2, self.other, self.other_rise2)
+
+    @property
     def errors(self) -> Errors:
         """How the measurements err: strengths cannot be late, and a difference may be too long or too short."""
         differs = self.kind == DIFFERENCE
         either = 0.5 * self.late * (2.0 - self.late)
-        late = np.where(differs, either, np.where(self.kind == LOGARITHM, 0.0, self.late))
+        late = np.where(differs, either, np.where(DELAYED[self.kind], self.late, 0.0))
         rate = np.full(len(self.kind), 1.0 / DETOUR) if math.isnan(self.detour) else self.sigma / self.detour
         return Errors(np.full(len(self.kind), self.bend), late, np.where(differs, either, 0.0), rate)
 
@@ -88,8 +97,7 @@ def nothing(bend: float, late: float = 0.0, detour: float = math.nan) -> Distanc
 
 def linearise(rows: Distances, xy: Floats) -> Linear:
     """Residuals and gradients of measurements at (L, 2) places."""
-    mean, gradient = _mean(rows, xy[:, None, :])
-    return Linear((rows.value - mean) / rows.sigma, gradient / rows.sigma[:, None])
+    return Linear(*_residual(rows, xy[:, None, :]))
 
 
 def residuals(rows: Distances, xy: Floats) -> Floats:
@@ -105,8 +113,7 @@ def log_likelihood(rows: Distances, xy: Floats) -> Floats:
 
 def at_own(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
     """Residuals (m,) of measurements, each at its own place (m, 2), and gradients (m, 2), as `linearise` has them."""
-    mean, gradient = _mean(rows, xy)
-    return (rows.value - mean) / rows.sigma, gradient / rows.sigma[:, None]
+    return _residual(rows, xy)
 
 
 def information(rows: Distances, xy: Floats) -> Floats:
@@ -115,14 +122,38 @@ def information(rows: Distances, xy: Floats) -> Floats:
     return np.asarray(gradient[:, :, None] * gradient[:, None, :])
 
 
-def _mean(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
-    """Means (..., m) of the measurements at places (..., m or 1, 2), and their gradients (..., m, 2)."""
-    first, slope = _distance(xy, rows.place, rows.rise2)
-    second, other_slope = _distance(xy, rows.other, rows.other_rise2)
-    log, differs = rows.kind == LOGARITHM, rows.kind == DIFFERENCE
-    mean = np.where(log, np.log(first), np.where(differs, first - second, first))
-    gradient = np.where(differs[:, None], slope - other_slope, slope)
-    return mean, np.where(log[:, None], slope / first[..., None], gradient)
+def _residual(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
+    """Residuals (..., m) of measurements at places (..., m or 1, 2), and gradients (..., m, 2), over the deviations."""
+    kinds = np.unique(rows.kind).tolist()
+    if len(kinds) == 1:
+        mean, gradient = MODELS[kinds[0]].predict(xy, rows.geometry)
+    else:
+        shape = np.broadcast_shapes(xy.shape[:-1], rows.kind.shape)
+        mean, gradient = np.empty(shape), np.empty((*shape, 2))
+        for kind in kinds:
+            own = rows.kind == kind
+            at = xy if xy.shape[-2] == 1 else xy[..., own, :]
+            mean[..., own], gradient[..., own, :] = MODELS[kind].predict(at, Geometry(*(c[own] for c in rows.geometry)))
+    off = rows.value - mean
+    angular = ANGULAR[rows.kind]
+    if angular.any():
+        off = np.where(angular, wrap_angle(off), off)
+    return off / rows.sigma, gradient / rows.sigma[:, None]
+
+
+def _range(xy: Floats, at: Geometry) -> tuple[Floats, Floats]:
+    return _distance(xy, at.place, at.rise2)
+
+
+def _logarithm(xy: Floats, at: Geometry) -> tuple[Floats, Floats]:
+    far, slope = _distance(xy, at.place, at.rise2)
+    return np.log(far), slope / far[..., None]
+
+
+def _difference(xy: Floats, at: Geometry) -> tuple[Floats, Floats]:
+    far, slope = _distance(xy, at.place, at.rise2)
+    other, other_slope = _distance(xy, at.other, at.other_rise2)
+    return far - other, slope - other_slope
 
 
 def _distance(xy: Floats, place: Floats, rise2: Floats) -> tuple[Floats, Floats]:
@@ -130,3 +161,18 @@ def _distance(xy: Floats, place: Floats, rise2: Floats) -> tuple[Floats, Floats]
     away = xy - place
     distance = np.sqrt(np.maximum(away[..., 0] ** 2 + away[..., 1] ** 2 + rise2, NEAREST))
     return distance, away / distance[..., None]
+
+
+MODELS = (
+    MeasurementModel(_range, compiled=2, delayed=True),
+    MeasurementModel(_logarithm, compiled=3),
+    MeasurementModel(_difference, compiled=4, delayed=True),
+    azimuth.MODEL,
+)
+"""Measurement models by kind."""
+ANGULAR = np.array([model.angular for model in MODELS])
+DELAYED = np.array([model.delayed for model in MODELS])
+COMPILED = np.array([model.compiled for model in MODELS])
+"""Fields of them, by kind."""
+PLAIN = {model.column: kind for kind, model in enumerate(MODELS) if model.column is not None}
+"""Kinds of columns whose values are taken as they stand."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from occlog import __version__
-from occlog.errors import InputError
+from occlog.errors import InputError, spelled
 from occlog.records.losses import Loss
 from occlog.records.verdicts import Check, Verdict, distinct
 
@@ -92,7 +92,7 @@ class Provenance:
 
     def json(self) -> str:
         """The record as one line of JSON with sorted keys."""
-        return json.dumps(self.as_dict(), sort_keys=True, default=str)
+        return spelled(json.dumps(self.as_dict(), sort_keys=True, default=str))
 
 
 UNKNOWN = Provenance("unknown", input_units=(), readers=(), version="", versions={}, verdicts=())

@@ -18,17 +18,17 @@ from occlog.io.boxes.columns import COLUMNS as BOXES
 from occlog.io.files.stated_units import STATED
 from occlog.io.files.times.timestamps import TIME_COLUMNS, UNITS
 from occlog.io.sound.csv_log import ANGLES
-from occlog.io.sound.csv_log import COLUMNS as DIRECTIONS
-from occlog.io.tags.reads import COLUMNS as READS
-from occlog.io.truth.reader import COLUMNS as POSITIONS
+from occlog.io.sound.csv_log import FORMAT as DIRECTIONS
+from occlog.io.tags.reads import FORMAT as READS
+from occlog.io.truth.reader import POSITIONS
 from occlog.records.columns import Column, Table
 from occlog.records.declared.measurements import VALUES, Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Failures, Hulls, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 
 TIME = "t_ns"
-_IDENTITY = tuple(dict.fromkeys((*POSITIONS["id"], *BOXES["id"])))
-_SENSOR = tuple(dict.fromkeys((*DIRECTIONS["sensor"], *BOXES["camera"], *READS["reader"])))
+_IDENTITY = tuple(dict.fromkeys((*POSITIONS.names["id"], *BOXES["id"])))
+_SENSOR = tuple(dict.fromkeys((*DIRECTIONS.names["sensor"], *BOXES["camera"], *READS.names["reader"])))
 COMPASS = "compass"
 """What a bearing is called that is clockwise from north (+y), without the ending of its unit."""
 SIGMAS = (
@@ -41,22 +41,22 @@ ALIASES: Mapping[str, Sequence[str]] = {
     "sensor": _SENSOR,
     "target_id": _IDENTITY,
     "occluder_id": _IDENTITY,
-    "source_id": tuple(DIRECTIONS["id"]),
+    "source_id": tuple(DIRECTIONS.names["id"]),
     "bearing": (*ANGLES["azimuth"], COMPASS),
     "azimuth": (*ANGLES["azimuth"], COMPASS),
     "elevation": ANGLES["elevation"],
     "sigma": SIGMAS,
     "sigma_azimuth": SIGMAS,
     "sigma_elevation": (*ANGLES["sigma_elevation"], "elevation_sigma", "elevation_std", "std_elevation"),
-    "confidence": tuple(dict.fromkeys((*BOXES["confidence"], *DIRECTIONS["confidence"]))),
+    "confidence": tuple(dict.fromkeys((*BOXES["confidence"], *DIRECTIONS.names["confidence"]))),
     "score": tuple(BOXES["confidence"]),
     "frame": tuple(BOXES["frame"]),
     "left_px": tuple(BOXES["left"]),
     "top_px": tuple(BOXES["top"]),
     "width_px": tuple(BOXES["width"]),
     "height_px": tuple(BOXES["height"]),
-    "tag": tuple(READS["tag"]),
-    "rssi": tuple(READS["rssi"]),
+    "tag": tuple(READS.names["tag"]),
+    "rssi": tuple(READS.names["rssi"]),
     "sigma_rssi": ("rssi_sigma", "rssi_std", "sigma_rssi_db", "rssi_sigma_db", "rssi_std_db"),
     "range": ("distance", "dist"),
     "sigma_range": ("range_sigma", "range_std", "sigma_distance", "distance_sigma", "distance_std"),
@@ -71,8 +71,8 @@ ALIASES: Mapping[str, Sequence[str]] = {
 }
 """Other names of columns, without endings of units; a column's own name is one, too."""
 OWN_ALIASES: Mapping[str, Mapping[str, Sequence[str]]] = {
-    Measurements.NAME: {"target_id": ("tag", "tag_id", "beacon")},
-    Reads.NAME: {"target_id": READS["tag"]},
+    Measurements.NAME: {"target_id": ("tag", "tag_id", "beacon"), "sigma_bearing": SIGMAS},
+    Reads.NAME: {"target_id": READS.names["tag"]},
 }
 """Further names in one table."""
 SECONDS = {unit: ns * 1e-9 for unit, ns in UNITS.items()}

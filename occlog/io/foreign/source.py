@@ -128,7 +128,7 @@ def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch
     if kind == "Parquet":
         with open_parquet(path) as file:
             found = (_validated(batch) for batch in batches(file, ROWS, names))
-            yield from in_parts(path, file.checked.size, found)
+            yield from in_parts(path, path.stat().st_size, found)
         return
     yield from in_parts(path, path.stat().st_size, _arrow_batches(path, names))
 

@@ -15,7 +15,7 @@ from occlog.io.boxes.columns import both_sizes, disagree
 from occlog.io.files.texts.csv_rows import COARSEST
 from occlog.io.files.untrusted.promises import FREE_BYTES
 from occlog.records.columns import Table, first_row, key_of, largest, repeated_rows
-from occlog.records.declared.measurements import VALUES, Measurements
+from occlog.records.declared.measurements import VALUES, WITH_A_RANGE, Measurements
 from occlog.records.declared.sensors import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 from occlog.records.tables import (
     TABLES,
@@ -389,7 +389,7 @@ def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layo
             with np.errstate(invalid="ignore"):
                 _refuse(cells, shown, wrong(column), what, f"; it must be {limit}")
 
-    sigmas = tuple(f"sigma_{name}" for name in VALUES) if layout.table is Measurements else ()
+    sigmas = tuple(f"sigma_{name}" for name in (*VALUES, *WITH_A_RANGE)) if layout.table is Measurements else ()
     for name in ("sigma", "sigma_px", "sigma_azimuth", "sigma_elevation", *sigmas):
         refuse(name, lambda v: v <= 0, "above 0")
     for name in ("sigma", "sigma_azimuth", "sigma_elevation"):

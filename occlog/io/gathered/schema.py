@@ -14,10 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.io.files.atomic import open_output
-from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
-from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
-from occlog.io.files.tables.check_sums import Summed
-from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, statements
+from occlog.io.files.tables.table_writer import ROWS_PER_GROUP, WRITTEN
 
 VERSION = 1
 GATHERED = "batch."
@@ -34,23 +33,15 @@ def field(name: str, kind: pa.DataType, doc: str, *, unit: str = "1", nullable: 
 
 def gathered_schema(name: str, fields: Iterable[pa.Field], provenance: Provenance, length_unit: str = "") -> pa.Schema:
     """Schema of a table over many recordings; `length_unit` where it has lengths."""
-    metadata = {SCHEMA_KEY: f"{GATHERED}{name}/{VERSION}", PROVENANCE_KEY: provenance.json()}
-    if length_unit:
-        metadata["occlog.length_unit"] = length_unit
-    return pa.schema([RECORDING, *fields], metadata=metadata)
+    entries = {SCHEMA_KEY: f"{GATHERED}{name}/{VERSION}", **statements(provenance, length_unit)}
+    return pa.schema([RECORDING, *fields], metadata=entries)
 
 
 @contextmanager
 def gathered_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
     """Writer of a file that appears whole when the block ends without an error, and replaces an older one."""
-    with open_output(path, overwrite=True) as file:
-        summed = Summed(file)
-        with pq.ParquetWriter(
-            summed, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
-        ) as writer:
-            yield writer
-            summed.begin_end()
-        summed.finish()
+    with open_output(path, overwrite=True) as file, pq.ParquetWriter(file, schema, **WRITTEN) as writer:
+        yield writer
 
 
 def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]]) -> int:

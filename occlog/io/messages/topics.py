@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.names.sensors import safe_name
 from occlog.io.files.texts.yaml_file import read_yaml
 from occlog.io.files.untrusted.inputs import check_input
@@ -166,7 +166,7 @@ def name_cameras(images: Sequence[str]) -> dict[str, str]:
         if safe in found:
             raise UsageError(
                 f"topics {found[safe]} and {topic} would both be camera {safe!r}; name them: "
-                f"--topic {safe[:60]}_1={found[safe]} --topic {safe[:60]}_2={topic}"
+                f"{option('topic')} {safe[:60]}_1={found[safe]} {option('topic')} {safe[:60]}_2={topic}"
             )
         found[safe] = topic
     return found

@@ -24,25 +24,27 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.names.sensors import match_sensor
-from occlog.io.files.texts.csv_rows import Rows, read_rows
+from occlog.io.files.texts.formats import IDENTITY, RAW, WHOLE, Column, Format, Part, read_format
 from occlog.io.open import Opened, open_if_ours
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, TruthBoxes
 
 WHAT = "a table of ellipses"
-COLUMNS: dict[str, Sequence[str]] = {
-    "sensor": ("sensor", "camera", "view", "cam"),
-    "target_id": ("target_id", "id", "target"),
-    "x_px": ("x_px", "x", "cx"),
-    "y_px": ("y_px", "y", "cy"),
-    "a_px": ("a_px", "a"),
-    "b_px": ("b_px", "b"),
-    "rho_deg": ("rho_deg",),
-    "frame": ("frame",),
-}
-MOST_ID = 2**31 - 1
 FIRST = -1
 """`GivenEllipse.frame` where the file does not say."""
+FORMAT = Format(
+    WHAT,
+    {
+        "sensor": Column(("sensor", "camera", "view", "cam"), RAW),
+        "target_id": Column(("target_id", "id", "target"), IDENTITY, least=0),
+        "x_px": Column(("x_px", "x", "cx")),
+        "y_px": Column(("y_px", "y", "cy")),
+        "a_px": Column(("a_px", "a"), above=0.0, unit="px"),
+        "b_px": Column(("b_px", "b"), above=0.0, unit="px"),
+        "rho_deg": Column(("rho_deg",)),
+        "frame": Column(("frame",), WHOLE, least=0, default=FIRST, blank=False),
+    },
+)
 SEEN = 0.5
 """Share of a target that must be visible for a true box to be started from."""
 Sizes = Mapping[str, tuple[int, int]]
@@ -86,11 +88,9 @@ def _of_csv(path: Path, cameras: Sequence[str]) -> list[GivenEllipse]:
     found: list[GivenEllipse] = []
     lines: dict[tuple[str, int], int] = {}
     try:
-        for rows in read_rows(path, COLUMNS, WHAT):
-            missing = [name for name in COLUMNS if name != "frame" and not rows.has(name)]
-            if missing:
-                raise InputError(f"{path}: has no column {', '.join(missing)}; add it")
-            for row, each in enumerate(_csv_rows(rows, cameras)):
+        for part in read_format(path, FORMAT):
+            rows = part.rows
+            for row, each in enumerate(_csv_rows(part, cameras)):
                 key = each.sensor, each.target_id
                 if key in lines:
                     raise rows.fail(
@@ -105,23 +105,13 @@ def _of_csv(path: Path, cameras: Sequence[str]) -> list[GivenEllipse]:
     return found
 
 
-def _csv_rows(rows: Rows, cameras: Sequence[str]) -> Iterator[GivenEllipse]:
-    names = ("x_px", "y_px", "a_px", "b_px", "rho_deg")
-    ellipse = np.column_stack([rows.floats(name) for name in names])
+def _csv_rows(part: Part, cameras: Sequence[str]) -> Iterator[GivenEllipse]:
+    ellipse = np.column_stack([part[name] for name in ("x_px", "y_px", "a_px", "b_px", "rho_deg")])
     ellipse[:, 4] = np.radians(ellipse[:, 4])
-    target = rows.ints("target_id")
-    frame = rows.ints("frame") if rows.has("frame") else np.full(len(rows), FIRST)
-    for row in range(len(rows)):
-        for name, value in (("a_px", ellipse[row, 2]), ("b_px", ellipse[row, 3])):
-            if value <= 0:
-                raise rows.fail(row, f"{name} is {value:g} px, must be above 0; it is half the ellipse's length")
-        if not 0 <= target[row] <= MOST_ID:
-            raise rows.fail(row, f"target_id is {target[row]}, must be from 0 to {MOST_ID}")
-        if rows.has("frame") and frame[row] < 0:
-            raise rows.fail(row, f"frame is {frame[row]}, must be at least 0; the first one is 0")
-        where = f"{rows.path}: line {int(rows.lines[row])}"
-        sensor = match_sensor(str(rows.cells["sensor"][row]), cameras, where)
-        yield GivenEllipse(where, sensor, int(target[row]), int(frame[row]), ellipse[row])
+    for row in range(len(part)):
+        where = f"{part.rows.path}: line {int(part.rows.lines[row])}"
+        sensor = match_sensor(str(part["sensor"][row]), cameras, where)
+        yield GivenEllipse(where, sensor, int(part["target_id"][row]), int(part["frame"][row]), ellipse[row])
 
 
 def _check_inside(given: GivenEllipse, width: int, height: int) -> None:

@@ -6,19 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.errors import InputError
-from occlog.io.files.texts.csv_rows import read_rows
+from occlog.io.files.texts.formats import RAW, Column, Format, read_format
 from occlog.records.view_pairs import Matches
 
-COLUMNS = {
-    "sensor_a": ("sensor_a",),
-    "sensor_b": ("sensor_b",),
-    "xa_px": ("xa_px",),
-    "ya_px": ("ya_px",),
-    "xb_px": ("xb_px",),
-    "yb_px": ("yb_px",),
-}
-WHAT = "matches of two views (columns sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px)"
+POINTS = ("xa_px", "ya_px", "xb_px", "yb_px")
+FORMAT = Format(
+    "a table of matches of two views",
+    {name: Column((name,), RAW) for name in ("sensor_a", "sensor_b")} | {name: Column((name,)) for name in POINTS},
+)
 
 
 def read_matches(path: Path) -> tuple[Matches, ...]:
@@ -26,12 +21,9 @@ def read_matches(path: Path) -> tuple[Matches, ...]:
     names: list[tuple[str, str]] = []
     points: dict[tuple[str, str], list[np.ndarray]] = {}
     lines: dict[tuple[str, str], list[int]] = {}
-    for rows in read_rows(path, COLUMNS, WHAT):
-        for name in COLUMNS:
-            if not rows.has(name):
-                raise InputError(f"{path}: has no column {COLUMNS[name][0]!r}; {WHAT} were expected")
-        values = np.column_stack([rows.floats(name) for name in ("xa_px", "ya_px", "xb_px", "yb_px")])
-        for n, pair in enumerate(zip(rows.cells["sensor_a"].tolist(), rows.cells["sensor_b"].tolist(), strict=True)):
+    for part in read_format(path, FORMAT):
+        rows, values = part.rows, np.column_stack([part[name] for name in POINTS])
+        for n, pair in enumerate(zip(part["sensor_a"].tolist(), part["sensor_b"].tolist(), strict=True)):
             if pair[0] == pair[1] or not all(pair):
                 raise rows.fail(n, f"sensor_a {pair[0]!r} and sensor_b {pair[1]!r} must name two cameras")
             turned = pair[::-1] in points

@@ -14,7 +14,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from occlog import __version__
 from occlog.array_types import NS
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.names.outputs import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
@@ -166,7 +166,7 @@ class RecordingWriter:
         if t_ns < 0:
             raise InputError(
                 f"{self._path}: a time of {t_ns / NS:.6g} s is before 1970, which a recording cannot hold; give the "
-                "origin of the times (ingest --start-time), or later times"
+                f"origin of the times (ingest {option('start_time')}), or later times"
             )
         self._writer.add_message(channel, log_time=t_ns, publish_time=t_ns, sequence=sequence, data=data)
         self.messages += 1

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO
 
-from occlog.errors import InputError, OutputError
+from occlog.errors import InputError, OutputError, option
 from occlog.io.files.provenance import hash_file
 from occlog.io.recording.reader import linked_videos, open_recording
 
@@ -49,7 +49,7 @@ class Cache:
         """
         told = version(url)
         if told.size is not None and told.size > self.limit:
-            raise InputError(f"{shown(url)}: has {told.size} bytes, limit {self.limit}; raise --cache-limit")
+            raise InputError(f"{shown(url)}: has {told.size} bytes, limit {self.limit}; raise {option('cache_limit')}")
         key = hashlib.sha256(f"{identity(url)}\0{told.size}\0{told.mark}".encode()).hexdigest()[:32]
         # Without a mark nobody knows whether the file is still what it was
         with self._using(key) if told.mark else self.scratch() as entry:

@@ -11,7 +11,8 @@ import numpy as np
 
 from occlog.array_types import NS, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.texts.csv_rows import first_line, is_header, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import first_line, is_header, read_plain
+from occlog.io.files.texts.formats import RAW, Column, Format, read_format
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray
 
@@ -21,6 +22,16 @@ from .locata import looks_like_locata, read_array
 WHAT = "a table of places of arrays"
 MOST_ARRAYS = 10_000
 """Direction finders of a table at most: each becomes a sensor of the scene."""
+FRIDA = Format(
+    "a table of DOA estimates",
+    {
+        "recording": Column(("recording",), RAW),
+        "algorithm": Column(("algorithm",), RAW),
+        "estimate": Column(("estimate_deg",)),
+    },
+    ignored=("n_speakers", "snr_db", "speakers"),
+)
+MICROPHONES = Format("a table of microphones", {axis: Column((axis, f"{axis}_m")) for axis in "xyz"})
 _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
 _NUMBER = re.compile(r"^[0-9]{1,9}$")
 
@@ -31,25 +42,21 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
     The estimates of one recording are a set without order or identity, measured from the
     array's own x axis.  The recordings have no time of their own.
     """
-    columns = {"recording": ("recording",), "algorithm": ("algorithm",), "estimate": ("estimate_deg",)}
     if options.sensor is None:
         raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
     numbers: dict[str, int] = {}
     algorithms: dict[str, None] = {}
-    for rows in read_rows(path, columns, "DOA estimates", ignored=("n_speakers", "snr_db", "speakers")):
-        missing = [column for column in columns if not rows.has(column)]
-        if missing:
-            raise InputError(f"{path}: has no column {', '.join(columns[m][0] for m in missing)}; add it")
-        number = np.array([numbers.setdefault(r, len(numbers)) for r in rows.cells["recording"].tolist()])
-        algorithms.update(dict.fromkeys(rows.cells["algorithm"].tolist()))
+    for part in read_format(path, FRIDA):
+        number = np.array([numbers.setdefault(r, len(numbers)) for r in part["recording"].tolist()])
+        algorithms.update(dict.fromkeys(part["algorithm"].tolist()))
         if options.algorithm is None and len(algorithms) > 1:
             raise UsageError(f"{path}: holds estimates of {', '.join(algorithms)}; choose one algorithm")
-        kept = rows.cells["algorithm"] == (options.algorithm or next(iter(algorithms)))
+        kept = part["algorithm"] == (options.algorithm or next(iter(algorithms)))
         if not kept.any():
             continue
         t_ns = options.start_ns + number[kept].astype(np.int64) * NS
-        azimuth = np.radians(rows.floats("estimate")[kept])
-        yield azimuths_only(rows.lines[kept], t_ns, np.full(len(t_ns), options.sensor), azimuth)
+        azimuth = np.radians(part["estimate"][kept])
+        yield azimuths_only(part.rows.lines[kept], t_ns, np.full(len(t_ns), options.sensor), azimuth)
     if options.algorithm is not None and options.algorithm not in algorithms:
         raise UsageError(f"{path}: has no algorithm {options.algorithm!r}; it has {', '.join(algorithms)}")
 
@@ -115,19 +122,16 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
     if looks_like_locata(head):
         return (read_array(path, name),)
     if is_header(head):
-        columns = {"x": ("x", "x_m"), "y": ("y", "y_m"), "z": ("z", "z_m")}
-        parts = list(read_rows(path, columns, WHAT))
+        parts = [np.column_stack([part[axis] for axis in "xyz"]) for part in read_format(path, MICROPHONES)]
         if not parts:
             raise InputError(f"{path}: holds a header and no row; columns x, y and z of microphones were expected")
-        if not all(parts[0].has(c) for c in columns):
-            raise InputError(f"{path}: columns x, y and z of microphones were expected")
-        microphones = np.concatenate([np.column_stack([rows.floats(c) for c in columns]) for rows in parts])
+        microphones = np.concatenate(parts)
         return (MicrophoneArray(name or path.stem, np.zeros(3), microphones=microphones),)
-    parts = list(read_plain(path, WHAT))
-    if (count := sum(map(len, parts))) > MOST_ARRAYS:
+    plain = list(read_plain(path, WHAT))
+    if (count := sum(map(len, plain))) > MOST_ARRAYS:
         raise InputError(f"{path}: {count} rows; places of at most {MOST_ARRAYS} direction finders were expected")
-    if len(parts[0].cells) not in (2, 3):
-        raise InputError(f"{path}: {len(parts[0].cells)} columns; x and y of direction finders were expected")
-    places = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in parts])
+    if len(plain[0].cells) not in (2, 3):
+        raise InputError(f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected")
+    places = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
     places = np.column_stack([places, np.zeros((len(places), 3 - places.shape[1]))])
     return tuple(MicrophoneArray(f"{name or 'tower'}{n}", xyz) for n, xyz in enumerate(places, start=1))

@@ -5,7 +5,7 @@ Names of columns of angles end in their unit, `_deg` or `_rad`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -15,8 +15,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, read_rows
-from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.texts.csv_rows import Rows, check_one_sensor
+from occlog.io.files.texts.formats import IDENTITY, RAW, Column, Format, read_format
 from occlog.records.losses import Loss
 
 
@@ -82,47 +82,46 @@ ANGLES = {
     "sigma_azimuth": ("sigma_azimuth", "sigma", "sigma_az"),
     "sigma_elevation": ("sigma_elevation", "sigma_el"),
 }
-COLUMNS: dict[str, Sequence[str]] = {
-    **TIME_COLUMNS,
-    "sensor": ("sensor", "array", "tower", "station", "node"),
-    "id": ("id", "source_id", "source"),
-    "confidence": ("confidence", "conf", "score", "activity"),
-    **{
-        name + unit: tuple(alias + unit for alias in aliases)
-        for name, aliases in ANGLES.items()
-        for unit in ("", "_deg", "_rad")
-    },
-}
 WHAT = "a log of directions of arrival"
+FORMAT = Format(
+    WHAT,
+    {
+        "sensor": Column(("sensor", "array", "tower", "station", "node"), RAW, default=""),
+        "id": Column(("id", "source_id", "source"), IDENTITY, least=-1, default=-1),
+        "confidence": Column(("confidence", "conf", "score", "activity"), least=0.0, most=1.0, default=np.nan),
+        **{
+            name + unit: Column(tuple(alias + unit for alias in aliases), RAW, default="")
+            for name, aliases in ANGLES.items()
+            for unit in ("", "_deg", "_rad")
+        },
+    },
+    times=True,
+)
+AZIMUTHS = {name for key, names in FORMAT.names.items() if key.startswith("azimuth") for name in names}
+"""Names of columns that a log is known by."""
 
 
 def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Rows of the log."""
     label = ""
-    for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=options.ignore_extra):
-        unit = time_column(rows)
-        if unit is None:
-            raise InputError(f"{path}: has no column of times; name one of them time (seconds) or t_ns")
-        n = len(rows)
+    for part in read_format(path, FORMAT, ignore_extra=options.ignore_extra):
+        rows = part.rows
         elevation = _angle(rows, "elevation", options)
         _check_limits(rows, "elevation", np.abs(elevation) > np.pi / 2, "must lie within 90 degrees")
         azimuth = _angle(rows, "azimuth", options)
         if np.isnan(azimuth).any():
             raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it")
-        confidence = rows.floats("confidence", blank=True) if rows.has("confidence") else np.full(n, np.nan)
-        _check_limits(rows, "confidence", (confidence < 0) | (confidence > 1), "must be 0 to 1")
-        source_id = rows.identities("id", least=-1) if rows.has("id") else np.full(n, -1, dtype=np.int64)
         label = label or (str(rows.cells["sensor"][0]) if rows.has("sensor") else "")
         yield DoaRows(
             line=rows.lines,
-            t_ns=parse_times(rows, unit, unit) + options.start_ns,
+            t_ns=part.times() + options.start_ns,
             sensor=_sensors(rows, options, label),
-            source_id=source_id,
+            source_id=part["id"],
             azimuth=azimuth,
             elevation=elevation,
             sigma_azimuth=_sigma(rows, "sigma_azimuth", options),
             sigma_elevation=_sigma(rows, "sigma_elevation", options),
-            confidence=confidence,
+            confidence=part["confidence"],
         )
 
 

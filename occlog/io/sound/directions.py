@@ -31,7 +31,7 @@ from occlog.records.scene import Clock, MicrophoneArray
 from occlog.records.tables import Doa
 
 from .author_formats import looks_like_telemetr, read_frida, read_telemetr
-from .csv_log import COLUMNS, WHAT, DoaOptions, DoaRows, read_table
+from .csv_log import AZIMUTHS, WHAT, DoaOptions, DoaRows, read_table
 from .odas import looks_like_odas, read_odas
 
 
@@ -51,7 +51,7 @@ FORMATS: dict[str, DoaFormat] = {
     ),
     "telemetr": DoaFormat(looks_like_telemetr, read_telemetr, "compass", "field log of telemetr (azimuth.dat)"),
     "csv": DoaFormat(
-        lambda head: any(name in head for key, names in COLUMNS.items() if key.startswith("azimuth") for name in names),
+        lambda head: any(cell in AZIMUTHS for cell in head),
         read_table,
         "math",
         "CSV with a header",

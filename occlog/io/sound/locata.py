@@ -19,7 +19,8 @@ import numpy as np
 from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
 from occlog.io.files.names.sensors import safe_name
-from occlog.io.files.texts.csv_rows import Rows, first_line, read_rows
+from occlog.io.files.texts.csv_rows import first_line
+from occlog.io.files.texts.formats import RAW, WHOLE, Column, Format, Part, read_format
 from occlog.io.files.untrusted.guard import naming
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Truth
@@ -60,7 +61,7 @@ def read_array(path: Path, name: str | None) -> MicrophoneArray:
     places = np.concatenate([_values(rows, PLACE) for rows in parts])
     turns = np.concatenate([_values(rows, ROTATION) for rows in parts]).reshape(-1, 3, 3)
     heard = np.concatenate([_values(rows, columns) for rows in parts]).reshape(len(places), -1, 3)
-    lines = np.concatenate([rows.lines for rows in parts])
+    lines = np.concatenate([part.rows.lines for part in parts])
     _check_rotations(path, turns, lines)
     _check_still(path, places, turns, lines)
     # Microphones in the array's frame are p = R^T (m - c), as LOCATA's own programs have it.
@@ -79,14 +80,14 @@ def read_source(path: Path) -> Truth:
     number = _NUMBER.search(path.stem)
     times: list[Ints] = []
     places: list[Floats] = []
-    for rows in _rows(path, PLACE):
-        t_ns = _times(rows)
+    for part in _rows(path, PLACE):
+        t_ns = _times(part)
         last = times[-1][-1:] if times else t_ns[:1]
         back = np.flatnonzero(np.diff(np.concatenate([last, t_ns])) < 0)
         if len(back):
-            raise rows.fail(int(back[0]), "its time is before that of the row above; sort the rows by time")
+            raise part.rows.fail(int(back[0]), "its time is before that of the row above; sort the rows by time")
         times.append(t_ns)
-        places.append(_values(rows, PLACE))
+        places.append(_values(part, PLACE))
     t_ns, first = np.unique(np.concatenate(times), return_index=True)
     x, y, z = np.concatenate(places)[first].T
     n = len(t_ns)
@@ -95,28 +96,25 @@ def read_source(path: Path) -> Truth:
         return Truth.of(t_ns=t_ns, target_id=target, role=np.full(n, "target"), x=x.copy(), y=y.copy(), z=z.copy())
 
 
-def _rows(path: Path, columns: Sequence[str]) -> list[Rows]:
+def _rows(path: Path, columns: Sequence[str]) -> list[Part]:
     """The rows of a table that has these columns, and perhaps others."""
-    known = {name: (name,) for name in (*TIMES, *columns)}
-    parts = list(read_rows(path, known, WHAT, ignore_extra=True))
-    if not parts or not len(parts[0]):
+    known = {name: Column((name,), RAW if name == "second" else WHOLE) for name in TIMES}
+    parts = list(read_format(path, Format(WHAT, known | {name: Column((name,)) for name in columns}, others=True)))
+    if not parts:
         raise InputError(f"{path}: has no row; {WHAT} was expected")
-    missing = [name for name in known if not parts[0].has(name)]
-    if missing:
-        raise InputError(f"{path}: has no column {missing[0]}; {WHAT} was expected")
     return parts
 
 
-def _values(rows: Rows, columns: Sequence[str]) -> Floats:
-    return np.column_stack([rows.floats(name) for name in columns])
+def _values(part: Part, columns: Sequence[str]) -> Floats:
+    return np.column_stack([part[name] for name in columns])
 
 
-def _times(rows: Rows) -> Ints:
+def _times(part: Part) -> Ints:
     """(n,) times [ns since 1970], taken for UTC, exact to the nanosecond."""
     minutes: dict[tuple[int, ...], int] = {}
-    out = np.empty(len(rows), dtype=np.int64)
-    parts = zip(*(rows.ints(name).tolist() for name in TIMES[:5]), strict=True)
-    for row, (moment, second) in enumerate(zip(parts, rows.cells["second"].tolist(), strict=True)):
+    out = np.empty(len(part), dtype=np.int64)
+    parts = zip(*(part[name].tolist() for name in TIMES[:5]), strict=True)
+    for row, (moment, second) in enumerate(zip(parts, part["second"].tolist(), strict=True)):
         try:
             if moment not in minutes:
                 minutes[moment] = int(datetime(*moment, tzinfo=UTC).timestamp()) * NS  # type: ignore[misc]
@@ -125,7 +123,7 @@ def _times(rows: Rows) -> Ints:
                 raise ValueError(f"second {second}")
             out[row] = minutes[moment] + round(seconds * NS)
         except (ValueError, OverflowError, InvalidOperation, TypeError) as error:
-            raise rows.fail(row, f"not a date and time ({error}); correct this line") from None
+            raise part.rows.fail(row, f"not a date and time ({error}); correct this line") from None
     return out
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.records.losses import Loss
 
 from .csv_log import DoaOptions, DoaRows
@@ -57,7 +57,8 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
     if options.hop is None:
         raise UsageError(
-            f"{path}: its timeStamp counts hops; state the hop [s] (--hop), hopSize / fS of ODAS' configuration, "
+            f"{path}: its timeStamp counts hops; state the hop [s] ({option('hop')}), "
+            f"hopSize / fS of ODAS' configuration, "
             "for example 0.008 or 128/16000"
         )
     rows: list[tuple[int, int, int, float, float, float]] = []

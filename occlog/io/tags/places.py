@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from occlog.array_types import Floats
-from occlog.errors import InputError
 from occlog.io.files.names.sensors import safe_name
-from occlog.io.files.texts.csv_rows import Rows, read_rows
+from occlog.io.files.texts.formats import LENGTH, TEXT, Column, Format, read_format
 from occlog.records.scene import Reader
 
-WHAT = "a table of readers"
-COLUMNS: dict[str, Sequence[str]] = {
-    "reader": ("reader", "name", "sensor", "anchor", "gateway"),
-    "x": ("x", "x_m"),
-    "y": ("y", "y_m"),
-    "z": ("z", "z_m"),
-    "range": ("range", "range_m", "radius"),
-    "power": ("power", "power_dbm", "rssi_1m"),
-}
+FORMAT = Format(
+    "a table of readers",
+    {
+        "reader": Column(("reader", "name", "sensor", "anchor", "gateway"), TEXT),
+        "x": Column(("x", "x_m"), LENGTH),
+        "y": Column(("y", "y_m"), LENGTH),
+        "z": Column(("z", "z_m"), default=0.0),
+        "range": Column(("range", "range_m", "radius"), above=0.0, default=math.inf),
+        "power": Column(("power", "power_dbm", "rssi_1m"), default=math.nan),
+    },
+)
 
 
 def read_readers(path: Path) -> tuple[Reader, ...]:
@@ -34,28 +33,13 @@ def read_readers(path: Path) -> tuple[Reader, ...]:
         InputError: a column is missing, a name stands twice, a range is not above 0.
     """
     found: dict[str, Reader] = {}
-    for rows in read_rows(path, COLUMNS, WHAT):
-        missing = [name for name in ("reader", "x", "y") if not rows.has(name)]
-        if missing:
-            raise InputError(f"{path}: has no column {' and '.join(missing)}; {WHAT} has reader, x, y, z, range, power")
-        place = np.column_stack([rows.lengths("x"), rows.lengths("y"), _numbers(rows, "z", 0.0)])
-        far, power = _numbers(rows, "range", math.inf), _numbers(rows, "power", math.nan)
-        for row, cell in enumerate(rows.cells["reader"].tolist()):
-            if not cell.strip():
-                raise rows.fail(row, "the reader has no name; give it one")
+    for part in read_format(path, FORMAT):
+        place = np.column_stack([part[axis] for axis in "xyz"])
+        for row, cell in enumerate(part["reader"].tolist()):
             name = safe_name(cell)
             if name in found:
-                raise rows.fail(row, f"reader {name} is there twice; give every reader its own name")
-            if not far[row] > 0.0:
-                raise rows.fail(row, f"range of reader {name} is {far[row]:g}; it must be above 0, or empty")
-            known = None if math.isnan(power[row]) else float(power[row])
-            found[name] = Reader(name, place[row], range=float(far[row]), power=known)
+                raise part.rows.fail(row, f"reader {name} is there twice; give every reader its own name")
+            power = float(part["power"][row])
+            reach, known = float(part["range"][row]), None if math.isnan(power) else power
+            found[name] = Reader(name, place[row], range=reach, power=known)
     return tuple(found.values())
-
-
-def _numbers(rows: Rows, name: str, absent: float) -> Floats:
-    """(n,) numbers of a column that may be left out, as may its cells."""
-    if not rows.has(name):
-        return np.full(len(rows), absent)
-    values = rows.floats(name, blank=True)
-    return np.where(np.isnan(values), absent, values)

@@ -18,23 +18,23 @@ import numpy as np
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.names.sensors import natural_sorted
-from occlog.io.files.texts.csv_rows import Rows, read_rows
+from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.texts.formats import TEXT, Column, Format, read_format
 from occlog.io.files.times.frame_times import to_world_time
-from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
 from occlog.records.tables import Reads
 
 if TYPE_CHECKING:
     from occlog.records.scene import Clock
 
-WHAT = "a log of reads"
-COLUMNS: dict[str, Sequence[str]] = {
-    **TIME_COLUMNS,
-    "reader": ("reader", "sensor", "anchor", "gateway"),
-    "tag": ("tag", "beacon", "id", "epc", "target_id"),
-    "rssi": ("rssi", "rssi_dbm", "signal"),
-}
-WEAKEST, STRONGEST = -200.0, 50.0
-"""Limits of a signal's strength [dBm]: a number outside is in another unit."""
+FORMAT = Format(
+    "a log of reads",
+    {
+        "reader": Column(("reader", "sensor", "anchor", "gateway"), TEXT),
+        "tag": Column(("tag", "beacon", "id", "epc", "target_id"), TEXT),
+        "rssi": Column(("rssi", "rssi_dbm", "signal"), least=-200.0, most=50.0, unit="dBm", default=np.nan),
+    },
+    times=True,
+)
 _NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 
@@ -76,29 +76,14 @@ def read_reads(
         InputError: a column is missing, a reader is not in the scene, a tag has no name, or a strength is out of range.
     """
     times, names, tags, strengths = [], [], [], []
-    for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=ignore_extra):
-        unit = time_column(rows)
-        if unit is None:
-            raise InputError(f"{path}: has no column of times; name one of them time (seconds) or t_ns")
-        missing = [name for name in ("reader", "tag") if not rows.has(name)]
-        if missing:
-            raise InputError(f"{path}: has no column {' and '.join(missing)}; {WHAT} has t, reader, tag, rssi")
-        _check_readers(rows, readers)
-        if (nameless := rows.cells["tag"] == "").any():
-            raise rows.fail(int(np.flatnonzero(nameless)[0]), "the tag has no name; correct this line")
-        rssi = rows.floats("rssi", blank=True) if rows.has("rssi") else np.full(len(rows), np.nan)
-        wrong = np.flatnonzero((rssi < WEAKEST) | (rssi > STRONGEST))
-        if len(wrong):
-            raise rows.fail(
-                int(wrong[0]),
-                f"rssi is {rssi[wrong[0]]:g}; want dBm, {WEAKEST:g} to {STRONGEST:g}, or nothing; correct this line",
-            )
-        times.append(parse_times(rows, unit, unit) + start_ns)
-        names.append(rows.cells["reader"])
-        tags.append(rows.cells["tag"])
-        strengths.append(rssi)
+    for part in read_format(path, FORMAT, ignore_extra=ignore_extra):
+        _check_readers(part.rows, readers)
+        times.append(part.times() + start_ns)
+        names.append(part["reader"])
+        tags.append(part["tag"])
+        strengths.append(part["rssi"])
     if not times:
-        raise InputError(f"{path}: holds no reads; {WHAT} was expected")
+        raise InputError(f"{path}: holds no reads; {FORMAT.what} was expected")
     sensor, tag, rssi = np.concatenate(names), np.concatenate(tags), np.concatenate(strengths)
     t_ns = _world_times(np.concatenate(times), sensor, clocks or {})
     late = int(np.count_nonzero(np.diff(t_ns) < 0))

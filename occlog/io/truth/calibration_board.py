@@ -9,21 +9,23 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.texts.csv_rows import read_rows
-from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.texts.formats import RAW, WHOLE, Column, Format, read_format
 from occlog.io.files.untrusted.guard import naming
 from occlog.records.tables import Truth
 
-COLUMNS = {
-    "sync": ("sync_index",),
-    "object": ("object_id",),
-    "corner": ("keypoint_id", "point_id"),
-    "x": ("x_coord", "x"),
-    "y": ("y_coord", "y"),
-    "z": ("z_coord", "z"),
-    "time": ("frame_time",),
-}
-WHAT = "board corners"
+CORNERS = Format(
+    "board corners",
+    {
+        "sync": Column(("sync_index",), WHOLE),
+        "object": Column(("object_id",), WHOLE, default=0, blank=False),
+        "corner": Column(("keypoint_id", "point_id"), WHOLE),
+        "x": Column(("x_coord", "x")),
+        "y": Column(("y_coord", "y")),
+        "z": Column(("z_coord", "z")),
+        "time": Column(("frame_time",), RAW, default=""),
+    },
+)
+SYNC_TIMES = Format("time stamps with a column sync_index", {"sync": Column(("sync_index",), WHOLE)}, True, others=True)
 MIN_CORNERS = 3
 
 
@@ -78,29 +80,20 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
 
 def _read(path: Path) -> tuple[Ints, Ints, Floats]:
     sync, corner, xyz = [], [], []
-    for rows in read_rows(path, COLUMNS, WHAT):
-        for name in ("sync", "corner", "x", "y", "z"):
-            if not rows.has(name):
-                raise InputError(f"{path}: has no column {COLUMNS[name][0]}; add it")
-        sync.append(rows.ints("sync"))
-        # Corners of several boards are told apart by the board's number.
-        board = rows.ints("object") if rows.has("object") else np.zeros(len(rows), dtype=np.int64)
-        corner.append(rows.ints("corner") + 1_000_000 * board)
-        xyz.append(np.column_stack([rows.floats(axis) for axis in "xyz"]))
+    for part in read_format(path, CORNERS):
+        sync.append(part["sync"])
+        corner.append(part["corner"] + 1_000_000 * part["object"])  # of several boards
+        xyz.append(np.column_stack([part[axis] for axis in "xyz"]))
     if not sync:
-        raise InputError(f"{path}: holds a header and no row; {WHAT} were expected")
+        raise InputError(f"{path}: holds a header and no row; {CORNERS.what} were expected")
     return np.concatenate(sync), np.concatenate(corner), np.concatenate(xyz)
 
 
 def read_sync_times(path: Path) -> dict[int, int]:
     """Time [ns] of each synchronisation index in a caliscope timestamps.csv: the mean over its cameras."""
     found: dict[int, list[int]] = {}
-    columns = {"sync": ("sync_index",), **TIME_COLUMNS}
-    for rows in read_rows(path, columns, "time stamps with a column sync_index", ignore_extra=True):
-        unit = time_column(rows)
-        if unit is None or not rows.has("sync"):
-            raise InputError(f"{path}: has no columns sync_index and frame_time")
-        for sync, t in zip(rows.ints("sync").tolist(), parse_times(rows, unit, unit).tolist(), strict=True):
+    for part in read_format(path, SYNC_TIMES):
+        for sync, t in zip(part["sync"].tolist(), part.times().tolist(), strict=True):
             found.setdefault(sync, []).append(t)
     return {sync: _mean(times) for sync, times in found.items()}
 

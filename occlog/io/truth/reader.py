@@ -29,9 +29,10 @@ from occlog.io.boxes.kitti import is_kitti
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.vatic import is_vatic
 from occlog.io.boxes.wildtrack import frame_files, grid_places, read_people
-from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain
+from occlog.io.files.texts.formats import IDENTITY, LENGTH, TEXT, WHOLE, Column, Format, Part, read_format
 from occlog.io.files.times.frame_times import FrameTimes
-from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.times.timestamps import time_column
 from occlog.io.files.untrusted.guard import naming
 from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.sound.locata import looks_like_locata, read_source
@@ -42,17 +43,18 @@ from .calibration_board import read_board
 from .xml_boxes import read_xml_boxes
 
 WHAT = "ground truth"
-
-
-COLUMNS: dict[str, Sequence[str]] = {
-    "frame": ("frame", "frame_id", "frame_number", "frame_index"),
-    "id": ("id", "target_id", "track_id", "object_id", "person_id"),
-    "x": ("x", "x_m", "pos_x"),
-    "y": ("y", "y_m", "pos_y"),
-    "z": ("z", "z_m", "pos_z"),
-    "role": ("role",),
-    **TIME_COLUMNS,
-}
+POSITIONS = Format(
+    WHAT,
+    {
+        "frame": Column(("frame", "frame_id", "frame_number", "frame_index"), WHOLE, default=-1, blank=False),
+        "id": Column(("id", "target_id", "track_id", "object_id", "person_id"), IDENTITY, default=0),
+        "x": Column(("x", "x_m", "pos_x"), LENGTH),
+        "y": Column(("y", "y_m", "pos_y"), LENGTH),
+        "z": Column(("z", "z_m", "pos_z"), LENGTH, default=np.nan),
+        "role": Column(("role",), TEXT, choices=("target", "occluder"), default="target"),
+    },
+    times=True,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,37 +101,22 @@ class Positions(NamedTuple):
     line: Ints
 
 
-def _csv_positions(rows: Rows, options: TruthOptions) -> Positions:
-    """Positions of a table with a header; InputError where a column is missing or a value cannot be."""
-    missing = [name for name in ("x", "y") if not rows.has(name)]
-    if missing:
-        raise InputError(f"{rows.path}: has no column {' and '.join(missing)}; add it")
-    n = len(rows)
-    role = rows.cells["role"] if rows.has("role") else np.full(n, "target")
-    wrong = np.flatnonzero(~np.isin(role, ("target", "occluder")))
-    if len(wrong):
-        raise rows.fail(int(wrong[0]), f"role {str(role[wrong[0]])!r} must be target or occluder")
-    return Positions(
-        t_ns=_row_times(rows, options),
-        target_id=rows.identities("id") if rows.has("id") else np.zeros(n, dtype=np.int64),
-        role=role,
-        x=rows.lengths("x"),
-        y=rows.lengths("y"),
-        z=rows.lengths("z", blank=True) if rows.has("z") else np.full(n, np.nan),
-        line=rows.lines,
-    )
+def _csv_positions(part: Part, options: TruthOptions) -> Positions:
+    """Positions of a table with a header."""
+    t_ns = _row_times(part, options)
+    return Positions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
 
 
-def _row_times(rows: Rows, options: TruthOptions) -> Ints:
-    unit = time_column(rows)
-    if unit is not None:
-        return parse_times(rows, unit, unit)
-    if not rows.has("frame"):
-        raise InputError(f"{rows.path}: has neither a column of times (time, t_ns) nor frame; add one")
+def _row_times(part: Part, options: TruthOptions) -> Ints:
+    if time_column(part.rows) is not None:
+        return part.times()
+    path = part.rows.path
+    if not part.rows.has("frame"):
+        raise InputError(f"{path}: has neither a column of times (time, t_ns) nor frame; add one")
     try:
-        return options.frame_times(rows.path.name).at(rows.ints("frame") - options.boxes.first_number)
+        return options.frame_times(path.name).at(part["frame"] - options.boxes.first_number)
     except InputError as error:
-        raise InputError(f"{rows.path}: {error}") from None
+        raise InputError(f"{path}: {error}") from None
 
 
 def _gather(path: Path, parts: list[Positions]) -> Truth:
@@ -239,8 +226,7 @@ def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
         yield from _read_boxes(path, options, None if named else _one_camera(path, options))
         return
     parts = [
-        _csv_positions(rows, options)
-        for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=options.boxes.ignore_extra)
+        _csv_positions(part, options) for part in read_format(path, POSITIONS, ignore_extra=options.boxes.ignore_extra)
     ]
     yield _gather(path, parts)
 
@@ -310,7 +296,7 @@ def _read_caliscope(path: Path, options: TruthOptions) -> Iterator[Truth | Truth
 
 
 def _is_table(head: list[str]) -> bool:
-    return is_header(head) and any(name in head for name in (*COLUMNS["x"], *BOX_COLUMNS["left"]))
+    return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *BOX_COLUMNS["left"]))
 
 
 def _read_locata(path: Path, _options: TruthOptions) -> Iterator[Truth | TruthBoxes]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog import console
 from occlog.array_types import Floats
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import parse_json
@@ -108,7 +108,7 @@ def run_detect(
     if tally["regions"] and not any(c.placed for c in scene.cameras):
         console.note(
             "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, or "
-            "give a scene (--scene)",
+            f"give a scene ({option('scene')})",
             quiet,
         )
     summary: dict[str, object] = {"bearings": str(output), **_figures(tally)}
@@ -158,7 +158,8 @@ def _detections(
     config = configure(DetectConfig(), request.settings)
     if config.labels is not None and (recording.cameras or not recording.has(Boxes)):
         raise UsageError(
-            f"{recording.path}: --labels makes targets of the identities of boxes, and nothing is detected in boxes of "
+            f"{recording.path}: {option('labels')} makes targets of the identities of "
+            f"boxes, and nothing is detected in boxes of "
             "this recording; leave it out"
         )
     if recording.cameras:
@@ -166,7 +167,8 @@ def _detections(
     if recording.has(Boxes):
         if request.near is not None:
             raise UsageError(
-                f"{recording.path}: --near limits detection in images, or labelled bearings; boxes are candidates of "
+                f"{recording.path}: {option('near')} limits detection in images, or labelled "
+                f"bearings; boxes are candidates of "
                 "anybody, to which `occlog label` gives the identity of tracks"
             )
         only = _sensors_of(request, [c.name for c in scene.cameras])
@@ -215,13 +217,13 @@ def _near(request: DetectRequest, config: DetectConfig, length_unit: str) -> tup
     """
     if request.near is None:
         if "near_gate" in request.settings:
-            raise UsageError("--near-gate goes with --near; add it")
+            raise UsageError(f"{option('near_gate')} goes with {option('near')}; add it")
         return None, {}
     opened = open_input(request.near, Tracks)
     check_unit(opened, length_unit, error=InputError)
     tracks = opened.read(Tracks).with_covariance()
     if not len(tracks):
-        raise InputError(f"{request.near}: has no tracks; leave --near out")
+        raise InputError(f"{request.near}: has no tracks; leave {option('near')} out")
     return near_of(tracks, config.near_gate), {"near_gate": config.near_gate}
 
 
@@ -306,4 +308,4 @@ def _box(text: str) -> TargetBox:
             height_px=height,
         )
     except (ValueError, IndexError):
-        raise UsageError(f"--target-box {text}: want CAM:FRAME:X,Y,W,H or ID:CAM:FRAME:X,Y,W,H") from None
+        raise UsageError(f"{option('target_box')} {text}: want CAM:FRAME:X,Y,W,H or ID:CAM:FRAME:X,Y,W,H") from None

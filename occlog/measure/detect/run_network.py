@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from occlog import console
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import load_scene
@@ -58,7 +58,7 @@ def run_network(
     sensors = cameras_of(request.only, opened)
     config, of_networks = configure(DetectConfig(), request.settings), configure(NetworkConfig(), request.network)
     if request.embed is None and {"embed_pixels", "embed_size"} & set(request.network):
-        raise UsageError("--embed-pixels and --embed-size go with --embed; add it")
+        raise UsageError(f"{option('embed_pixels')} and {option('embed_size')} go with {option('embed')}; add it")
     check_placed(request.recording, scene, sensors, bearings)
     with opencv_threads(request.threads):
         detector = open_detector(
@@ -90,7 +90,9 @@ def run_network(
 def check_placed(recording: Path, scene: Scene, sensors: Sequence[str], bearings: Path | None) -> None:
     """UsageError where bearings are wanted and no camera has a pose."""
     if bearings is not None and not any(scene.camera(name).placed for name in sensors):
-        raise UsageError(f"{recording}: no camera has a pose, so that there are no bearings; leave --bearings out")
+        raise UsageError(
+            f"{recording}: no camera has a pose, so that there are no bearings; leave {option('bearings')} out"
+        )
 
 
 def of_boxes(config: DetectConfig) -> dict[str, object]:
@@ -137,7 +139,7 @@ def _note_assumed(detector: Detector, quiet: bool) -> None:
         shown = ", ".join(f"{k} is {detector.names.names.get(k, 'unknown')}" for k in detector.wanted.tolist())
         console.note(
             f"{detector.network.file.path}: does not say what its classes are called; those of COCO are assumed: "
-            f"{shown} (--names says otherwise)",
+            f"{shown} ({option('names')} says otherwise)",
             quiet,
         )
 

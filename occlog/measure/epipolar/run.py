@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Required, TypedDict
 
 from occlog import console
 from occlog.cli.values import parse_names
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.fundamental_matrices import (
     EPIPOLAR_ATTACHMENT,
@@ -93,16 +93,19 @@ def run_epipolar(
 
 def _check_usage(request: EpipolarRequest, output: Path | None) -> None:
     if request.matches is not None and request.tracks is not None:
-        raise UsageError("--matches and --from-tracks are two sources of matches; give one")
+        raise UsageError(f"{option('matches')} and {option('from_tracks')} are two sources of matches; give one")
     some = request.matches is not None or request.tracks is not None
     if request.check and not some:
-        raise UsageError("--check wants matches; give --matches or --from-tracks")
+        raise UsageError(f"{option('check')} wants matches; give {option('matches')} or {option('from_tracks')}")
     if request.check and output is not None:
-        raise UsageError("--check writes nothing; leave -o out, or --check")
+        raise UsageError(f"{option('check')} writes nothing; leave -o out, or {option('check')}")
     if not request.check and output is None:
-        raise UsageError("name the output with -o, or give --check")
+        raise UsageError(f"name the output with -o, or give {option('check')}")
     if not request.check and some and request.fundamental is not None:
-        raise UsageError("matrices come from --fundamental or from matches; give one, or --check to compare them")
+        raise UsageError(
+            f"matrices come from {option('fundamental')} or from matches; give one, or "
+            f"{option('check')} to compare them"
+        )
     if output is not None and names_recording(output) and request.recording is None:
         raise UsageError(f"{output}: a recording is copied; name the one that is to hold the matrices")
 
@@ -121,7 +124,10 @@ def _find(request: EpipolarRequest, scene: Scene | None) -> ViewPairs:
         matches = _matches(request)
         return estimated_pairs(matches, scene, request.config)
     if scene is None:
-        raise UsageError("nothing tells how the views lie; give --scene, --matches, --from-tracks or --fundamental")
+        raise UsageError(
+            f"nothing tells how the views lie; give {option('scene')}, "
+            f"{option('matches')}, {option('from_tracks')} or {option('fundamental')}"
+        )
     return calibrated_pairs(scene)
 
 
@@ -131,7 +137,10 @@ def _checks(request: EpipolarRequest, recording: Recording | None, scene: Scene 
         pairs = attached_epipolar(recording)
     if pairs is None:
         if scene is None:
-            raise UsageError("--check wants something to check; give --fundamental, --scene or a recording with either")
+            raise UsageError(
+                f"{option('check')} wants something to check; give {option('fundamental')}, "
+                f"{option('scene')} or a recording with either"
+            )
         pairs = calibrated_pairs(scene)
     return checked_pairs(pairs, _matches(request), scene, request.config.threshold_px)
 
@@ -163,7 +172,7 @@ def _only(pairs: ViewPairs, request: EpipolarRequest) -> ViewPairs:
     kept = tuple(p for p in pairs.pairs if not only or (p.a in only and p.b in only))
     if not kept:
         there = ", ".join(f"{p.a}-{p.b}" for p in pairs.pairs)
-        raise UsageError(f"--cameras {request.only}: names no pair of views; pairs there: {there}")
+        raise UsageError(f"{option('cameras')} {request.only}: names no pair of views; pairs there: {there}")
     return ViewPairs(kept)
 
 

@@ -3,86 +3,50 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from occlog import console
-from occlog.errors import UsageError
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
+from occlog.errors import UsageError, option
 from occlog.io.open import open_input
-from occlog.records.columns import Table
 from occlog.records.left_out_frames import carried
-from occlog.records.tables import Bearings, Tracks, Views
+from occlog.records.tables import Tracks, Views
+from occlog.runner import Job
 from occlog.scans.inputs import Inputs
 from occlog.settings import configure
 
 from .config import FuseConfig
 from .moments import together
+from .request import FuseRequest
 from .stage import Fused, fuse
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
 
 
-@dataclass(frozen=True)
-class FuseFiles:
-    """What to read and to write."""
-
-    bearings: Path
-    views: Path | None
-    scene: Path | None
-    output: Path
-    fused_views: Path | None
-    overwrite: bool
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read."""
-        return [p for p in (self.bearings, self.views, self.scene) if p is not None]
-
-
-def run_fuse(files: FuseFiles, values: Mapping[str, object], quiet: bool) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse and write; the summary, and what had been lost before.
-
-    Args:
-        files: inputs and outputs.
-        values: settings of `FuseConfig` that were given.
-        quiet: no progress and no notes.
-    """
-    if files.fused_views is not None and files.views is None:
-        raise UsageError("--fused-views wants the views of the bearings; give them with --views")
-    if open_input(files.bearings).table == Tracks.NAME:
+def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Fuse and write; the summary, and what had been lost before."""
+    if request.fused_views is not None and request.views is None:
+        raise UsageError(f"{option('fused_views')} wants the views of the bearings; give them with {option('views')}")
+    if open_input(request.bearings).table == Tracks.NAME:
         raise UsageError(
-            f"{files.bearings}: holds tracks; name those of another group of cameras with --with, or give bearings"
+            f"{request.bearings}: holds tracks; name those of another group of cameras with {option('with')}, or give "
+            "bearings"
         )
-    inputs = Inputs(files.bearings, files.scene)
-    views = [] if files.views is None else inputs.open(files.views, Views)
+    inputs = Inputs(request.bearings, request.scene)
+    views = [] if request.views is None else inputs.open(request.views, Views)
     unit = inputs.scene.length_unit
-    config = configure(FuseConfig.in_unit(unit), values)
-    losses = inputs.losses
-    kept = {} if files.views is None else carried(open_input(files.views).provenance.parameters)
-    provenance = Provenance("fuse", {**asdict(config), **kept}, None, hash_inputs(files.inputs), losses)
-    chunks = console.progress(inputs.chunks, "fuse", quiet=quiet)
+    config = configure(FuseConfig.in_unit(unit), request.settings)
+    kept = {} if request.views is None else carried(open_input(request.views).provenance.parameters)
+    provenance = job.provenance({**asdict(config), **kept}, inputs.losses)
+    chunks = job.progress(inputs.chunks, "fuse")
     tally = FuseTally()
-    with ExitStack() as stack:
-
-        def writer(path: Path, table: type[Table]) -> TableWriter:
-            made = TableWriter(path, table, provenance, overwrite=files.overwrite, length_unit=unit)
-            return stack.enter_context(made)
-
-        rows = writer(files.output, Bearings)
-        boxes = None if files.fused_views is None else writer(files.fused_views, Views)
+    with job.tables(provenance, unit) as tables:
         for part in fuse(together(views, chunks), inputs.scene, config):
-            rows.write(part.bearings)
-            if boxes is not None:
-                boxes.write(part.views)
+            tables.write(output=part.bearings, fused_views=part.views)
             tally.add(part)
-    tally.warn(quiet)
-    return {"bearings": str(files.output), **tally.summary()}, losses
+    tally.warn(job.quiet)
+    return {"bearings": str(request.output), **tally.summary()}, inputs.losses
 
 
 class FuseTally:
@@ -117,6 +81,6 @@ class FuseTally:
         if 2 * alone > moments:
             console.note(
                 f"warning: at {alone} of {moments} times only one camera delivered a frame; bring frames that are "
-                "close in time together with --window SECONDS (detect: --fuse-window)",
+                f"close in time together with {option('window')} SECONDS (detect: {option('fuse_window')})",
                 quiet,
             )

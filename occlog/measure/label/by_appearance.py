@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict, replace
 
 import numpy as np
 
-from occlog import console
-from occlog.errors import InputError, UsageError
-from occlog.io.files.atomic import Together
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
+from occlog.errors import InputError, UsageError, option
 from occlog.io.open import losses_of, open_in_unit, open_input
 from occlog.measure.appearance.config import MatchConfig
 from occlog.measure.appearance.identities import EvidenceTally, identities, renamed, tracks_together
@@ -23,45 +17,32 @@ from occlog.measure.appearance.stage import match, sides_of
 from occlog.records.declared.gallery import SAME, AppearanceMatches, Gallery
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
+from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import NamingConfig
+from .request import MatchRequest
 
 
-@dataclass(frozen=True)
-class MatchFiles:
-    """What to read and to write."""
-
-    seen: SightingFiles
-    gallery: Path
-    labelled: bool  # the identities of boxes are those of the tracks
-    output: Path
-    named: Path | None
-    overwrite: bool
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read."""
-        return [*self.seen.paths, self.gallery]
-
-
-def run_match(
-    files: MatchFiles, settings: dict[str, object], naming: NamingConfig, quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Match and write; the summary, and what was lost."""
-    if files.named is not None and files.seen.tracks is None:
-        raise UsageError("named: writes tracks under other identities, and there are none; give tracks")
-    opened = open_input(files.gallery, Gallery)
+    if request.named is not None and request.tracks is None:
+        raise UsageError(
+            f"{option('named')}: writes tracks under other identities, and there are none; give {option('tracks')}"
+        )
+    naming = NamingConfig(**request.naming)  # type: ignore[arg-type]
+    opened = open_input(request.gallery, Gallery)
     sides = sides_of(opened.read(Gallery))
-    inputs = SightingInput(files.seen, files.labelled)
+    seen_in = SightingFiles(request.bearings, request.images, request.tracks, request.scene)
+    inputs = SightingInput(seen_in, request.labelled)
     scene, unit = inputs.scene, inputs.scene.length_unit
-    config: MatchConfig = configure(MatchConfig.in_unit(unit), settings)
+    config: MatchConfig = configure(MatchConfig.in_unit(unit), request.settings)
     tracks = None
-    if files.named is not None and files.seen.tracks is not None:
-        tracks = open_in_unit(files.seen.tracks, unit, PeopleTracks).read(PeopleTracks)
+    if request.named is not None and request.tracks is not None:
+        tracks = open_in_unit(request.tracks, unit, PeopleTracks).read(PeopleTracks)
     tally, decisions, evidence = SightingTally(), DecisionTally(), EvidenceTally()
     seen = sightings(
-        console.progress(inputs.boxes(), "label", quiet=quiet),
+        job.progress(inputs.boxes(), "label"),
         inputs.images(),
         inputs.walks(config),
         scene,
@@ -76,39 +57,31 @@ def run_match(
         **asdict(config),
         **asdict(naming),
     }
-    made = Provenance("label", parameters, None, hash_inputs(files.inputs))
+    made = job.provenance(parameters)
     before = (*losses_of([opened]), *inputs.losses)
-    with ExitStack() as stack:
-        together = stack.enter_context(Together())
-        writer = stack.enter_context(
-            TableWriter(
-                files.output, AppearanceMatches, made, overwrite=files.overwrite, length_unit=unit, together=together
-            )
-        )
+    with job.tables(made, unit, later=("named",)) as tables:
         for part in match(seen, sides, config):
-            writer.write(part)
+            tables.write(output=part)
             decisions.add(part)
             evidence.add(part)
         losses = tuple(dict.fromkeys((*before, *tally.losses())))
-        final = Provenance("label", parameters, None, made.inputs, losses)
-        writer.annotate(final)
-        if not writer.rows:
+        final = replace(made, losses=losses)
+        tables.annotate(final)
+        if not decisions.rows:
             raise InputError(
-                f"{files.seen.boxes}: no box was compared: {tally.boxes} boxes in {tally.frames} frames; check that "
+                f"{request.bearings}: no box was compared: {tally.boxes} boxes in {tally.frames} frames; check that "
                 "boxes and images are of one recording"
             )
-        summary: dict[str, object] = {"matches": str(files.output), "frames": tally.frames, **decisions.summary()}
-        if tracks is not None and files.named is not None:
+        summary: dict[str, object] = {"matches": str(request.output), "frames": tally.frames, **decisions.summary()}
+        if tracks is not None:
             found = evidence.evidence()
             together_there = tracks_together(tracks, found.track)
             named = identities(found, together_there, config.least_likeness, naming.least_boxes)
             table, names = renamed(tracks, named, sides.target.tolist())
-            with TableWriter(
-                files.named, PeopleTracks, final, overwrite=files.overwrite, length_unit=unit, together=together
-            ) as out:
-                out.write(table)
+            tables.open("named", final, PeopleTracks)
+            tables.write(named=table)
             summary |= {
-                "named": str(files.named),
+                "named": str(request.named),
                 "tracks": len(names),
                 "tracks_of_gallery": len(named),
                 "identities": {str(track): target for track, target in sorted(named.items())},
@@ -121,13 +94,14 @@ class DecisionTally:
 
     def __init__(self) -> None:
         """Nothing yet."""
-        self.boxes = self.same = self.decided = 0
+        self.rows = self.boxes = self.same = self.decided = 0
         self.reasons: Counter[str] = Counter()
 
     def add(self, part: AppearanceMatches) -> None:
         """Count the rows of whole frames."""
         fresh = np.append(True, (part.box[1:] != part.box[:-1]) | (part.sensor[1:] != part.sensor[:-1]))
         first = np.flatnonzero(fresh[: len(part)])
+        self.rows += len(part)
         self.boxes += len(first)
         self.same += int(np.count_nonzero(part.decision == SAME))
         self.decided += int(np.count_nonzero(np.isfinite(part.rho)))

@@ -3,74 +3,43 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from occlog import console
-from occlog.errors import InputError
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
-from occlog.records.tables import Bearings, Tracks
+from occlog.errors import InputError, option
+from occlog.records.tables import Tracks
+from occlog.runner import Job
 from occlog.scans.grouping import choose_sensors
 from occlog.scans.inputs import Inputs
+from occlog.settings import configure
 
 from .config import LabelConfig
+from .request import LabelRequest
 from .stage import Labelled, label
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
 
 
-@dataclass(frozen=True)
-class LabelFiles:
-    """What to read and to write."""
-
-    bearings: Path
-    tracks: Path
-    scene: Path | None
-    doa: Path | None
-    doa_labels: bool
-    output: Path
-    overwrite: bool
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read."""
-        given = (self.bearings, self.tracks, self.scene, self.doa)
-        return [p for p in given if p is not None]
-
-
-@dataclass(frozen=True)
-class Sensors:
-    """Names of sensors to use; empty: all of the scene but those left out."""
-
-    only: tuple[str, ...]
-    without: tuple[str, ...]
-
-
-def run_label(
-    files: LabelFiles, use: Sensors, config: LabelConfig, quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Label and write; the summary, and what had been lost before."""
-    inputs = Inputs(files.bearings, files.scene, files.doa, files.doa_labels)
-    tracks = inputs.open(files.tracks, Tracks)
-    sensors = choose_sensors(inputs.scene, use.only, use.without)
-    parameters = {"sensors": sorted(sensors), "doa_labels": files.doa_labels, **asdict(config)}
-    losses = inputs.losses
-    provenance = Provenance("label", parameters, None, hash_inputs(files.inputs), losses)
-    unit, tally = inputs.scene.length_unit, LabelTally()
-    chunks = console.progress(inputs.chunks, "label", quiet=quiet)
-    with TableWriter(files.output, Bearings, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
+    inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels)
+    tracks = inputs.open(request.tracks, Tracks)
+    sensors = choose_sensors(inputs.scene, request.cameras, request.without)
+    config = configure(LabelConfig(), request.settings)
+    parameters = {"sensors": sorted(sensors), "doa_labels": request.doa_labels, **asdict(config)}
+    losses, tally = inputs.losses, LabelTally()
+    chunks = job.progress(inputs.chunks, "label")
+    with job.tables(job.provenance(parameters, losses), inputs.scene.length_unit) as tables:
         for part in label(chunks, tracks, inputs.scene, config, sensors):
-            writer.write(part.bearings)
+            tables.write(output=part.bearings)
             tally.add(part)
         if not tally.frames:
             raise InputError(
-                f"{files.tracks}: no track is there at the time of any frame of {files.bearings}; give tracks of the "
-                "same recording, or a longer --max-gap"
+                f"{request.tracks}: no track is there at the time of any frame of {request.bearings}; give tracks of "
+                f"the same recording, or a longer {option('max_gap')}"
             )
-    return {"bearings": str(files.output), **tally.summary()}, losses
+    return {"bearings": str(request.output), **tally.summary()}, losses
 
 
 class LabelTally:

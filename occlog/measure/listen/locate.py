@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.records.scene import MicrophoneArray
 from occlog.settings import METRES
 
@@ -157,7 +157,7 @@ def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -
         raise InputError(
             f"scene: array {array.name}: its microphones spread over {extent:g} {unit}, which sound crosses in "
             f"{extent / speed:.3g} s; a window of {window:g} s takes at most {speed * window:.3g} {unit}: correct "
-            "`microphones`, or take a longer --window"
+            f"`microphones`, or take a longer {option('window')}"
         )
 
 

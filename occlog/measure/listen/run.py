@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog import console
 from occlog.array_types import Floats
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.ingest.plan import for_sensor, pairs
 from occlog.io.files.names.sensors import match_sensor
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -78,10 +78,10 @@ def parse_channels(text: str) -> tuple[int, ...]:
     """Channels from 0 of a list from 1."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if not all(part.isdecimal() and 1 <= int(part) <= 4096 for part in parts):
-        raise UsageError(f"--channels {text}: want numbers from 1, with commas")
+        raise UsageError(f"{option('channels')} {text}: want numbers from 1, with commas")
     found = tuple(int(part) - 1 for part in parts)
     if len(set(found)) != len(found):
-        raise UsageError(f"--channels {text}: names a channel twice")
+        raise UsageError(f"{option('channels')} {text}: names a channel twice")
     return found
 
 
@@ -124,12 +124,17 @@ def _scene(request: ListenRequest) -> Scene:
     scene = load_scene(request.scene, None, request.scene) if request.scene is not None else Scene()
     more = [a for name, path in request.arrays for a in read_arrays(path, name)]
     if more and scene.length_unit != "m":
-        raise UsageError(f"--arrays: tables are in m, but {request.scene} in {scene.length_unit}; use one of them")
+        raise UsageError(
+            f"{option('arrays')}: tables are in m, but {request.scene} in {scene.length_unit}; use one of them"
+        )
     arrays = (*scene.arrays, *more)
     if (double := first_double([a.name for a in arrays])) is not None:
         raise UsageError(f"array {double}: is given twice; keep one")
     if not arrays:
-        raise UsageError("no array whose microphones are known; give --scene with microphone_arrays, or --arrays")
+        raise UsageError(
+            f"no array whose microphones are known; give {option('scene')} with "
+            f"microphone_arrays, or {option('arrays')}"
+        )
     return replace(scene, arrays=arrays)
 
 
@@ -161,8 +166,9 @@ def _directions(
         least = frame_size(sound.rate, request.config)
         raise InputError(
             f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are shorter than a frame of "
-            f"{least} ({least / sound.rate:.3g} s), so that no direction can be found; take a shorter --frame and "
-            "--window, or leave the file out"
+            f"{least} ({least / sound.rate:.3g} s), so that no direction can be found; "
+            f"take a shorter {option('frame')} and "
+            f"{option('window')}, or leave the file out"
         )
     blocks = _blocks(sound, request.channels)
     found = listen(blocks, sound.rate, array, scene.length_unit, request.config, start, tally)
@@ -173,12 +179,12 @@ def _directions(
 def _check_channels(sound: Sound, array: MicrophoneArray, channels: tuple[int, ...]) -> None:
     over = [c + 1 for c in channels if c >= sound.channels]
     if over:
-        raise UsageError(f"{sound.path}: has {sound.channels} channels, no channel {over[0]} (--channels)")
+        raise UsageError(f"{sound.path}: has {sound.channels} channels, no channel {over[0]} ({option('channels')})")
     have = len(channels) or sound.channels
     if have != len(array.microphones):
         raise InputError(
             f"{sound.path}: {have} channels, but array {array.name} has {len(array.microphones)} microphones; "
-            "choose the channels of the microphones with --channels, or correct `microphones`"
+            f"choose the channels of the microphones with {option('channels')}, or correct `microphones`"
         )
 
 

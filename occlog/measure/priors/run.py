@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 import numpy as np
 
 from occlog import console
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import check_unit, load_scene, losses_of, open_input
@@ -119,11 +119,14 @@ def run_kalman(request: KalmanRequest, output: Path, overwrite: bool, quiet: boo
     unit = source.scene.length_unit if source.scene is not None else source.unit
     tracks = source.opened.recording is None and source.opened.has(Tracks)
     if tracks and not measured:
-        raise UsageError(f"{path}: tracks are measurements, not the truth; add --measured")
+        raise UsageError(f"{path}: tracks are measurements, not the truth; add {option('measured')}")
     defaults = KalmanConfig.in_unit(unit)
     config = configure(replace(defaults, sigma=0.0) if tracks else defaults, request.settings)
     if measured and config.sigma == 0 and not tracks:
-        raise UsageError("--measured positions need a --sigma above 0; leave out --measured if they are exact")
+        raise UsageError(
+            f"{option('measured')} positions need a {option('sigma')} above 0; leave out "
+            f"{option('measured')} if they are exact"
+        )
     if measured:
         rows: Iterator[Tracks] | Iterator[Truth] = (
             console.progress(source.chunks(Tracks), "priors", quiet=quiet)

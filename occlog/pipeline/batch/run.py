@@ -13,7 +13,7 @@ from occlog import console
 from occlog.console.details import begin_work, note_files
 from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted, told
-from occlog.errors import ExitCode, UsageError, did_you_mean
+from occlog.errors import ExitCode, UsageError, did_you_mean, option
 from occlog.io.files.atomic import write_bytes
 from occlog.io.remote.cache import Cache
 from occlog.io.remote.urls import is_url, kind_of, shown
@@ -76,7 +76,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
     """
     for name in request.tables:
         if name not in TABLES:
-            raise UsageError(f"--tables: no table {name!r}; {did_you_mean(name, TABLES)}")
+            raise UsageError(f"{option('tables')}: no table {name!r}; {did_you_mean(name, TABLES)}")
     config = read_config(request.config, ())
     sources = sources_of(request.recordings, request.output)
     _check_config(config)
@@ -117,7 +117,7 @@ def _check_places(request: BatchRequest, sources: Sequence[Source]) -> None:
     """Refuse places that other processes do not have."""
     here = [p for p in (request.output, *(source.place for source in sources)) if is_url(p) and kind_of(p) == "memory"]
     if here and (request.workers > 1 or request.scheduler is not None):
-        raise UsageError(f"{here[0]}: lies in the memory of this process; give --workers 1")
+        raise UsageError(f"{here[0]}: lies in the memory of this process; give {option('workers')} 1")
 
 
 def _outcomes(

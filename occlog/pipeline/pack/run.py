@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from occlog import __version__
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.versions import installed_versions
@@ -109,7 +109,7 @@ def inputs_of(config: Config, folder: Path) -> list[Path]:
     found, own = {path: None}, folder.resolve()
     for stage in plan(config, own):
         with inside(path.parent):
-            for text in stage.args:
+            for text in stage.texts():
                 if text in stage.output_paths:
                     continue
                 for file in files_of(text):
@@ -135,7 +135,7 @@ def _check_unpackable(manifest: Manifest, folder: Path) -> None:
     count = len({*manifest.members(), MANIFEST, LOCK})
     if count > MAX_FILES:
         raise InputError(
-            f"{folder}: {count} files with its inputs; the limit is {MAX_FILES}; leave them out: --reference"
+            f"{folder}: {count} files with its inputs; the limit is {MAX_FILES}; leave them out: {option('reference')}"
         )
 
 

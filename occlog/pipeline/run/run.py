@@ -11,7 +11,7 @@ import io
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -256,8 +256,8 @@ def inside(folder: Path) -> Iterator[None]:
 
 def _do(stage: Stage) -> int:
     """Run a stage's command without its own summary; return its exit code."""
-    args = [*stage.args, "--overwrite"]
-    with redirect_stdout(io.StringIO()), stage.command.make_context(f"occlog {stage.name}", args) as context:
+    replacing = replace(stage, values={**stage.values, "overwrite": True})
+    with redirect_stdout(io.StringIO()), replacing.context() as context:
         result = stage.command.invoke(context)
         try:
             check_common(context)
@@ -272,7 +272,7 @@ def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
     Files are known by name (those of a folder by the way to them) and content, so that a run may be moved.
     """
     digest = hashlib.sha256(f"{__version__}\0{installed_versions()}\0{stage.name}\0".encode())
-    for text in stage.args:
+    for text in stage.texts():
         shown = text.replace(str(folder), "RUN")
         if text in stage.output_paths:
             digest.update(f"{shown}\0".encode())

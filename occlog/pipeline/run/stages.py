@@ -1,4 +1,4 @@
-"""Reads a run configuration, and makes the command line of each stage.
+"""Reads a run configuration, and gives the values of its keys to the commands of its stages.
 
 The keys of a stage are the long options of its command, with underscores for dashes: a configuration
 has all that a command can do, and the command checks both alike.
@@ -14,11 +14,12 @@ from pathlib import Path
 
 import click
 
+from occlog.cli.calls import context_of, listed
 from occlog.cli.common import reading_by
 from occlog.cli.main import load_command
 from occlog.cli.plugged import PluggedCommand
 from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
-from occlog.errors import InputError, NoSceneError, UsageError
+from occlog.errors import SPELLING, InputError, NoSceneError, UsageError
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
 from occlog.io.files.untrusted.inputs import STANDARD_INPUT
 from occlog.io.recording.reader import open_recording
@@ -42,12 +43,33 @@ KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
 @dataclass(frozen=True)
 class Stage:
-    """One command with its arguments."""
+    """One command with the values of what it takes.
+
+    Attributes:
+        name: of the stage.
+        command: what does it.
+        values: by the parameters of the command; outputs included.
+        variant: of the command, where it has several.
+        output_paths: those of the values that are outputs.
+    """
 
     name: str
     command: click.Command
-    args: tuple[str, ...]  # outputs included
-    output_paths: tuple[str, ...]  # those of the arguments that are outputs
+    values: Mapping[str, object]
+    variant: str | None
+    output_paths: tuple[str, ...]
+
+    def texts(self) -> list[str]:
+        """What the outputs depend on, as text: the names of all values, and each value or each of its items."""
+        return [text for name, value in self.values.items() for text in (f"{name}:", *(str(v) for v in listed(value)))]
+
+    def context(self) -> click.Context:
+        """The command's context with these values, checked; its block does what callbacks of options ask for.
+
+        Raises:
+            click.BadParameter: a value that the command cannot take; it names the parameter.
+        """
+        return context_of(self.command, self.name, self.values, self.variant)
 
 
 @dataclass(frozen=True)
@@ -97,11 +119,11 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
 
 
 def check_settings(config: Config, stage: Stage) -> None:
-    """Read the arguments of a stage as its command will, before any stage runs; InputError names the file's line."""
-    if STANDARD_INPUT in stage.args:  # it can be read once
+    """Read the values of a stage as its command will, before any stage runs; InputError names the file's line."""
+    if STANDARD_INPUT in stage.texts():  # it can be read once
         return
     # A context that is left lets go of a reader that it names
-    with refused_in(config, stage), stage.command.make_context(stage.name, list(stage.args)) as ctx:
+    with refused_in(config, stage), stage.context() as ctx:
         if isinstance(stage.command, SettingsCommand):
             stage.command.check_set(ctx)
 
@@ -109,6 +131,7 @@ def check_settings(config: Config, stage: Stage) -> None:
 @contextmanager
 def refused_in(config: Config, stage: Stage) -> Iterator[None]:
     """Let what a command refuses be an error of the configuration: InputError with the line of the value."""
+    spelling = SPELLING.set(str)
     try:
         yield
     except SettingRefused as error:
@@ -125,10 +148,13 @@ def refused_in(config: Config, stage: Stage) -> Iterator[None]:
             f"{where}: {error.where} holds no scene; name here a scene file or a recording with one"
         ) from error
     except UsageError as error:
-        flag, _, problem = str(error).partition(" ")
-        if not flag.startswith("--"):
+        if not error.options:
             raise
-        raise InputError(f"{_place(config, stage, (_key_of_flag(flag),))}: {problem}") from error
+        named = tuple(error.options[0].split("."))
+        problem = str(error).removeprefix(error.options[0]).lstrip(": ")
+        raise InputError(f"{_place(config, stage, named)}: {problem}") from error
+    finally:
+        SPELLING.reset(spelling)
 
 
 def _place(config: Config, stage: Stage, keys: tuple[str, ...]) -> str:
@@ -327,8 +353,12 @@ def _stage(
     for key in outputs:
         if key in config.stage(name):
             raise InputError(f"{config.path}: {name}.{key}: outputs of a run lie in its folder; remove this key")
-    args = [*arguments, *_to_args(config, name, command, {**values, **outputs}), "--quiet"]
-    return Stage(name, command, tuple(args), tuple(str(p) for p in outputs.values()))
+    variant = _variant_of(command, {**values, **outputs})
+    given = _values(config, name, command, variant, {**values, **outputs})
+    argument = next((p for p in command.params if isinstance(p, click.Argument)), None)
+    if argument is not None and arguments:
+        given = {str(argument.name): arguments if argument.nargs == -1 else arguments[0], **given}
+    return Stage(name, command, given | {"quiet": True}, variant, tuple(str(p) for p in outputs.values()))
 
 
 def _reading(config: Config, name: str, command: click.Command) -> click.Command:
@@ -344,32 +374,41 @@ def _common(config: Config, command: click.Command) -> dict[str, object]:
     return {k: config.values[k] for k in ("seed",) if k in config.values and k in names}
 
 
-def _to_args(config: Config, name: str, command: click.Command, values: dict[str, object]) -> list[str]:
-    """Make the command-line arguments of a stage from its keys."""
-    chosen = {key: variant for key, value in values.items() if (variant := _variant(command, key, value)) is not None}
-    variant = next(iter(chosen.values()), None)
+def _values(
+    config: Config, name: str, command: click.Command, variant: str | None, values: Mapping[str, object]
+) -> dict[str, object]:
+    """The values of a stage by the parameters of its command, as a parser of arguments would give them."""
     params = params_of(command, variant)
     if isinstance(command, PluggedCommand):
         flag = _key_of_flag(command.flag)
         try:
-            plugged = command.options_of(str(each) for each in _listed(values.get(flag, [])))
+            plugged = command.options_of(str(each) for each in listed(values.get(flag, [])))
         except UsageError as error:
             problem = str(error).removeprefix(f"{command.flag} ")
             raise InputError(f"{config.at(name, flag)}: {problem}") from error
         params = [*params, *(option for own in plugged.values() for option in own)]
     # Of an argument and an option of one name, the sorted order keeps the argument, unless the option makes the choice
-    options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument) != (_key(p) in chosen))}
-    ahead: list[str] = []
-    args: list[str] = []
+    chooses = {key for key in values if _variant(command, key, values[key]) is not None}
+    options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument) != (_key(p) in chooses))}
+    found: dict[str, object] = {}
     for key, value in values.items():
         param = options.get(key)
         if param is None:
             raise InputError(f"{config.at(name, key)}: unknown key; {_hint(command, variant, key, sorted(options))}")
-        if isinstance(param, click.Argument):
-            ahead += [str(v) for v in _listed(value)]
-        else:
-            args += _option_args(config, name, key, param, value)
-    return ahead + args
+        if value is not None or (isinstance(param, click.Option) and param.is_flag):
+            found[str(param.name)] = _value(config, name, key, param, value)
+    return found
+
+
+def _value(config: Config, name: str, key: str, param: click.Parameter, value: object) -> object:
+    """A value as the parameter takes it from a parser: a flag's truth, a text, or texts."""
+    if isinstance(param, click.Option) and param.is_flag:
+        if not isinstance(value, bool):
+            raise InputError(f"{config.path}: {name}.{key}: want true or false, got {value!r}")
+        return value
+    texts = [str(v) for v in listed(value)]
+    several = param.nargs != 1 or (isinstance(param, click.Option) and param.multiple)
+    return texts if several else ",".join(texts)
 
 
 def _hint(command: click.Command, variant: str | None, key: str, valid: list[str]) -> str:
@@ -380,6 +419,13 @@ def _hint(command: click.Command, variant: str | None, key: str, valid: list[str
     ):
         return f"it is a setting, which stands under set: `set: {{{key}: ...}}`"
     return _nearest(key, valid)
+
+
+def _variant_of(command: click.Command, values: Mapping[str, object]) -> str | None:
+    """Which variant of a command the keys choose, the default one if they choose none; None: it has none."""
+    chosen = (_variant(command, key, value) for key, value in values.items())
+    default = command.default if isinstance(command, VariantCommand) else None
+    return next((each for each in chosen if each is not None), default)
 
 
 def _variant(command: click.Command, key: str, value: object) -> str | None:
@@ -398,29 +444,6 @@ def _key(param: click.Parameter) -> str:
 
 def _key_of_flag(flag: str) -> str:
     return flag.removeprefix("--").replace("-", "_")
-
-
-def _listed(value: object) -> list[object]:
-    if isinstance(value, dict):
-        return [f"{k}={v}" for k, v in value.items()]
-    return value if isinstance(value, list) else [value]
-
-
-def _option_args(config: Config, name: str, key: str, param: click.Parameter, value: object) -> list[str]:
-    flag = param.opts[-1] if not param.opts[0].startswith("--") else param.opts[0]
-    if isinstance(param, click.Option) and param.is_flag:
-        if not isinstance(value, bool):
-            raise InputError(f"{config.path}: {name}.{key}: want true or false, got {value!r}")
-        negative = param.secondary_opts
-        return [flag] if value else negative[:1]
-    if value is None:
-        return []
-    values = _listed(value)
-    if param.nargs not in (1, -1):
-        return [flag, *(str(v) for v in values)]
-    if len(values) > 1 and not (isinstance(param, click.Option) and param.multiple):
-        return [flag, ",".join(str(v) for v in values)]
-    return [part for v in values for part in (flag, str(v))]
 
 
 def _nearest(key: str, valid: tuple[str, ...] | list[str]) -> str:

@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 
 from occlog import __version__, console
 from occlog.console.details import begin_work, note_files
-from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError
+from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError, option
 from occlog.io.files.atomic import translate_write_errors, write_bytes
 from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_inputs
@@ -95,7 +95,7 @@ def run_sweep(
         write_bytes(folder / "summary.csv", to_csv(rows), overwrite=True)
         write_bytes(folder / "timings.csv", to_csv(trial_rows(settings, times_of)), overwrite=True)
     if unknown:
-        raise UsageError(f"--figures: no figure {unknown[0]!r}; there are: {', '.join(results[0])}")
+        raise UsageError(f"{option('figures')}: no figure {unknown[0]!r}; there are: {', '.join(results[0])}")
     if as_json:
         console.echo_summary({"sweep": str(folder), "trials": len(trials), "settings": rows}, as_json=True)
     else:

@@ -106,7 +106,7 @@ def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[s
     for stage in plan(config, made):
         check_settings(config, stage)
         with inside(config.path.parent):
-            for text in stage.args:
+            for text in stage.texts():
                 named = (*places_of(text), *files_of(text))
                 outside = [p for p in named if folder not in p.resolve().parents]
                 if outside:

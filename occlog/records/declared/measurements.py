@@ -13,6 +13,8 @@ from occlog.records.columns import Table, check_order, column, first_row
 
 VALUES = ("range", "rssi", "tdoa", "range_difference")
 """Columns of which each row has at least one."""
+WITH_A_RANGE = ("bearing",)
+"""Columns of values that a sensor measures together with a range."""
 DIFFERENCES = ("tdoa", "range_difference")
 """Columns of values that a reference belongs to."""
 
@@ -21,7 +23,8 @@ DIFFERENCES = ("tdoa", "range_difference")
 class Measurements(Table):
     """What stations measure of targets that say who they are (radio tags, beacons, one source of sound).
 
-    A row has a range, a signal strength, a difference of arrival times to another station, or several of them.
+    A row has a range, a signal strength, a difference of arrival times to another station, or several of them; with a
+    range it may have a bearing.
     A time difference in seconds becomes a length by the speed of propagation, which the table does not know.
     """
 
@@ -54,6 +57,14 @@ class Measurements(Table):
         optional=True,
     )
     sigma_range_difference: Floats = column("f8", "m", "its standard deviation, > 0", nan="not told", optional=True)
+    bearing: Floats = column(
+        "f8",
+        "rad",
+        "azimuth of the target about the station, of a sensor that measures it with a range",
+        nan="not measured",
+        optional=True,
+    )
+    sigma_bearing: Floats = column("f8", "rad", "its standard deviation, > 0", nan="not told", optional=True)
 
     def check(self) -> None:
         """Times in order, targets known, standard deviations above 0, two stations for each difference."""
@@ -62,11 +73,17 @@ class Measurements(Table):
         if bad.any():
             row = first_row(bad)
             raise InputError(f"Measurements: row {row}: target_id {self.target_id[row]} is below 0")
-        for name in VALUES:
+        for name in (*VALUES, *WITH_A_RANGE):
             sigma: Floats = getattr(self, f"sigma_{name}")
             if (wrong := np.asarray(sigma <= 0)).any():
                 row = first_row(wrong)
                 raise InputError(f"Measurements: row {row}: sigma_{name} {sigma[row]:g} must be above 0")
+        for name in WITH_A_RANGE:
+            if (alone := np.isfinite(getattr(self, name)) & ~np.isfinite(self.range)).any():
+                row = first_row(alone)
+                raise InputError(
+                    f"Measurements: row {row}: has a {name} without a range; directions alone are bearings"
+                )
         bad = np.asarray(~self.told.any(axis=1))
         if bad.any():
             row = first_row(bad)

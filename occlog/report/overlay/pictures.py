@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog import console
 from occlog.array_types import NS, Bools, Ints
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import check_outputs
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.frames.writer import SHOWN
@@ -70,12 +70,12 @@ class Asked:
         """UsageError for options that do not go together, and for outputs that exist."""
         if self.tracks is None and self.truth is None and self.world is None:
             raise UsageError(
-                "nothing to draw: give TRACKS (a table or a run folder), or true boxes with --truth, or both"
+                f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both"
             )
         if (self.png is None) != (self.frame is None):
-            raise UsageError("--png and --frame belong together: the picture of one frame")
+            raise UsageError(f"{option('png')} and {option('frame')} belong together: the picture of one frame")
         if self.video is None and self.png is None:
-            raise UsageError("no output: give --video, or --png with --frame")
+            raise UsageError(f"no output: give {option('video')}, or {option('png')} with {option('frame')}")
         if self.video is not None and self.video.suffix.lower() not in SHOWN:
             raise UsageError(f"{self.video}: video can be {' or '.join(SHOWN)}; name it so")
         inputs = (self.recording, self.tracks, self.world, self.diagnostics, self.truth, self.failures)

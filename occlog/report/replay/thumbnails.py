@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import NS, Ints
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.records.losses import Loss
@@ -90,11 +90,11 @@ def thumbnails(recording: Path, sources: Sources | None, targets: Sequence[int],
     for frame in opened.frames():
         known.setdefault(frame.sensor, []).append(frame.t_ns)
     if not known:
-        raise InputError(f"{recording}: holds no images; leave out --images")
+        raise InputError(f"{recording}: holds no images; leave out {option('images')}")
     times = np.unique(np.concatenate(list(known.values())))
     size = _size(opened, known, sources, targets) * BASE64
     if not size:
-        raise InputError(f"{recording}: no image of it can be decoded; leave out --images")
+        raise InputError(f"{recording}: no image of it can be decoded; leave out {option('images')}")
     count = max(min(int(MARGIN * limit // size), MOST_MOMENTS, len(times)), 1)
     moments = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
     chosen = {name: _before(np.array(own, dtype=np.int64), moments) for name, own in known.items()}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from occlog import console
 from occlog.console.details import threads_by_default
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance
 from occlog.io.frames.codec import encode_image
@@ -67,7 +67,7 @@ def _paths(config: BallsConfig, seed: int) -> BallPaths:
     try:
         return ball_paths(config, seed)
     except InputError as error:
-        raise UsageError(f"--scene {error}") from None
+        raise UsageError(f"{option('scene')} {error}") from None
 
 
 def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:

@@ -29,19 +29,19 @@ from occlog.errors import InputError
 from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
 from occlog.filtering.likelihood.directions import PackedScan, agreement
 from occlog.filtering.likelihood.distance_errors import direct
-from occlog.filtering.likelihood.distances import Distances, linearise, residuals
+from occlog.filtering.likelihood.distances import residuals
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import Particles
 from occlog.filtering.particles import effective_size, mean_and_covariance
 from occlog.records.scene import Scene
 from occlog.scans.scan import Scan
-from occlog.track.interface import Cloud, Estimate, Fit, OccluderTerms, Online, Prediction, Smoothing
+from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction, Smoothing
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import FORMS, ApfConfig
 from .model import Model, make_model, motion_of, occlusion_of
 from .propose import Draw, auxiliary_step, begin_anew, drift, fresh, parts_of, weigh_start
-from .sensing import pack_scan
+from .sensing import pack_scan, with_distances
 from .smoother import Trace, link, smooth
 
 
@@ -202,7 +202,7 @@ def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
     seen = np.diff(looks.first) > 0
     seen &= looks.labelled | agreement(mean[None], looks, model.sensors, model.noise, model.detection)
     estimate = _as_estimate(draw, mean, covariance, size, fallback, looks, seen)
-    return estimate if model.measured is None else _with_distances(estimate, model.measured)
+    return estimate if model.measured is None else with_distances(estimate, model.measured)
 
 
 def _as_estimate(
@@ -220,29 +220,6 @@ def _as_estimate(
         fallback=fallback,
         used=tuple(looks.sensor.tolist()),
         seen_by=tuple(looks.sensor[seen].tolist()),
-    )
-
-
-def _with_distances(estimate: Estimate, measured: Distances) -> Estimate:
-    """The estimate with what it says of measurements of distances."""
-    told = linearise(measured, estimate.xy[None])
-    residual, gradient = told.residual[0], told.gradient[0]
-    spread = np.einsum("ni,ij,nj->n", gradient, estimate.covariance, gradient)
-    believed = direct(residual / np.sqrt(1.0 + spread), measured.errors.widened(1.0 + spread))
-    looked = np.unique([*estimate.used, *measured.station.tolist()])
-    saw = np.unique([*(estimate.seen_by or ()), *measured.station[believed >= 0.5].tolist()])
-    return estimate._replace(
-        n_looked=len(looked),
-        n_seen=len(saw),
-        used=tuple(looked.astype(int).tolist()),
-        seen_by=tuple(saw.astype(int).tolist()),
-        fit=Fit(
-            row=np.zeros(len(residual), dtype=np.int64),
-            sensor=measured.station,
-            residual=residual,
-            expected=np.maximum(1.0 - spread, 0.0),
-            believed=believed,
-        ),
     )
 
 

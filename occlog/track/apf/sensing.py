@@ -10,8 +10,11 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.sight.visibility import Sensors, make_sensors
 from occlog.filtering.likelihood.directions import Detection, Noise, PackedScan
+from occlog.filtering.likelihood.distance_errors import direct
+from occlog.filtering.likelihood.distances import Distances, linearise
 from occlog.records.scene import Scene
 from occlog.scans.scan import Scan
+from occlog.track.interface import Estimate, Fit
 
 from .config import ApfConfig
 
@@ -115,4 +118,27 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
         config.soften,
         np.array(candidate, dtype=np.float64),
         np.full(len(own), config.clutter),
+    )
+
+
+def with_distances(estimate: Estimate, measured: Distances) -> Estimate:
+    """The estimate with what it says of measurements of distances."""
+    told = linearise(measured, estimate.xy[None])
+    residual, gradient = told.residual[0], told.gradient[0]
+    spread = np.einsum("ni,ij,nj->n", gradient, estimate.covariance, gradient)
+    believed = direct(residual / np.sqrt(1.0 + spread), measured.errors.widened(1.0 + spread))
+    looked = np.unique([*estimate.used, *measured.station.tolist()])
+    saw = np.unique([*(estimate.seen_by or ()), *measured.station[believed >= 0.5].tolist()])
+    return estimate._replace(
+        n_looked=len(looked),
+        n_seen=len(saw),
+        used=tuple(looked.astype(int).tolist()),
+        seen_by=tuple(saw.astype(int).tolist()),
+        fit=Fit(
+            row=np.zeros(len(residual), dtype=np.int64),
+            sensor=measured.station,
+            residual=residual,
+            expected=np.maximum(1.0 - spread, 0.0),
+            believed=believed,
+        ),
     )

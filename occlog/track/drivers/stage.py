@@ -54,7 +54,7 @@ def track(
     method = tracker(tracking.method)
     takes = isinstance(method, Online | Batch) and method.measured
     if measured is not None and not takes:
-        raise UsageError(f"measurements: method {tracking.method} takes directions alone; use apf, fix or map")
+        raise UsageError(f"measurements: method {tracking.method} takes directions alone; use apf, ekf, ukf or map")
     if measured is not None and tracking.selection is not None:
         raise UsageError("select: cameras are selected by what they see alone; leave select or the measurements out")
     started = not isinstance(method, Joint) and method.started(tracking.config)

@@ -21,7 +21,7 @@ from scipy.special import chdtrc
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane.polygons import distance_to_boundary, inside_polygon
 from occlog.filtering.likelihood.distance_errors import MOST, Errors, log_density, pull, without_detours
-from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, Distances, linearise
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, linearise
 
 from .mixture import FLAT, HALVINGS, ITERATIONS, RARE, SAME, TIGHT, Modes
 from .repeated_median import crossings
@@ -161,7 +161,7 @@ def _starts(lines: Lines, distances: Distances, errors: Errors, scale: float) ->
     """
     radius = np.where(distances.kind == LOGARITHM, np.exp(np.minimum(distances.value, 50.0)), distances.value)
     flat = np.sqrt(np.maximum(radius**2 - distances.rise2, 0.0))
-    ring: Bools = (distances.kind != DIFFERENCE) & (radius > 0.0)
+    ring: Bools = ((distances.kind == RANGE) | (distances.kind == LOGARITHM)) & (radius > 0.0)
     parts = [
         _line_crossings(lines),
         _circle_crossings(distances.place[ring], flat[ring]),
@@ -335,5 +335,5 @@ def _extent(lines: Lines, distances: Distances) -> float:
     """Size of the place: of the sensors' box, or of the largest circle if that is more."""
     places = _places(lines, distances)
     size = float(np.ptp(places, axis=0).max())
-    ranges = distances.value[distances.kind == 0]
+    ranges = distances.value[distances.kind == RANGE]
     return max(size, float(ranges.max()) if len(ranges) else 0.0, 1e-9)

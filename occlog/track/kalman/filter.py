@@ -24,11 +24,12 @@ from occlog.filtering.likelihood.linearised import Rows, World, azimuths, linear
 from occlog.filtering.motion.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from occlog.records.scene import Scene
 from occlog.scans.scan import Scan
-from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise, with_distances
 from occlog.track.interface import Estimate, Online, Past, Smoothing
 
 from . import updates
 from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
+from .stations import StationUpdate, extended, first_position, inside_gate, unscented
 from .updates import Updated, agreeing, descended, linear
 
 K = TypeVar("K", bound=KalmanConfig)
@@ -96,21 +97,37 @@ def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
 Update = Callable[[Gaussian, Rows, World, K], Updated]
 
 
-def stepper(update: Update[K]) -> Callable[[KalmanState[K], Scan, Generator], tuple[KalmanState[K], Estimate]]:
-    """The step of the filter with this update."""
+def stepper(
+    update: Update[K], by_stations: StationUpdate | None
+) -> Callable[[KalmanState[K], Scan, Generator], tuple[KalmanState[K], Estimate]]:
+    """The step of the filter with these updates; None: it takes no measurements of stations."""
 
     def step(state: KalmanState[K], scan: Scan, rng: Generator) -> tuple[KalmanState[K], Estimate]:  # noqa: ARG001
         config, world = state.config, state.world
         looks = pack_scan(scan, state.read_px, use_score=False)
         rows = rows_of(looks)
         dt = elapsed(state.t_ns, scan.t_ns)
+        distances = None if scan.measured is None or by_stations is None else scan.measured.distances
+        stations = 0 if distances is None else len(distances.kind)
 
         def initiate(reason: str) -> Taken:
+            if distances is not None:
+                first, used = first_position(state.anywhere, rows, distances, world, config.gate)
+                return Taken(Updated(first, math.nan, reason), used, begun=True, anew=True)
             done, used = first_place(state.anywhere, rows, world, config.gate)
             return Taken(done._replace(fallback=reason), used, begun=True, anew=True)
 
         def predict_and_update(dt: float) -> Taken:
             known = predicted(state.known, *motion_of(config).transition(dt))
+            taken = by_directions(known)
+            if distances is None or by_stations is None:
+                return taken
+            inside = inside_gate(known, distances, config.gate)
+            after, score = by_stations(taken.done.state, distances.take(inside))
+            done = Updated(after, taken.done.score + score, taken.done.fallback)
+            return taken._replace(done=done, against=int(np.count_nonzero(~inside)))
+
+        def by_directions(known: Gaussian) -> Taken:
             inside = agreeing(known, rows, world, config.gate)
             used, begun = rows.sensor[inside], state.t_ns is None
             if _outvoted(rows, inside):
@@ -122,17 +139,18 @@ def stepper(update: Update[K]) -> Callable[[KalmanState[K], Scan, Generator], tu
             return Taken(Updated(known, 0.0), used, begun)
 
         def loss(taken: Taken) -> tuple[int, bool]:
-            count = 0 if taken.anew else _track_loss(state.astray, looks, taken.used)
+            count = 0 if taken.anew else _track_loss(state.astray, looks, taken, stations)
             lost = not taken.anew and (is_lost(count, config.lost_after) or left_scene(taken.done.state, world))
             return (0, True) if lost else (count, False)
 
         known = state.t_ns is not None or config.start is not None
-        (done, used, begun, anew), astray = advance(
+        (done, used, begun, anew, _), astray = advance(
             dt, config.max_gap_s, known=known, initiate=initiate, update=predict_and_update, loss=loss
         )
         link = Link(done.state, 0.0 if anew else dt, begun=begun)
         state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
-        return state, _estimate(done, looks, used)
+        estimate = _estimate(done, looks, used)
+        return state, estimate if distances is None else with_distances(estimate, distances)
 
     return step
 
@@ -144,6 +162,7 @@ class Taken(NamedTuple):
     used: Ints
     begun: bool
     anew: bool = False  # from the scan alone
+    against: int = 0  # measurements of stations outside the gate
 
 
 def _outvoted(rows: Rows, inside: Bools) -> bool:
@@ -208,10 +227,11 @@ def crossings(rows: Rows, world: World) -> Floats:
     return np.asarray(origin[i][ahead] + along_i[ahead, None] * e[i][ahead])
 
 
-def _track_loss(before: int, looks: PackedScan, agree: Ints) -> int:
-    """The track-loss counter after a scan of which the sensors `agree` are inside the gate."""
+def _track_loss(before: int, looks: PackedScan, taken: Taken, measured: int) -> int:
+    """The track-loss counter after a scan with so many measurements of stations besides its labelled reports."""
     reports = looks.sensor[looks.labelled & (np.diff(looks.first) > 0)]
-    return loss_count(before, int(np.count_nonzero(~np.isin(reports, agree))), len(reports))
+    against = int(np.count_nonzero(~np.isin(reports, taken.used))) + taken.against
+    return loss_count(before, against, len(reports) + measured)
 
 
 def _estimate(done: Updated, looks: PackedScan, agree: Ints) -> Estimate:
@@ -241,12 +261,13 @@ def _smoothed(traces: Sequence[Link], config: K) -> list[Past]:
     return [Past(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
 
 
-def _method(config: type[K], update: Update[K]) -> Online[KalmanState[K], K]:
+def _method(config: type[K], update: Update[K], by_stations: StationUpdate | None) -> Online[KalmanState[K], K]:
     return Online(
         config=config,
         init=init,
-        step=stepper(update),
+        step=stepper(update, by_stations),
         started=lambda own: own.start is not None,
+        measured=by_stations is not None,
         smoothing=Smoothing(
             wanted=lambda own: own,
             trace=_trace,
@@ -256,10 +277,11 @@ def _method(config: type[K], update: Update[K]) -> Online[KalmanState[K], K]:
 
 
 EKF: Online[KalmanState[EkfConfig], EkfConfig] = _method(
-    EkfConfig, lambda known, rows, world, _: updates.ekf(known, rows, world)
+    EkfConfig, lambda known, rows, world, _: updates.ekf(known, rows, world), extended
 )
-UKF: Online[KalmanState[UkfConfig], UkfConfig] = _method(UkfConfig, updates.ukf)
+UKF: Online[KalmanState[UkfConfig], UkfConfig] = _method(UkfConfig, updates.ukf, unscented)
 IEKF: Online[KalmanState[IekfConfig], IekfConfig] = _method(
     IekfConfig,
     lambda known, rows, world, config: updates.iekf(known, rows, world, config, crossings(rows, world)),
+    None,
 )

@@ -96,9 +96,7 @@ def ukf(state: Gaussian, rows: Rows, world: World, config: UkfConfig) -> Updated
     score, left = 0.0, 0
     for k in range(len(rows.sensor)):
         row = rows.take(np.array([k]))
-        P = state.covariance[:2, :2]
-        root = SPREAD * np.linalg.cholesky(P)
-        points = state.mean[:2] + np.vstack([np.zeros(2), root.T, -root.T])
+        points = sigma_points(state)
         expected, counts = measured(points, row, world)
         if config.points == VISIBLE:
             counts = counts & visible(points, row, world)
@@ -106,18 +104,37 @@ def ukf(state: Gaussian, rows: Rows, world: World, config: UkfConfig) -> Updated
         if not w.sum() > 0.0:
             left += 1
             continue
-        # Moments of the innovation over the points that are left
-        innovation = residuals(expected, row)[:, 0]
-        off = float(w @ innovation / w.sum())
         _, R = linearised(points[int(np.argmax(w))], row, world)
-        S = float(w @ (innovation - off) ** 2 + R[0])
-        across = (w * (off - innovation)) @ (points - state.mean[:2])
-        # Gain: the velocity follows the place by their covariance
-        K = state.covariance[:, :2] @ np.linalg.solve(P, across) / S
-        covariance = state.covariance - S * np.outer(K, K)
-        state = Gaussian(state.mean + K * off, symmetric(covariance))
-        score += log_normal(np.array([off]), np.array([[S]]))
+        state, log_p = by_sigma_points(state, points, w, residuals(expected, row)[:, 0], float(R[0]))
+        score += log_p
     return Updated(state, score, DISCARDED if left == len(rows.sensor) else "")
+
+
+def sigma_points(state: Gaussian) -> Floats:
+    """(5, 2) sigma points of the place, to which `WEIGHTS` belong."""
+    root = SPREAD * np.linalg.cholesky(state.covariance[:2, :2])
+    return np.asarray(state.mean[:2] + np.vstack([np.zeros(2), root.T, -root.T]))
+
+
+def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floats, R: float) -> tuple[Gaussian, float]:
+    """The state after one measurement, and its log-likelihood, by moments over sigma points.
+
+    Args:
+        state: the prediction.
+        points: (5, 2) from `sigma_points`.
+        w: (5,) their weights, 0 for points that do not count.
+        innovation: (5,) what was measured less what is expected at each.
+        R: variance of the noise.
+    """
+    # Moments of the innovation over the points that are left
+    off = float(w @ innovation / w.sum())
+    S = float(w @ (innovation - off) ** 2 + R)
+    across = (w * (off - innovation)) @ (points - state.mean[:2])
+    # Gain: the velocity follows the place by their covariance
+    K = state.covariance[:, :2] @ np.linalg.solve(state.covariance[:2, :2], across) / S
+    covariance = state.covariance - S * np.outer(K, K)
+    after = Gaussian(state.mean + K * off, symmetric(covariance))
+    return after, log_normal(np.array([off]), np.array([[S]]))
 
 
 def iekf(state: Gaussian, rows: Rows, world: World, config: IekfConfig, starts: Floats) -> Updated:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import gc
 import os
+import resource
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +18,6 @@ from occlog.errors import InputError, OutputError, OutputExistsError, UsageError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import table_writer
 from occlog.io.files.tables.arrow_columns import from_arrow
-from occlog.io.files.tables.check_sums import Summed
 from occlog.io.files.tables.header import describe, read_provenance
 from occlog.io.files.tables.parquet import iter_table, read_table, schema_name
 from occlog.io.files.tables.table_writer import TableWriter, write_table
@@ -287,22 +286,46 @@ def test_a_name_that_is_not_utf_8_is_a_name(tmp_path: Path) -> None:
     assert schema_name(path) == "bearings"
 
 
-@pytest.mark.parametrize("after", range(5))
-def test_a_device_that_fails_at_any_write_leaves_no_table_and_is_one_error(
-    after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    put, left = Summed._put, iter(range(after))
-
-    def fails(self: Summed, view: memoryview) -> None:
-        if next(left, None) is None:
-            raise OSError(errno.EIO, "Input/output error")
-        put(self, view)
-
-    monkeypatch.setattr(Summed, "_put", fails)
-    with pytest.raises(OutputError, match=r"t\.parquet: cannot be written: Input/output error"):
-        write_table(tmp_path / "t.parquet", random_table(Bearings, 50).sorted(), PROVENANCE)
-    gc.collect()  # a writer that is not closed would complain
+@pytest.mark.parametrize("most", [0, 1000, 50_000, 150_000])
+def test_a_disk_that_is_full_at_any_write_leaves_no_table_and_is_one_error(most: int, tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        with pytest.raises(OutputError, match=r"t\.parquet: the file would be larger than this system allows"):
+            write_table(tmp_path / "t.parquet", random_table(Bearings, 5000).sorted(), PROVENANCE)
+        gc.collect()  # a writer that is not closed would complain
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_changed_unit_or_provenance_is_damage(tmp_path: Path) -> None:
+    """Parquet has no check sum of its footer, where both stand."""
+    path = tmp_path / "t.parquet"
+    with TableWriter(path, Tracks, Provenance("track"), length_unit="ft") as writer:
+        writer.write(random_table(Tracks, 20).sorted())
+        writer.annotate(PROVENANCE)
+    whole = pq.read_table(path)
+    entries = {**whole.schema.metadata, **pq.read_metadata(path).metadata}
+    for key, value in (("occlog.length_unit", b"m"), ("occlog.provenance", Provenance("track").json().encode())):
+        changed = {k: v for k, v in entries.items() if k != b"ARROW:schema"} | {key.encode(): value}
+        pq.write_table(whole.replace_schema_metadata(changed), tmp_path / "c.parquet")
+        with pytest.raises(InputError, match=r"c\.parquet: damaged: its unit of lengths or its provenance changed"):
+            read_table(tmp_path / "c.parquet", Tracks)
+    read_table(path, Tracks)
+
+
+def test_a_column_of_occlog_under_another_name_is_damage(tmp_path: Path) -> None:
+    """An optional column, which would be taken for one that is not there."""
+    path = tmp_path / "t.parquet"
+    write_table(path, random_table(Tracks, 20).sorted(), PROVENANCE)
+    whole = pq.read_table(path)
+    fields = [field.with_name("w") if field.name == "z" else field for field in whole.schema]
+    pq.write_table(pa.Table.from_arrays(whole.columns, schema=pa.schema(fields, whole.schema.metadata)), path)
+    with pytest.raises(InputError, match=r"t\.parquet: damaged: tracks has no column 'w'"):
+        read_table(path, Tracks)
+    pq.write_table(whole.append_column("mood", pa.array(["merry"] * 20)), path)  # of another program
+    assert len(read_table(path, Tracks)) == 20
 
 
 @pytest.mark.parametrize("index", [-1, 1, 200])

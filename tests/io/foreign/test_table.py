@@ -357,5 +357,5 @@ def test_a_column_that_states_no_values_is_refused(tmp_path: Path, stated: int) 
     assert data[at] == 0x10  # 8
     data[at] = stated
     path.write_bytes(data)
-    with pytest.raises(InputError, match="8 rows are promised, and 0 can be read"):
+    with pytest.raises(InputError, match="8 rows are stated, and 0 can be read"):
         open_input(path, Truth).read(Truth)

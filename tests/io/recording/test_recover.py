@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from random_tables import random_table
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance, hash_file
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.salvage.recover import recover_recording
 from occlog.io.recording.writer import RecordingWriter
@@ -227,3 +229,19 @@ def test_the_command_lists_losses_and_later_stages_carry_them(
     assert run(["recover", str(cut), "-o", str(out)]) == ExitCode.EXISTS
     assert run(["recover", str(cut), "-o", str(cut), "--overwrite"]) == ExitCode.USAGE
     assert run(["recover", str(cut), "-o", str(tmp_path / "y.mcap"), "--video", "a"]) == ExitCode.USAGE
+
+
+def test_a_table_is_made_again_by_its_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = tmp_path / "b.parquet", tmp_path / "out.parquet"
+    write_table(path, random_table(Bearings, 20), Provenance("detect", {}, 1, (("hall.mcap", "00"),)))
+    whole = path.read_bytes()
+    for data, words in (
+        (whole, f"{path}: is a table (bearings); tables are not salvaged: make it again by `occlog detect` from hall"),
+        (whole[:-20], f"{path}: damaged or not a Parquet file"),
+    ):
+        path.write_bytes(data)
+        assert run(["recover", str(path), "-o", str(out)]) == ExitCode.BAD_INPUT
+        told = capsys.readouterr().err
+        assert words in told
+        assert told.count("\n") == 1
+        assert not out.exists()

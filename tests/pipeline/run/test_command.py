@@ -226,8 +226,8 @@ def test_a_target_is_drawn_over_the_video_where_that_is_asked_for(tmp_path: Path
         made = list(plan(read_config(config), tmp_path / "out"))
         assert made[-1].name == last
         if last == "overlay":
-            words = " ".join(made[-1].args)
-            assert f"--diagnostics {tmp_path}/out/diagnostics.parquet" in words
+            words = " ".join(made[-1].texts())
+            assert f"diagnostics: {tmp_path}/out/diagnostics.parquet" in words
             assert f"{tmp_path}/out/tracks.parquet" in words
 
 
@@ -237,10 +237,12 @@ def test_keys_of_the_overlay_are_options_of_its_command(tmp_path: Path, capsys: 
     config.write_text(head + "overlay: {camera: [cam1, cam2], frames: 0:3, fps: 5}\n")
     made = list(plan(read_config(config), tmp_path / "out"))
     assert made[-1].name == "overlay"
-    wanted = ("--camera", "cam1", "--camera", "cam2", "--frames", "0:3", "--fps", "5")
-    assert " ".join(wanted) in " ".join(made[-1].args)
+    with made[-1].context() as context:
+        assert context.params["cameras"] == ("cam1", "cam2")
+        assert context.params["frames"] == (0, 3)
+        assert context.params["fps"] == 5.0
     report = next(stage for stage in made if stage.name == "report")
-    assert report.args[report.args.index("--events") + 1].endswith("events.parquet")
+    assert str(report.values["events"]).endswith("events.parquet")
     config.write_text(head + "overlay: false\n")
     assert "overlay" not in stages(config, capsys, "--dry-run")
     for overlay, words in (
@@ -326,7 +328,7 @@ def test_the_scene_of_a_run_is_that_of_every_stage(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "r.mcap", None, Provenance("test")):
         pass
     stages = list(plan(read_config(config), tmp_path / "out"))
-    assert [s.name for s in stages if "room.yaml" not in s.args] == []
+    assert [s.name for s in stages if "room.yaml" not in s.texts()] == []
 
 
 def test_a_stage_depends_on_linked_videos_and_not_on_where_its_inputs_lie(tmp_path: Path) -> None:

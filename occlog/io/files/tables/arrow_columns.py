@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,8 +15,11 @@ from occlog.errors import InputError
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
 from occlog.io.files.tables.arrow_arrays import to_numpy, to_texts
 from occlog.records.columns import ANY, Column, Table, in_length_unit
+from occlog.records.tables import TABLES, WIDER
 
 SCHEMA_KEY = "occlog.schema"
+UNIT_KEY = "occlog.length_unit"
+SUM_KEY = "occlog.crc32"
 MOST_NUMBERS = 1 << 25
 """Numbers that a column of vectors may have, most of which the file has not: NaN in rows without a vector."""
 T = TypeVar("T", bound=Table)
@@ -45,10 +50,31 @@ def arrow_schema(table: type[Table], provenance: Provenance, length_unit: str = 
     metadata = {
         SCHEMA_KEY: f"{table.NAME}/{table.VERSION}",
         "occlog.key": ",".join(table.KEY),
-        "occlog.length_unit": length_unit,
-        PROVENANCE_KEY: provenance.json(),
+        **statements(provenance, length_unit),
     }
     return pa.schema(fields).with_metadata(metadata)
+
+
+def statements(provenance: Provenance, length_unit: str) -> dict[str, str]:
+    """Unit of lengths (empty: none) and provenance as entries of a footer, with their check sum: Parquet has none."""
+    entries = {UNIT_KEY: length_unit} if length_unit else {}
+    entries[PROVENANCE_KEY] = provenance.json()
+    return entries | {SUM_KEY: _sum(length_unit.encode(), entries[PROVENANCE_KEY].encode())}
+
+
+def check_statements(path: Path, entries: Mapping[bytes, bytes]) -> None:
+    """InputError where unit and provenance do not have their check sum; files of older versions have none."""
+    if (stated := entries.get(SUM_KEY.encode())) is not None:
+        unit, provenance = (entries.get(key.encode(), b"") for key in (UNIT_KEY, PROVENANCE_KEY))
+        if stated.decode(errors="replace") != _sum(unit, provenance):
+            raise InputError(
+                f"{path}: damaged: its unit of lengths or its provenance changed since it was written (wrong check "
+                "sum); make it again"
+            )
+
+
+def _sum(unit: bytes, provenance: bytes) -> str:
+    return f"{zlib.crc32(unit + bytes(1) + provenance):08x}"
 
 
 def to_arrow(table: Table, schema: pa.Schema) -> pa.Table:
@@ -113,6 +139,10 @@ def check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
         raise InputError(f"{path}: holds {found or 'no occlog table'}, want {table.NAME}/{table.VERSION}")
     if not version.isdigit() or int(version) > table.VERSION:
         raise InputError(f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog")
+    known = {c.name for kind in (table, *TABLES.values(), *WIDER) if name == kind.NAME for c in kind.columns()}
+    for field in schema:  # of another program's column there is no meaning
+        if field.name not in known and {b"unit", b"doc"} & (field.metadata or {}).keys():
+            raise InputError(f"{path}: damaged: {name} has no column {field.name!r}; make it again")
     for c in table.columns():
         if schema.get_field_index(c.name) < 0:
             if c.name in schema.names:
@@ -126,6 +156,6 @@ def check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
                 raise InputError(f"{path}: column {c.name} is {have}, want lists of {kind}")
             continue
         kind = pa.list_(kind, c.width) if c.width else kind
-        same = have == kind or (c.kind == "U" and (pa.types.is_string(have) or pa.types.is_large_string(have)))
-        if not same and not (pa.types.is_dictionary(have) and c.kind == "U"):
+        texts = have.value_type if pa.types.is_dictionary(have) else have
+        if have != kind and not (c.kind == "U" and (pa.types.is_string(texts) or pa.types.is_large_string(texts))):
             raise InputError(f"{path}: column {c.name} is {have}, want {kind}")

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import json
-import struct
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from occlog.errors import InputError
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
-from occlog.io.files.tables.arrow_columns import SCHEMA_KEY
-from occlog.io.files.tables.check_sums import Checked
-from occlog.io.files.tables.footer import read_groups, read_spans
-from occlog.io.files.tables.pages import PagedFile
-from occlog.io.files.tables.parquet import batches, opened_table, schema_name_of, translate_read_errors
-from occlog.io.files.untrusted.content import PARQUET_MAGIC
-
-_TIME = struct.Struct("<q")
+from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, UNIT_KEY
+from occlog.io.files.tables.parquet import batches, opened_table, schema_name_of, statements_of
+from occlog.io.files.tables.sizes import SizedFile
+from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 
 
 class Header(NamedTuple):
@@ -30,51 +24,25 @@ class Header(NamedTuple):
     provenance: Provenance
 
 
-class Footer(NamedTuple):
-    """What the footer of a table says: its header, how many rows there should be, and the schema."""
-
-    header: Header
-    rows: int
-    schema: pa.Schema
-
-
 def read_header(path: Path) -> Header:
     """The header of a table; InputError for files that occlog did not write."""
     with opened_table(path) as file:
-        return header_of(path, file.schema_arrow.with_metadata(_metadata(file)))
-
-
-def read_footer(path: Path) -> Footer | None:
-    """What a table says of itself, by its footer alone; None where that has no check sum.
-
-    InputError for a damaged footer, and for files that occlog did not write.
-    """
-    with translate_read_errors(path), Checked(path) as source:
-        footer = source.footer()
-        if footer is None:
-            return None
-        read_groups(source)  # refuses what would fill the memory
-        file = pq.ParquetFile(pa.BufferReader(PARQUET_MAGIC + footer))
-        schema = file.schema_arrow.with_metadata(_metadata(file))
-        return Footer(header_of(path, schema), file.metadata.num_rows, schema)
-
-
-def header_of(path: Path, schema: pa.Schema) -> Header:
-    """The header in the metadata of a schema; InputError where occlog did not write it."""
-    name, metadata = schema_name_of(path, schema), schema.metadata
-    unit, made = metadata.get(b"occlog.length_unit", b"m"), metadata.get(PROVENANCE_KEY.encode(), b"")
-    return Header(name, unit.decode(), provenance_from_json(made, path))
+        entries, name = statements_of(file), schema_name_of(path, file.schema_arrow)
+        return Header(name, _unit(entries), _provenance(entries, path))
 
 
 def read_provenance(path: Path) -> Provenance:
     """How the file was made."""
     with opened_table(path) as file:
-        return provenance_from_json(_metadata(file).get(PROVENANCE_KEY.encode(), b""), path)
+        return _provenance(statements_of(file), path)
 
 
-def _metadata(file: pq.ParquetFile) -> dict[bytes, bytes]:
-    """Entries of the schema, and those that were added at the end, which replace them."""
-    return {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
+def _provenance(entries: Mapping[bytes, bytes], path: Path) -> Provenance:
+    return provenance_from_json(entries.get(PROVENANCE_KEY.encode(), b""), path)
+
+
+def _unit(entries: Mapping[bytes, bytes]) -> str:
+    return entries.get(UNIT_KEY.encode(), b"m").decode(errors="replace")
 
 
 class TableDescription(TypedDict):
@@ -101,14 +69,14 @@ def describe(path: Path) -> TableDescription:
             }
             for f in schema
         ]
-        metadata = _metadata(file)
-        made = metadata.get(PROVENANCE_KEY.encode(), b"")
-        provenance_from_json(made, path)
+        entries = statements_of(file)
+        _provenance(entries, path)
+        made = entries.get(PROVENANCE_KEY.encode(), b"")
         return {
             "schema": name,
             "version": int((schema.metadata or {})[SCHEMA_KEY.encode()].decode().partition("/")[2] or 0),
             "rows": file.metadata.num_rows,
-            "length_unit": metadata.get(b"occlog.length_unit", b"m").decode(),
+            "length_unit": _unit(entries),
             "columns": columns,
             "time_ns": _time_span(file),
             "provenance": json.loads(made) if made else {},
@@ -123,14 +91,14 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
         return {} if batch is None else {name: batch.column(name).to_pylist() for name in names}
 
 
-def _time_span(file: PagedFile) -> list[int] | None:
-    if not pa.types.is_int64(file.schema_arrow.field(0).type):  # times of another program
-        return None
-    spans = [(_time(least), _time(greatest)) for least, greatest in read_spans(file.checked)]
-    return [min(s[0] for s in spans), max(s[1] for s in spans)] if spans else None
+def _time_span(file: SizedFile) -> list[int] | None:
+    """First and last time: rows stand in the order of time."""
+    if not len(file.schema_arrow) or not pa.types.is_int64(file.schema_arrow.field(0).type):
+        return None  # times of another program
+    groups = [n for n in range(file.num_row_groups) if file.metadata.row_group(n).num_rows]
+    ends = [pa.Table.from_batches(_times(file, n)).column(0) for n in groups[:1] + groups[-1:]]
+    return [ends[0][0].as_py(), ends[-1][-1].as_py()] if ends else None
 
 
-def _time(stored: bytes) -> int:
-    if len(stored) != _TIME.size:
-        raise InputError(f"a time of {len(stored)} bytes in the statistics of its first column")
-    return int(_TIME.unpack(stored)[0])
+def _times(file: SizedFile, group: int) -> list[pa.RecordBatch]:
+    return list(file.iter_batches(ROWS_PER_GROUP, [group], file.schema_arrow.names[:1]))

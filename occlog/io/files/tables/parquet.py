@@ -1,11 +1,8 @@
-"""Reads tables from Parquet, every byte verified.
-
-Files have check sums of every byte: without them a damaged page is read as wrong numbers, and a damaged footer as other
-units and losses.
-"""
+"""Reads tables from Parquet, with the check sums of pages and of what the footer says verified."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,11 +14,8 @@ import pyarrow.parquet as pq
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, from_arrow
-from occlog.io.files.tables.check_sums import Checked
-from occlog.io.files.tables.footer import read_groups
-from occlog.io.files.tables.pages import PagedFile
-from occlog.io.files.tables.salvage.marks import is_marked
+from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, check_statements, from_arrow
+from occlog.io.files.tables.sizes import SizedFile, read_groups
 from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
 from occlog.io.files.tables.vectors import in_parts
 from occlog.io.files.untrusted.inputs import check_input
@@ -39,12 +33,11 @@ def translate_read_errors(path: Path) -> Iterator[None]:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         reason = " ".join(str(error).split())[:160]
-        remedy = "salvage what is left by `occlog recover`, or make it again" if is_marked(path) else "make it again"
-        raise InputError(f"{path}: damaged or not a Parquet file ({reason}); {remedy}") from error
+        raise InputError(f"{path}: damaged or not a Parquet file ({reason}); make it again") from error
 
 
 @contextmanager
-def opened_table(path: Path) -> Iterator[PagedFile]:
+def opened_table(path: Path) -> Iterator[SizedFile]:
     """A Parquet file, verified; each failure to read it, also within the block, is one InputError."""
     check_input(path, "a Parquet file")
     with translate_read_errors(path), open_parquet(path) as file:
@@ -52,23 +45,31 @@ def opened_table(path: Path) -> Iterator[PagedFile]:
 
 
 @contextmanager
-def open_parquet(path: Path) -> Iterator[PagedFile]:
-    """A Parquet file with its check sums verified: those of all bytes, or where there are none those of pages.
+def open_parquet(path: Path) -> Iterator[SizedFile]:
+    """A Parquet file, with the check sums of its pages verified when they are read.
 
     Raises:
-        InputError: a check sum is wrong, or its footer promises more than a file of its size can hold, so that reading
-            it would fill the memory.
+        InputError: the check sum of what its footer says is wrong, or the footer states more than a file of its size
+            can hold, so that reading it would fill the memory.
         pyarrow.ArrowException, OSError: it is damaged.
     """
-    with Checked(path) as source:
-        groups = read_groups(source)
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        groups = read_groups(path, file, size)
         rows, unpacked = sum(group.rows for group in groups), max((group.unpacked for group in groups), default=0)
-        check_promise(path, source.size, rows, unpacked)
-        told = pq.read_metadata(source)
+        check_promise(path, size, rows, unpacked)
+        metadata = pq.read_metadata(file)
         # Of texts each is unpacked once, not for every row that refers to it
-        texts = [field.name for field in told.schema.to_arrow_schema() if _is_text(field.type)]
-        sums = source.trailer is None
-        yield PagedFile(source, groups, metadata=told, read_dictionary=texts, page_checksum_verification=sums)
+        texts = [field.name for field in metadata.schema.to_arrow_schema() if _is_text(field.type)]
+        options = {"metadata": metadata, "read_dictionary": texts, "page_checksum_verification": True}
+        opened = SizedFile(path, file, size, groups, **options)
+        check_statements(path, statements_of(opened))
+        yield opened
+
+
+def statements_of(file: pq.ParquetFile) -> dict[bytes, bytes]:
+    """What a table says of itself: entries of its schema, replaced by those that were added after the last row."""
+    return {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
 
 
 def _is_text(kind: pa.DataType) -> bool:
@@ -163,7 +164,7 @@ class RowGroup:
     """
 
     path: Path
-    file: PagedFile
+    file: SizedFile
     table: type[Table]
     number: int
     first: int
@@ -174,7 +175,7 @@ class RowGroup:
         names = [c.name for c in self.table.columns() if c.name in self.file.schema_arrow.names]
         with translate_read_errors(self.path):
             found = self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
-            yield from in_parts(self.path, self.file.checked.size, found)
+            yield from in_parts(self.path, self.path.stat().st_size, found)
 
 
 def groups_of(path: Path, tables: Mapping[str, type[Table]]) -> Iterator[RowGroup]:
@@ -202,6 +203,6 @@ def arrow_schema_of(path: Path) -> pa.Schema:
 
 
 def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordBatch]:
-    """Chunks of a Parquet file as Arrow has them, unchecked but for its check sums, at most `rows` rows each."""
+    """Chunks of a Parquet file as Arrow has them, unchecked but for check sums, at most `rows` rows each."""
     with opened_table(path) as file:
         yield from batches(file, rows)

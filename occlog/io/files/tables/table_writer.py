@@ -1,4 +1,4 @@
-"""Writes tables as Parquet, chunk by chunk, with check sums of every byte and a mark behind each group of rows."""
+"""Writes tables as Parquet, chunk by chunk, with check sums of pages."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ import pyarrow.parquet as pq
 
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.names.outputs import TABLE, check_output_name
-from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
-from occlog.io.files.tables.arrow_columns import arrow_schema, to_arrow
-from occlog.io.files.tables.check_sums import Summed
-from occlog.io.files.tables.salvage.marks import mark_of_group, mark_of_schema
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.arrow_columns import arrow_schema, statements, to_arrow
 from occlog.records.columns import Table
 
 ROWS_PER_GROUP = 65_536
@@ -48,20 +46,18 @@ class TableWriter:
         check_output_name(path, TABLE)
         self.rows = 0
         self._table = table
-        self._schema = arrow_schema(table, provenance, length_unit)
+        self._schema, self._length_unit = arrow_schema(table, provenance, length_unit), length_unit
         self._pending: list[Table] = []
         self._pending_rows = self._pending_bytes = 0
         self._output = open_output(Path(path), overwrite, together)
         self._writer: pq.ParquetWriter | None = None
-        self._begun = False
 
     def __enter__(self) -> Self:
         """Open the output."""
-        self._summed = Summed(self._output.__enter__())
-        self._sink = pa.PythonFile(self._summed, "w")
+        file = self._output.__enter__()
         try:
             self._writer = pq.ParquetWriter(
-                self._sink, self._schema, write_page_index=True, sorting_columns=[pq.SortingColumn(0)], **WRITTEN
+                file, self._schema, write_page_index=True, sorting_columns=[pq.SortingColumn(0)], **WRITTEN
             )
         except BaseException as failure:
             self._output.__exit__(type(failure), failure, failure.__traceback__)
@@ -78,26 +74,15 @@ class TableWriter:
             self._flush()
 
     def _flush(self) -> None:
-        if self._writer is not None and not self._begun:
-            self._sink.write(mark_of_schema(self._schema.serialize().to_pybytes()))
-            self._begun = True
         if self._pending_rows and self._writer is not None:
             whole = to_arrow(self._table.concat(self._pending), self._schema)
-            for start in range(0, len(whole), ROWS_PER_GROUP):
-                self._write_group(self._writer, whole.slice(start, ROWS_PER_GROUP))
+            self._writer.write_table(whole, row_group_size=ROWS_PER_GROUP)
         self._pending, self._pending_rows, self._pending_bytes = [], 0, 0
-
-    def _write_group(self, writer: pq.ParquetWriter, rows: pa.Table) -> None:
-        """Write a group of rows, and behind it the mark by which it is found if the end of the file is lost."""
-        at = self._summed.begin_span()
-        writer.write_table(rows, row_group_size=ROWS_PER_GROUP)
-        values = [_numbers(column) for column in rows.columns]
-        self._sink.write(mark_of_group(at, len(rows), values, self._summed.end_span()))
 
     def annotate(self, provenance: Provenance) -> None:
         """Replace the provenance by one that is known only after the last row (for example what was lost)."""
         if self._writer is not None:
-            self._writer.add_key_value_metadata({PROVENANCE_KEY: provenance.json()})
+            self._writer.add_key_value_metadata(statements(provenance, self._length_unit))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -106,10 +91,7 @@ class TableWriter:
         try:
             if kind is None:
                 self._flush()
-            self._summed.begin_end()
             self._close(kind is not None)
-            if kind is None:
-                self._summed.finish()
         except BaseException as failure:
             self._close(True)
             if not self._output.__exit__(type(failure), failure, failure.__traceback__):
@@ -126,13 +108,6 @@ class TableWriter:
             self._writer.is_open = False
             if not abandon:
                 raise
-
-
-def _numbers(column: pa.ChunkedArray) -> int:
-    """How many numbers the pages of a column have: an empty list counts as one."""
-    if not pa.types.is_nested(column.type):
-        return len(column)
-    return max(sum(len(part.flatten()) for part in column.chunks), len(column))
 
 
 def write_table(

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from occlog.errors import InputError
+from occlog.errors import InputError, spelled
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.untrusted.guard import check_text, guarded, read_configuration
 from occlog.records.names import first_double
@@ -26,7 +26,8 @@ FREE_VALUES, BYTES_PER_VALUE = 1_000_000, 12
 
 def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
     """Write one object; NaN and infinity become null."""
-    write_bytes(path, (json.dumps(_plain(values), sort_keys=True, indent=2) + "\n").encode(), overwrite)
+    text = spelled(json.dumps(_plain(values), sort_keys=True, indent=2))
+    write_bytes(path, f"{text}\n".encode(), overwrite)
 
 
 def read_json(path: Path) -> dict[str, Any]:

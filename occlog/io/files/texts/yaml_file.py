@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import msgspec
 import yaml
 
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.texts.yaml_nodes import BoundedLoader, compose_yaml
 from occlog.io.files.untrusted.content import Content, content_of, mistaken_for
 from occlog.io.files.untrusted.guard import FAILURES, guarded, read_configuration
@@ -107,7 +107,9 @@ def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
                 _check_finite(raw, "$", lines, source)
         except yaml.YAMLError as error:
             if text.startswith("%YAML") and "opencv-" in text:
-                raise InputError(f"{source}: a calibration of OpenCV; give it to occlog ingest --calibration") from None
+                raise InputError(
+                    f"{source}: a calibration of OpenCV; give it to occlog ingest {option('calibration')}"
+                ) from None
             raise InputError(f"{source}: {_yaml_problem(error)}") from error
         known = raw, lines
         if len(text) <= KEPT_LENGTH:

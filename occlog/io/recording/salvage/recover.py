@@ -15,7 +15,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.atomic import open_output
 from occlog.io.files.names.outputs import RECORDING, check_output_name
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inputs, provenance_from_json
@@ -306,7 +306,7 @@ class _Salvage:
             if self._first.schema_of(channel_id) == VIDEO_FRAME and VIDEO_METADATA + camera not in links:
                 raise InputError(
                     f"{self._source}: camera {camera}: the link to its video is lost; say which file it is: "
-                    f"--video {camera}=FILE"
+                    f"{option('video')} {camera}=FILE"
                 )
         return links
 

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
-from occlog import console
 from occlog.errors import InputError
-from occlog.io.files.atomic import Together
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import check_unit, common_unit, losses_of, open_input
-from occlog.records.columns import Table
+from occlog.measure.fuse.request import TrackFusionRequest
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
+from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import TrackFusionConfig
@@ -28,49 +24,23 @@ BESIDE = 2.0
 """Groups whose places differ by more than so many times the expected error, on average, are said to."""
 
 
-@dataclass(frozen=True)
-class TrackFiles:
-    """Files to read and to write."""
-
-    tracks: tuple[Path, ...]
-    output: Path
-    events: Path | None
-    overwrite: bool
-
-
-def run_fuse_tracks(
-    files: TrackFiles, values: Mapping[str, object], quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse tracks and write; return the summary, and what had been lost before.
-
-    Args:
-        files: inputs and outputs.
-        values: settings of `TrackFusionConfig` that were given.
-        quiet: no notes.
-    """
-    opened = [open_input(path, PeopleTracks) for path in files.tracks]
+def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Fuse tracks and write; return the summary, and what had been lost before."""
+    paths = (request.bearings, *request.others)
+    opened = [open_input(path, PeopleTracks) for path in paths]
     unit, source = common_unit(opened)
     for each in opened:
         check_unit(each, unit, source, InputError)
-    config = configure(TrackFusionConfig.in_unit(unit), values)
+    config = configure(TrackFusionConfig.in_unit(unit), request.settings)
     groups = [each.read(PeopleTracks) for each in opened]
     fused = fuse_tracks(groups, config)
     losses = losses_of(opened)
-    provenance = Provenance("fuse", asdict(config), None, hash_inputs(list(files.tracks)), losses)
-    outputs: list[tuple[Path | None, Table]] = [(files.output, fused.tracks), (files.events, fused.events)]
-    with ExitStack() as stack:
-        together = stack.enter_context(Together())
-        for path, table in outputs:
-            if path is not None:
-                made = TableWriter(
-                    path, type(table), provenance, overwrite=files.overwrite, length_unit=unit, together=together
-                )
-                stack.enter_context(made).write(table)
-    notes = list(_notes(files.tracks, groups, fused, config, unit))
-    for line in notes:
-        console.note(f"warning: {line}", quiet)
-    written = {"tracks": str(files.output)} | ({} if files.events is None else {"events": str(files.events)})
-    return {**written, **figures(files.tracks, groups, fused)}, losses
+    with job.tables(job.provenance(asdict(config), losses), unit, {"output": type(fused.tracks)}) as tables:
+        tables.write(output=fused.tracks, events=fused.events)
+    for line in _notes(paths, groups, fused, config, unit):
+        job.note(f"warning: {line}")
+    written = {"tracks": str(request.output)} | ({} if request.events is None else {"events": str(request.events)})
+    return {**written, **figures(paths, groups, fused)}, losses
 
 
 def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused) -> dict[str, object]:

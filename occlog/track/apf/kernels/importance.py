@@ -24,8 +24,8 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 from occlog.core.sight.visibility import Sensors
 from occlog.filtering.likelihood.directions import NEAR, NEAREST, ROOT_2PI, TINY, Detection, Noise, PackedScan
+from occlog.filtering.likelihood.distances import COMPILED, Distances
 from occlog.filtering.likelihood.distances import NEAREST as CLOSEST
-from occlog.filtering.likelihood.distances import Distances
 
 ANNEAL, MOST_STEPS = 1e-2, 8
 """From one Gauss-Newton step to the next the motion's share in the variance of a residual falls by this factor."""
@@ -41,7 +41,7 @@ KIND, VALUE, READ, SCALE, X0, Y0, COS, SIN, FOCAL, POSITION2, YAW2, RIVAL = rang
 X1, Y1, RISE2, OTHER_RISE2 = 6, 7, 8, 9
 """Columns of measurements of distances, which have no axis and no focal length."""
 BEARING, PIXEL, FAR, LOG_FAR, DIFFERENCE = range(5)
-"""Kinds of measurements; the last three are those of `occlog.filtering.likelihood.distances`."""
+"""Kinds of measurements, `compiled` of `occlog.filtering.likelihood.measurement_model`."""
 
 
 @kernel
@@ -117,7 +117,7 @@ def with_distances(first: Ints, rows: Floats, measured: Distances) -> tuple[Ints
     """
     m = len(measured.kind)
     out = np.zeros((m, rows.shape[1]))
-    out[:, KIND] = FAR + measured.kind
+    out[:, KIND] = COMPILED[measured.kind]
     errors = measured.errors
     tail = errors.late + errors.early
     out[:, VALUE], out[:, READ], out[:, SCALE] = measured.value, measured.sigma**2, 1.0 - tail

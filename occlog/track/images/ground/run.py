@@ -3,64 +3,50 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from occlog import console
-from occlog.errors import InputError, UsageError
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
+from occlog.errors import InputError, UsageError, option
 from occlog.io.open import load_scene, open_input
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import FusedTracks
+from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import STARTS, GroundConfig, in_scene
+from .request import GroundRequest
 from .stage import GroundPart, ground_tracks
 from .verdict import Verdict
 
 if TYPE_CHECKING:
+    from occlog.io.files.provenance import Provenance
     from occlog.records.losses import Loss
 
 
-class GroundFiles(NamedTuple):
-    """Files to read and to write."""
-
-    view_tracks: Path
-    scene: Path | None
-    output: Path
-    overwrite: bool
-
-
-def run_ground(
-    files: GroundFiles, cameras: Sequence[str], values: Mapping[str, object], quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Find the places and write them; return the summary, and what the view tracks say was lost."""
-    view_tracks = open_input(files.view_tracks)
+    view_tracks = open_input(request.view_tracks)
     if view_tracks.recording is not None:
         raise InputError(
-            f"{files.view_tracks}: is a recording; give view tracks (Parquet), which `occlog track` makes from it"
+            f"{request.view_tracks}: is a recording; give view tracks (Parquet), which `occlog track` makes from it"
         )
-    scene = load_scene(files.scene, None, files.view_tracks)
-    if unknown := [name for name in cameras if name not in [c.name for c in scene.cameras]]:
-        raise UsageError(f"--cameras {unknown[0]}: the scene has {', '.join(c.name for c in scene.cameras) or 'none'}")
+    scene = load_scene(request.scene, None, request.view_tracks)
+    if unknown := [name for name in request.cameras if name not in [c.name for c in scene.cameras]]:
+        known = ", ".join(c.name for c in scene.cameras) or "none"
+        raise UsageError(f"{option('cameras')} {unknown[0]}: the scene has {known}")
     made = _as_tracked(view_tracks.provenance)
-    config = in_scene(configure(GroundConfig(), {**made, **values}), scene)
-    inputs = [path for path in (files.view_tracks, files.scene) if path is not None]
-    parameters = {**asdict(config), "cameras": list(cameras)}
-    provenance = Provenance("ground", parameters, None, hash_inputs(inputs), view_tracks.losses)
-    summary, unit = GroundSummary(), scene.length_unit
-    rows = console.progress(view_tracks.rows(ViewTracks), "ground", quiet=quiet)
-    with TableWriter(files.output, FusedTracks, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
-        for part in ground_tracks(rows, scene, config, cameras):
-            writer.write(part.tracks)
+    config = in_scene(configure(GroundConfig(), {**made, **request.settings}), scene)
+    parameters = {**asdict(config), "cameras": list(request.cameras)}
+    provenance, summary = job.provenance(parameters, view_tracks.losses), GroundSummary()
+    rows = job.progress(view_tracks.rows(ViewTracks), "ground")
+    with job.tables(provenance, scene.length_unit, {"output": FusedTracks}) as tables:
+        for part in ground_tracks(rows, scene, config, request.cameras):
+            tables.write(output=part.tracks)
             summary.add(part)
-        summary.check(str(files.view_tracks))
+        summary.check(str(request.view_tracks))
     for line in summary.verdict.warnings():
-        console.note(f"warning: {line}", quiet)
-    return {"tracks": str(files.output), **summary.summary()}, view_tracks.losses
+        job.note(f"warning: {line}")
+    return {"tracks": str(request.output), **summary.summary()}, view_tracks.losses
 
 
 def _as_tracked(made: Provenance) -> dict[str, object]:
@@ -94,7 +80,7 @@ class GroundSummary:
         if not self.targets:
             raise InputError(
                 f"{where}: no target has a place at any time ({self._why()}); targets need the same identity in two "
-                "views with poses, or a height (--set height=)"
+                f"views with poses, or a height ({option('set.height')})"
             )
 
     def _why(self) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from occlog import console
 from occlog.console.details import threads_by_default
 from occlog.errors import InputError, UsageError
-from occlog.io.models.ellipses import FIRST, MOST_ID, GivenEllipse, read_ellipses
+from occlog.io.models.ellipses import FIRST, GivenEllipse, read_ellipses
 from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.open import Opened, load_scene, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import Recording
@@ -199,7 +199,7 @@ def first_free(taken: Sequence[int]) -> int:
     ids = sorted({-1, *taken})
     if ids[-1] < LARGE_ID:
         return ids[-1] + 1
-    gaps = [after - before for before, after in pairwise([*ids, MOST_ID + 1])]
+    gaps = [after - before for before, after in pairwise([*ids, 2**31])]
     return ids[gaps.index(max(gaps))] + 1
 
 

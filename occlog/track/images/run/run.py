@@ -19,7 +19,7 @@ from occlog import console
 from occlog.consistency.particles import FEW, Particles
 from occlog.consistency.verdict import DEPLETED, beyond
 from occlog.console.details import threads_by_default
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.files.tables.table_writer import TableWriter
@@ -185,7 +185,9 @@ class ViewsSummary:
     def _none(self) -> Iterator[Check]:
         """No target at all."""
         if not self.rows:
-            text = "no target was found; give the first ellipses (--initial) or better --detections"
+            text = (
+                f"no target was found; give the first ellipses ({option('initial')}) or better {option('detections')}"
+            )
             yield finding(NUMBER, "note", "no-target", text)
 
     def _too_many(self) -> Iterator[Check]:
@@ -227,7 +229,8 @@ class ViewsSummary:
         if self.begun and bare and self.inputs.request.births == "initial":
             text = (
                 f"no first ellipse began a tracker in {', '.join(bare)}: nothing is tracked there, and no other view "
-                f"is helped from there; give some, or leave out what is not wanted (--without {','.join(bare)})"
+                "is helped from there; give some, or leave out what is not wanted "
+                f"({option('without')} {','.join(bare)})"
             )
             yield finding(FIRST, "note", "view-untracked", text, sensors=bare)
 
@@ -236,14 +239,14 @@ class ViewsSummary:
         config = CONFIGS[self.method]
         if not issubclass(config, LoopCheckConfig):
             return
-        does = f"--method {self.method} {config.ALONE}"
+        does = f"{option('method')} {self.method} {config.ALONE}"
         if len(self.inputs.views) == 1:
             text = f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"
             yield finding(SHARED, "note", "one-view", text)
         elif not np.isfinite(self.inputs.geometry.fundamental).any():
             text = (
                 f"nothing tells how the views see the same point, so none helps another: {does}; give fundamental "
-                "matrices (--fundamental), or a scene with the cameras' poses"
+                f"matrices ({option('fundamental')}), or a scene with the cameras' poses"
             )
             yield finding(SHARED, "note", "views-apart", text)
 
@@ -273,8 +276,9 @@ class ViewsSummary:
         unused = "; trackers did without it" if (a, b) in self.dropped else ""
         text = (
             f"views {names[a]} and {names[b]}: the fundamental matrix does not fit: {self.failed[a, b] / n:.0%} of "
-            f"{n} loop checks fail, median distance {median:.0f} px{unused}; give another (--fundamental), or leave "
-            "one view out (--without)"
+            f"{n} loop checks fail, median distance {median:.0f} px{unused}; give another "
+            f"({option('fundamental')}), or leave "
+            f"one view out ({option('without')})"
         )
         return finding(
             GEOMETRY,
@@ -308,7 +312,7 @@ def run_track_views(
     stream = inputs.region_stream()
     if request.initial is None and request.detections is None:
         source = "the boxes in the recording" if inputs.recording.has(Boxes) else "what moves in the images"
-        console.note(f"no --initial and no --detections: trackers begin from {source}", quiet)
+        console.note(f"no {option('initial')} and no {option('detections')}: trackers begin from {source}", quiet)
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = console.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
     moments = in_step(frames, inputs.views, window, threads_by_default(), stage.bits, inputs.background(quiet))
@@ -387,5 +391,7 @@ def view_settings(request: ViewsRequest) -> tuple[MipfConfig, ViewsConfig]:
     others = {name: value for name, value in request.settings.items() if name in around}
     config, stage = configure(CONFIGS[request.method](), own), configure(ViewsConfig(), others)
     if stage.birth_frames == 0 and request.initial is None:
-        raise UsageError("birth_frames is 0, so that no tracker begins from detections; give --initial, or 1 or more")
+        raise UsageError(
+            f"birth_frames is 0, so that no tracker begins from detections; give {option('initial')}, or 1 or more"
+        )
     return config, stage

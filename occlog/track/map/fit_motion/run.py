@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog import console
 from occlog.array_types import Floats
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.motion_models import MotionModel, write_motion
 from occlog.io.open import check_unit, common_unit, losses_of, open_input
@@ -158,14 +158,14 @@ def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
         table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
         if request.config.noise == COVARIANCE and not isinstance(table, Tracks):
             raise UsageError(
-                f"{opened.path}: truth has no covariance; give --noise LENGTH, or leave it to be estimated"
+                f"{opened.path}: truth has no covariance; give {option('noise')} LENGTH, or leave it to be estimated"
             )
         paths += paths_of(table, request.targets)
     found = sum(len(p.t_ns) for p in paths)
     if not found:
         names = ", ".join(str(p) for p in request.positions)
         of = f" of target {', '.join(map(str, request.targets))}" if request.targets else " of a target"
-        raise InputError(f"{names}: no positions{of}; choose others with --target")
+        raise InputError(f"{names}: no positions{of}; choose others with {option('target')}")
     return paths, unit, losses_of(inputs)
 
 

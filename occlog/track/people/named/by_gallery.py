@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Ints, Ints32
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.open import Opened, losses_of, open_input
 from occlog.measure.appearance.config import MatchConfig
 from occlog.measure.appearance.identities import EvidenceTally
@@ -162,7 +162,7 @@ def _images(inputs: PeopleInput) -> Opened | None:
             return opened
     raise InputError(
         f"{inputs.request.boxes}: a gallery says how people look, and there are no images, and the boxes bring no "
-        "colours; give the recording with the video for --scene, or views of `occlog detect`"
+        f"colours; give the recording with the video for {option('scene')}, or views of `occlog detect`"
     )
 
 

@@ -1,4 +1,4 @@
-"""Where a footer says that the columns are, against what the library says, and footers that say it wrongly."""
+"""Sizes that a footer and page headers state, against what the library says, and ones that cannot be."""
 
 from __future__ import annotations
 
@@ -15,16 +15,32 @@ import pytest
 from apart import check_apart
 from pyarrow.parquet import encryption
 from random_tables import random_table
+from thrift_compact import Field, Structs, written
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables import footer
-from occlog.io.files.tables.check_sums import Checked
-from occlog.io.files.tables.footer import CHUNK, COLUMNS, PATH, ROW_GROUPS, STATISTICS, Chunk, read_groups, read_spans
+from occlog.io.files.tables import sizes
 from occlog.io.files.tables.parquet import arrow_batches
+from occlog.io.files.tables.sizes import (
+    BINARY,
+    CHUNK,
+    COLUMNS,
+    I32,
+    I64,
+    LIST,
+    PATH,
+    ROW_GROUPS,
+    STRUCT,
+    Chunk,
+    CompactReader,
+    Group,
+    MalformedError,
+    Page,
+    read_groups,
+    read_page,
+)
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.files.tables.thrift import BINARY, I32, I64, LIST, STRUCT, Field, MalformedError, Reader, written
 from occlog.records.tables import Tracks
 
 HISTOGRAMS = 16
@@ -68,80 +84,79 @@ def by_library(path: Path) -> list[list[Chunk]]:
             begin = column.data_page_offset
             if column.has_dictionary_page and (0 < column.dictionary_page_offset < begin or not begin):
                 begin = column.dictionary_page_offset
-            path_in = tuple(column.path_in_schema.split("."))
-            chunks.append(Chunk(path_in, begin, begin + column.total_compressed_size))
+            name = column.path_in_schema.split(".")[0]
+            chunks.append(Chunk(name, begin, begin + column.total_compressed_size))
         groups.append(chunks)
     return groups
 
 
-def chunks_in(source: Checked) -> list[list[Chunk]]:
-    return [group.chunks for group in read_groups(source)]
-
-
-def in_general(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read no column in the short way."""
-    monkeypatch.setattr(footer, "_usual_column", lambda _: None)
+def groups_in(path: Path) -> list[Group]:
+    with path.open("rb") as file:
+        return read_groups(path, file, path.stat().st_size)
 
 
 @pytest.mark.parametrize("options", WRITTEN)
 @pytest.mark.parametrize("rows", [0, 1, 100])
-def test_columns_are_where_the_library_finds_them(
-    tmp_path: Path, rows: int, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_columns_are_where_the_library_finds_them(tmp_path: Path, rows: int, options: dict[str, object]) -> None:
     write(path := tmp_path / "t.parquet", rows, options)
-    with Checked(path) as source:
-        assert chunks_in(source) == by_library(path)
-        in_general(monkeypatch)
-        assert chunks_in(source) == by_library(path)
-
-
-def test_most_columns_are_read_in_the_short_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wide = {
-        name: column for name, column in columns(np.random.default_rng(1), 100).items() if name not in ("list", "pair")
-    }
-    wide["sensor"] = pa.array(["north", "southwest"] * 50)
-    monkeypatch.setattr(footer, "_column", lambda _: pytest.fail("a column that was read in the long way"))
-    for options in WRITTEN[:3]:
-        pq.write_table(pa.table(wide), path := tmp_path / "t.parquet", **options)
-        with Checked(path) as source:
-            assert len(chunks_in(source)[0]) == len(wide)
+    assert [group.chunks for group in groups_in(path)] == by_library(path)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_both_ways_agree_on_damaged_footers(tmp_path: Path, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_footer_is_an_error_or_describes_chunks_in_the_file(tmp_path: Path, seed: int) -> None:
     write(path := tmp_path / "t.parquet", 30, WRITTEN[seed], seed)
-    whole, random = path.read_bytes(), Random(seed)
+    whole, random, refused = path.read_bytes(), Random(seed), 0
     begin = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
-    damaged = []
     for _ in range(400):
         data = bytearray(whole)
         for _ in range(random.choice([1, 1, 1, 3])):
             data[random.randrange(begin, len(data) - 8)] = random.choice([random.randrange(256), random.randrange(32)])
-        damaged.append(bytes(data))
-    found = []
-    for general in (False, True):
-        if general:
-            in_general(monkeypatch)
-        found.append([chunks_of(tmp_path / "d.parquet", data) for data in damaged])
-    assert found[0] == found[1]
-    assert len({str(each) for each in found[0]}) > 10
-
-
-def chunks_of(path: Path, data: bytes) -> object:
-    path.write_bytes(data)
-    with Checked(path) as source:
+        path.write_bytes(data)
         try:
-            return chunks_in(source)
-        except MalformedError:
-            return "malformed"
-        except InputError as error:  # of a field that says that the file is encrypted
-            return str(error)
+            found = groups_in(path)
+        except (MalformedError, InputError):  # the latter of a field that says that the file is encrypted
+            refused += 1
+        else:
+            assert all(0 <= chunk.begin <= chunk.end <= len(whole) for group in found for chunk in group.chunks)
+    assert 10 < refused < 400
+
+
+def page(unpacked: int, packed: int, values: int, *, long: bytes | None = None, dictionary: bool = False) -> bytes:
+    """A page header with a check sum, and the largest of its values as statistics."""
+    head = {n: Field(I32, value) for n, value in ((1, values), (2, 0), (3, 3), (4, 3))}
+    if long is not None:
+        head[5] = Field(STRUCT, {1: Field(BINARY, long)})
+    fields = {1: Field(I32, 0), 2: Field(I32, unpacked), 3: Field(I32, packed), 4: Field(I32, -5)}
+    return written(fields | {7 if dictionary else 5: Field(STRUCT, head)})
+
+
+def test_page_headers_are_read_as_they_are_written() -> None:
+    random = Random(1)
+    for _ in range(300):
+        unpacked, packed, values = (random.getrandbits(random.randint(1, 31)) for _ in range(3))
+        long = random.choice([None, b"", bytes(random.choices(range(256), k=random.randint(0, 300)))])
+        made = page(unpacked, packed, values, long=long)
+        assert read_page(made + b"\x15\x00") == Page(unpacked, packed, values, len(made))
+        made = page(unpacked, packed, values, dictionary=True)
+        assert read_page(made) == Page(unpacked, packed, 0, len(made))
+
+
+@pytest.mark.parametrize("stated", [(-1, 5, 5), (5, -1, 5), (5, 5, -1)])
+def test_statedbelow_0_are_no_page_header(stated: tuple[int, int, int]) -> None:
+    with pytest.raises(MalformedError, match="without its sizes"):
+        read_page(page(*stated))
+
+
+@pytest.mark.parametrize("missing", [2, 3])
+def test_a_page_header_without_its_statedis_none(missing: int) -> None:
+    with pytest.raises(MalformedError, match="without its sizes"):
+        read_page(written({n: Field(I32, 5) for n in (1, 2, 3) if n != missing}))
 
 
 def changed(data: bytes, number: int, field: Field, *, column: int = 2) -> bytes:
     """A Parquet file with another field in the description of a column."""
     length = int.from_bytes(data[-8:-4], "little")
-    told = Reader(data, len(data) - 8 - length).struct()
+    told = Structs(data, len(data) - 8 - length).struct()
     told[ROW_GROUPS].value[1][0][COLUMNS].value[1][column][CHUNK].value[number] = field
     end = written(told)
     return data[: -8 - length] + end + len(end).to_bytes(4, "little") + b"PAR1"
@@ -183,33 +198,33 @@ def test_times_of_a_table_are_told_whatever_its_statistics_are(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("number", "field", "reason"),
     [
-        (footer.PACKED, Field(I64, -1), "without its name, its size or its place"),
-        (footer.PACKED, Field(I64, 1 << 40), "beyond the end"),
-        (footer.PACKED, Field(I32, 5), "number of 64 bits"),
-        (footer.DATA_PAGE, Field(I64, (1 << 63) - 1), "beyond the end"),
+        (sizes.PACKED, Field(I64, -1), "without its name, its size or its place"),
+        (sizes.PACKED, Field(I64, 1 << 40), "beyond the end"),
+        (sizes.PACKED, Field(I32, 5), "where a number should stand"),
+        (sizes.DATA_PAGE, Field(I64, (1 << 63) - 1), "beyond the end"),
         (PATH, Field(LIST, (BINARY, [])), "without its name"),
-        (PATH, Field(LIST, (I64, [5])), "another kind of items"),
+        (PATH, Field(LIST, (I64, [5])), "items of another type"),
         (PATH, Field(BINARY, b"x"), "where a list should stand"),
     ],
 )
 def test_columns_that_cannot_be(tmp_path: Path, number: int, field: Field, reason: str) -> None:
     path = tmp_path / "t.parquet"
     path.write_bytes(changed(tracks(), number, field))
-    with Checked(path) as source, pytest.raises(MalformedError, match=reason):
-        chunks_in(source)
+    with pytest.raises(MalformedError, match=reason):
+        groups_in(path)
 
 
 def of(groups: int, **told: int) -> bytes:
     """A footer of groups of one row and 100 columns of no bytes, if nothing else is told."""
-    chunk = {PATH: Field(LIST, (BINARY, [b"a"])), footer.PACKED: Field(I64, 0), footer.DATA_PAGE: Field(I64, 4)}
+    chunk = {PATH: Field(LIST, (BINARY, [b"a"])), sizes.PACKED: Field(I64, 0), sizes.DATA_PAGE: Field(I64, 4)}
     column = {CHUNK: Field(STRUCT, chunk | {1: Field(I32, 1)})}
-    sizes = {
-        footer.GROUP_BYTES: Field(I64, told.get("unpacked", 0)),
-        footer.GROUP_ROWS: Field(I64, told.get("each", 1)),
+    counts = {
+        sizes.GROUP_BYTES: Field(I64, told.get("unpacked", 0)),
+        sizes.GROUP_ROWS: Field(I64, told.get("each", 1)),
     }
-    group = {COLUMNS: Field(LIST, (STRUCT, [column] * 100)), **sizes}
+    group = {COLUMNS: Field(LIST, (STRUCT, [column] * 100)), **counts}
     rows = Field(I64, told.get("rows", groups))
-    end = written({footer.NUM_ROWS: rows, ROW_GROUPS: Field(LIST, (STRUCT, [group] * groups))})
+    end = written({sizes.NUM_ROWS: rows, ROW_GROUPS: Field(LIST, (STRUCT, [group] * groups))})
     return b"PAR1" + end + (len(end) + told.get("longer", 0)).to_bytes(4, "little") + b"PAR1"
 
 
@@ -224,44 +239,38 @@ def of(groups: int, **told: int) -> bytes:
     ],
 )
 def test_groups_that_cannot_be(tmp_path: Path, data: bytes, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(footer, "FREE_CHUNKS", 1000)
+    monkeypatch.setattr(sizes, "FREE_CHUNKS", 1000)
     path = tmp_path / "t.parquet"
     path.write_bytes(of(10))
-    with Checked(path) as source:
-        assert [len(chunks) for chunks in chunks_in(source)] == [100] * 10
+    assert [len(group.chunks) for group in groups_in(path)] == [100] * 10
     path.write_bytes(data)
-    with Checked(path) as source, pytest.raises(MalformedError, match=reason):
-        read_groups(source)
+    with pytest.raises(MalformedError, match=reason):
+        groups_in(path)
 
 
-def test_a_reader_looks_at_no_more_bytes_than_it_may() -> None:
+def test_a_reader_decodes_no_more_bytes_than_it_may() -> None:
     data = written({1: Field(LIST, (I64, [5] * 10)), 2: Field(BINARY, b"a" * 100)})
-    Reader(data, left=15).skip(STRUCT)
+    CompactReader(data, left=15).skip(STRUCT)
     with pytest.raises(MalformedError, match="more values than"):
-        Reader(data, left=14).skip(STRUCT)
+        CompactReader(data, left=14).skip(STRUCT)
     with pytest.raises(MalformedError, match="more than 64 bits"):
-        Reader(bytes([0x16]) + b"\xff" * 99 + b"\0\0").skip(STRUCT)
+        CompactReader(bytes([0x16]) + b"\xff" * 99 + b"\0\0", left=1000).skip(STRUCT)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\x15", b"\x19\xfc\xff\xff\xff\x7f", b"\x1c" * 100, b"\x1d\x00", b"\x15" + b"\xff" * 20, b"\x19" * 5000],
+)
+def test_bytes_that_are_no_struct_are_refused(data: bytes) -> None:
+    with pytest.raises(MalformedError):
+        CompactReader(data, left=len(data)).skip(STRUCT)
 
 
 def test_a_field_that_comes_twice_is_refused() -> None:
     once = written({3: Field(I64, 5)})[:-1]
     with pytest.raises(MalformedError, match="do not ascend"):
-        Reader(once + bytes([I64, 6, 14, 0])).struct()
-    assert Reader(once + bytes([I64, 8, 14, 0])).struct() == {3: Field(I64, 5), 4: Field(I64, 7)}
-
-
-def test_first_column_spans(tmp_path: Path) -> None:
-    write(path := tmp_path / "t.parquet", 50, {"row_group_size": 20})
-    times = pq.read_table(path)["t_ns"].to_numpy()
-    with Checked(path) as source:
-        spans = [tuple(int.from_bytes(each, "little") for each in span) for span in read_spans(source)]
-    assert spans == [(part[0], part[-1]) for part in (times[:20], times[20:40], times[40:])]
-    write(path, 50, {"write_statistics": False})
-    with Checked(path) as source:
-        assert not list(read_spans(source))
-    path.write_bytes(changed(tracks(), STATISTICS, Field(STRUCT, {5: Field(I64, 5)}), column=0))
-    with Checked(path) as source:
-        assert not list(read_spans(source))
+        Structs(once + bytes([I64, 6, 14, 0])).struct()
+    assert Structs(once + bytes([I64, 8, 14, 0])).struct() == {3: Field(I64, 5), 4: Field(I64, 7)}
 
 
 class Keys(encryption.KmsClient):

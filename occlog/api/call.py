@@ -1,0 +1,103 @@
+"""Calls of the functions: their arguments become a request, which the runner does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from occlog import console
+from occlog.request import Entry, File, Form
+from occlog.runner import run
+from occlog.settings import Settings, kind_of
+
+from .folders import Folder
+from .keywords import declared_value, names_of, settings_by_class
+from .results import Result, sentences, tables_in, warn
+from .sources import Inputs
+
+R = TypeVar("R", bound=Result)
+
+
+def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: object) -> R:
+    """Do what a function was called for.
+
+    Args:
+        form: of the request.
+        arguments: those of the function by name: fields of the request, groups of settings that are one argument,
+            `settings` (keywords), `also` (names of tables on request) and `progress`.
+        result: class of what is given back.
+        more: attributes of the result.
+
+    Raises:
+        UsageError: a setting that is not there, or arguments that contradict each other.
+        InputError: an input is missing, damaged, or says something that cannot be.
+    """
+    home = Folder()
+    arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
+    with Inputs(arguments_of) as inputs, console.notes_kept() as notes:
+        outputs = _outputs(form, arguments, home)
+        given = {entry.name: _value(entry, arguments, inputs) for entry in form.entries() if entry.group is None}
+        request = form.build({**given, **outputs}, _groups(form, arguments))
+        done = run(request, quiet=not arguments.get("progress", False))
+        said = [inputs.named(text) for text in notes]
+    told, rest = sentences(said)
+    warn(told, done.losses)
+    tables = tables_in(home, [path.stem for path in outputs.values()])
+    return result(home.without_paths(done.summary), tables, tuple(done.losses), told, rest, **more)
+
+
+def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str, Path]:
+    """Files of the tables that are made, by field."""
+    found = {}
+    for entry in form.entries():
+        of = entry.file
+        if of is not None and of.output and _asked(entry, of, arguments):
+            called = of.result or (of.table if entry.required else entry.field)
+            found[entry.name] = home.file(f"{called}.parquet")
+    return found
+
+
+def _asked(entry: Entry, of: File, arguments: Mapping[str, Any]) -> bool:
+    if of.asked == "also":
+        return entry.field in arguments.get("also", ())
+    return of.asked == "always" or arguments.get(of.asked) is not None
+
+
+def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs) -> object:
+    """What an argument says, as the field of the request has it."""
+    value, of, name = arguments.get(entry.field), entry.file, entry.field
+    if value is None or (of is not None and of.output):
+        return None
+    if of is None:
+        kind = kind_of(entry.owner, entry.of.name)
+        return names_of(value) if kind == tuple[str, ...] else declared_value(entry.owner, entry.of.name, value)
+    if of.scene:
+        return inputs.scene(value)
+    if of.number is not None and isinstance(value, int | float):
+        return float(value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return tuple(_named(inputs, each, f"{name}[{n}]") for n, each in enumerate(value))
+    return inputs.rows(value, name)
+
+
+def _named(inputs: Inputs, value: Any, name: str) -> Path:
+    path = inputs.rows(value, name)
+    return path if isinstance(value, str | os.PathLike) else inputs.called(path, name)
+
+
+def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, object]]:
+    """Settings by the field of their group: those of a mapping, or of the keywords."""
+    classes = form.classes()
+    nested = {name for name in classes if name in arguments and name != "settings"}
+    names = [entry.field for entry in form.entries() if entry.group is None]
+    found = {}
+    for name in nested:
+        value = arguments[name]
+        if value is not None and value is not False:
+            chosen = settings_by_class(name, {} if value is True else value, [("", classes[name])], ())
+            found[name] = chosen[0]
+    flat: list[tuple[str, type[Settings]]] = [(name, of) for name, of in classes.items() if name not in nested]
+    chosen = settings_by_class(form.request.OWNER, arguments.get("settings", {}), [("", of) for _, of in flat], names)
+    return found | {name: values for (name, _), values in zip(flat, chosen, strict=True) if values}

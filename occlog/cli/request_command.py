@@ -1,0 +1,160 @@
+"""Commands made from requests: options from the fields, and a call that builds the request and does it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import click
+
+from occlog import console
+from occlog.request import Entry, Form, Kind, Request, Verb
+from occlog.settings import Settings, declaration, kind_of, plain_kind
+
+from . import options
+from .setting_options import CHOSEN, SettingOption, SettingsCommand, Variant, VariantCommand, in_own_unit, value_after
+from .values import NumberOrFile, parse_setting
+
+
+def command_of(verb: type[Request] | Verb, name: str, short_help: str) -> SettingsCommand:
+    """The command of a verb; its help is the docstring of the class of its requests."""
+    return _one(verb, name, short_help) if isinstance(verb, type) else _several(verb, name, short_help)
+
+
+def _one(request: type[Request], name: str, short_help: str) -> SettingsCommand:
+    form = Form(request)
+    free = form.set_group()
+    return SettingsCommand(
+        name=name,
+        params=[*map(_param, form.entries()), *_strict(request), *_common("" if free is None else free[1])],
+        callback=partial(_do, form),
+        help=request.__doc__,
+        short_help=short_help,
+        settings=None if free is None else partial(_settings_of, form, free[0]),
+    )
+
+
+def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
+    flag = f"--{verb.by.replace('_', '-')}"
+
+    def choose(args: Iterable[str]) -> str | None:
+        value = value_after(list(args), flag)
+        return None if value is None else verb.choose(value)
+
+    command = VariantCommand(
+        name=name,
+        params=[*map(_param, Form(verb.shared).entries()), *_common(verb.example)],
+        help=verb.help,
+        short_help=short_help,
+        variants={each: _variant(verb, kind) for each, kind in verb.kinds.items()},
+        more=lambda: {each: _variant(verb, kind) for each, kind in verb.more().items()},
+        choose=choose,
+        default=verb.default,
+        shows_default=verb.shows_default,
+        what=verb.what,
+        chosen_by=verb.chosen_by,
+    )
+    command.callback = partial(_do_chosen, verb)
+    return command
+
+
+def _variant(verb: Verb, kind: Kind) -> Variant:
+    """What one kind of requests takes beside the fields that all have."""
+    shared = {entry.name for entry in Form(verb.shared).entries()}
+
+    def params() -> list[click.Parameter]:
+        form = kind.form()
+        return [*(_param(entry) for entry in form.entries() if entry.name not in shared), *_strict(form.request)]
+
+    def settings() -> list[type[Settings]]:
+        form = kind.form()
+        free = form.set_group()
+        return [] if free is None else [_settings_of(form, free[0]), *form.around]
+
+    return Variant(kind.summary, params, settings, kind.called)
+
+
+def _settings_of(form: Form, group: str) -> type[Settings]:
+    return form.classes()[group]
+
+
+def _do_chosen(verb: Verb, **values: Any) -> int:
+    """Do the kind of request that the arguments chose."""
+    kind = verb.kind(click.get_current_context().meta[CHOSEN])
+    assert kind is not None  # the command has looked when it parsed
+    return _do(kind.form(), **values)
+
+
+def _do(
+    form: Form,
+    *,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+    strict: bool = False,
+    settings: Collection[str] = (),
+    **values: Any,
+) -> int:
+    """Build the request of what the options gave, do it, and say what came of it."""
+    request = request_of(form, values, settings)
+    from occlog.runner import run
+
+    done = run(request, overwrite=overwrite, quiet=quiet)
+    code = console.finish(done.summary, done.losses, as_json)
+    return console.strict_code(code, bool(done.summary.get("plausible", True)), strict)
+
+
+def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
+    """The request of the values of a command's parameters, and of the texts of `--set`."""
+    given = {}
+    for entry in form.entries():
+        value = values.get(entry.name)
+        if value not in (None, ()):
+            given[entry.name] = value if entry.file is not None else in_own_unit(value, declaration(entry.of))
+    free = form.set_group()
+    return form.build(given, {} if free is None else {free[0]: dict(parse_setting(text) for text in settings)})
+
+
+def _param(entry: Entry) -> click.Parameter:
+    """The parameter of a command for one thing that a request takes."""
+    of = entry.file
+    if of is None:
+        under = "" if entry.group is None else entry.group.under
+        return SettingOption(entry.owner, entry.of, f"{under}_" if under else "", under)
+    path: click.ParamType[Any] = options.PATH if of.output or not of.there else options.INPUT
+    kind = path if of.number is None else NumberOrFile(of.number)
+    if of.argument:
+        return click.Argument([entry.of.name], type=kind)
+    flags = (of.option or f"--{entry.of.name.replace('_', '-')}").split("/")
+    return click.Option(
+        [*flags, entry.of.name],
+        type=kind,
+        required=entry.required,
+        multiple=plain_kind(kind_of(entry.owner, entry.of.name)) is tuple,
+        default=None,
+        metavar=of.metavar,
+        help=of.help,
+    )
+
+
+def _strict(request: type[Request]) -> list[click.Option]:
+    return [click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP)] if request.JUDGED else []
+
+
+def _common(example: str) -> list[click.Option]:
+    """Options of every request: settings, outputs that are replaced, quiet, JSON."""
+    decorators = [options.set_opt(example)] if example else []
+    decorators += [options.overwrite_opt, options.quiet_opt, options.json_opt]
+    return [_made(each) for each in decorators]
+
+
+def _made(decorator: Callable[[Any], Any]) -> click.Option:
+    """The option that a decorator of click gives a function."""
+
+    def function() -> None:
+        """Take an option."""
+
+    decorator(function)
+    option: click.Option = function.__dict__["__click_params__"][0]
+    return option

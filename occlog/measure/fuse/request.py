@@ -1,0 +1,86 @@
+"""What `occlog fuse` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Form, Kind, Request, Verb, group, output_file, scene_file, sink, source
+
+from .config import FuseConfig
+from .tracks.config import TrackFusionConfig
+
+DETECTIONS, TRACKS = "detections", "tracks"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fusion(Request):
+    """Fuse the detections of several cameras in BEARINGS (Parquet, or a recording that holds bearings).
+
+    Detections of one target are brought together on the ground. Where enough cameras agree, a camera
+    that missed the target gets its detection back (cause `recovered`); a detection that the others
+    contradict becomes "looked, not seen" (cause `removed`). Candidates (target_id -1) are grouped first.
+    `occlog detect --fuse` does the same while it detects.
+
+    With --with, BEARINGS and the files named there are tracks of several groups of cameras in one world:
+    those of one person become one track, with one identity, by covariance intersection.
+
+    \b
+      occlog fuse bearings.parquet --views views.parquet --scene walk.mcap -o fused.parquet --fused-views both.parquet
+      occlog fuse labelled.parquet --scene hall.mcap -o fused.parquet --p-miss 0.3 --p-false 0.05
+      occlog fuse east.parquet --with west.parquet -o hall.parquet --events hall_events.parquet
+    """
+
+    OWNER: ClassVar[str] = "fuse"
+
+    bearings: Path = source("Detections of targets, or candidates.", argument=True)
+    output: Path = output_file("Fused bearings, or tracks (Parquet).", "bearings")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FuseRequest(Fusion):
+    """Detections of several cameras to fuse."""
+
+    RUN: ClassVar[str] = "occlog.measure.fuse.run:run_fuse"
+
+    views: Path | None = source("The views that the bearings are of (Parquet).")
+    fused_views: Path | None = sink(
+        "Write the views after the fusion (Parquet).", "views", result="views", asked="views"
+    )
+    scene: Path | None = scene_file()
+    settings: Mapping[str, object] = group(lambda: FuseConfig, example="reach=3")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackFusionRequest(Fusion):
+    """Tracks of several groups of cameras to fuse."""
+
+    RUN: ClassVar[str] = "occlog.measure.fuse.tracks.run:run_fuse_tracks"
+
+    output: Path = output_file("Fused bearings, or tracks (Parquet).", "tracks")
+    others: tuple[Path, ...] = source(
+        "Tracks of another group of cameras (Parquet); may be repeated.",
+        required=True,
+        option="--with",
+        metavar="TRACKS",
+    )
+    events: Path | None = sink("Write births, deaths and doubtful identities (Parquet).", "events")
+    settings: Mapping[str, object] = group(lambda: TrackFusionConfig, example="reach=3")
+
+
+VERB = Verb(
+    Fusion,
+    {
+        DETECTIONS: Kind("Detections of several cameras.", lambda: Form(FuseRequest), "fuse BEARINGS"),
+        TRACKS: Kind(
+            "Tracks of several groups of cameras.", lambda: Form(TrackFusionRequest), "fuse TRACKS --with TRACKS"
+        ),
+    },
+    default=DETECTIONS,
+    by="with",
+    choose=lambda _: TRACKS,
+    chosen_by="fuse [--with TRACKS]",
+    example="reach=3",
+)

@@ -1,0 +1,320 @@
+"""What a verb takes, declared once: the command line, the Python function and the keys of YAML are made from it.
+
+A class of requests derives from `Request`. Its fields are files to read (`source`) and to write (`sink`), values
+(`occlog.settings.setting`) and groups of settings (`group`). A field has one name, the key that YAML has for it; the
+command line spells it `--fused-views`, Python `fused_views`. A field whose option declares another name has that one.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+from occlog.settings import Settings, declaration, declared, kind_of, read_value
+
+S = TypeVar("S", bound=Settings)
+SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of stations."
+
+
+@dataclass(frozen=True)
+class File:
+    """What is declared of a field that names a file, or several.
+
+    Attributes:
+        help: one sentence or more.
+        output: it is written; else it is read.
+        table: output: name of the table in it; empty: it is no table, or the run decides.
+        result: output: its name in the result of the Python function; empty: that of the field, or of the table of the
+            main output.
+        asked: output: the Python function asks for it: `always`, `also` (by its argument `also`), or where the
+            argument of that name is given.
+        option: as click writes it (`-o/--output`); None: the field's name.
+        metavar: how the option's value is called.
+        argument: it is an argument without a name.
+        number: a number from this on may stand in the place of the file; None: no number may.
+        scene: a scene is read from it.
+        there: click looks whether it is there, and `-` is standard input.
+    """
+
+    help: str
+    output: bool = False
+    table: str = ""
+    result: str = ""
+    asked: str = "always"
+    option: str | None = None
+    metavar: str | None = None
+    argument: bool = False
+    number: float | None = None
+    scene: bool = False
+    there: bool = True
+
+
+@dataclass(frozen=True)
+class Group:
+    """What is declared of a field that holds those settings of a class that were given, by name.
+
+    Attributes:
+        of: makes the class; None: the form of the request says which (a tracking method, for example).
+        only: names of settings that can be given; empty: all.
+        without: names of settings that cannot.
+        under: what the names of the options begin with.
+        example: of `--set NAME=VALUE`, which gives settings without an option; empty: nothing does.
+        nested: in Python they are one argument of the field's name, a mapping; else each is an argument.
+    """
+
+    of: Callable[[], type[Settings]] | None
+    only: Collection[str] = ()
+    without: Collection[str] = ()
+    under: str = ""
+    example: str = ""
+    nested: bool = False
+
+
+def source(help: str, *, required: bool = False, **declared_of: Any) -> Any:
+    """Declare a field that names a file to read; an argument is required, all else where it is said."""
+    return _file(File(help, **declared_of), required)
+
+
+def sink(help: str, table: str = "", *, required: bool = False, **declared_of: Any) -> Any:
+    """Declare a field that names a file to write."""
+    return _file(File(help, output=True, table=table, **declared_of), required)
+
+
+def _file(of: File, required: bool) -> Any:
+    metadata = {"file": of}
+    return field(metadata=metadata) if required or of.argument else field(default=None, metadata=metadata)
+
+
+def output_file(help: str, table: str = "") -> Any:
+    """Declare the main output, `-o/--output`."""
+    return sink(help, table, required=True, option="-o/--output")
+
+
+def scene_file() -> Any:
+    """Declare the scene, which takes the place of that of the input."""
+    return source(SCENE_HELP, scene=True)
+
+
+def group(of: Callable[[], type[Settings]] | None, **declared_of: Any) -> Any:
+    """Declare a field that holds settings of a class."""
+    return field(default_factory=dict, metadata={"group": Group(of, **declared_of)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request(Settings):
+    """Base of all classes of requests; the docstring of a class is the help of its command.
+
+    `RUN` is module and name of the function that does it: from the request and a `Job` to a summary and losses.
+    `JUDGED`: the summary says whether the estimates are plausible.
+    """
+
+    RUN: ClassVar[str]
+    JUDGED: ClassVar[bool] = False
+
+    def files(self, *, output: bool) -> dict[str, Path]:
+        """Files to read, or to write, by the names of fields, in the order of declaration; those of a tuple apart."""
+        found: dict[str, Path] = {}
+        for f in fields(self):
+            value, of = getattr(self, f.name), f.metadata.get("file")
+            if of is not None and of.output == output:
+                each = value if isinstance(value, tuple) else (value,)
+                paths = [path for path in each if isinstance(path, Path)]
+                found |= {f"{f.name}[{n}]" if n else f.name: path for n, path in enumerate(paths)}
+        return found
+
+    def table_of(self, field_name: str) -> str:
+        """The name of the table that an output is; empty: it is none."""
+        found: File = type(self).__dataclass_fields__[field_name].metadata["file"]
+        return found.table
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read."""
+        return list(self.files(output=False).values())
+
+    @property
+    def outputs(self) -> list[Path]:
+        """Every file that is written."""
+        return list(self.files(output=True).values())
+
+
+class Entry(NamedTuple):
+    """One thing that a request takes.
+
+    Attributes:
+        key: its name, which all surfaces spell.
+        field: of the request.
+        owner: class that declares it: the request's, or that of the settings of a group.
+        of: the declaration, a field of the owner.
+        group: that it is in; None: it is a field of the request itself.
+    """
+
+    key: str
+    field: str
+    owner: type[Settings]
+    of: Field[object]
+    group: Group | None
+
+    @property
+    def file(self) -> File | None:
+        """What is declared of a file."""
+        found: File | None = self.of.metadata.get("file")
+        return found
+
+    @property
+    def required(self) -> bool:
+        """Whether it must be given."""
+        return self.of.default is MISSING and self.of.default_factory is MISSING
+
+    @property
+    def name(self) -> str:
+        """Its name among the values of a command: that of the field, of a setting in a group under a name with it."""
+        under = "" if self.group is None or not self.group.under else f"{self.group.under}_"
+        return under + self.of.name
+
+
+@dataclass(frozen=True)
+class Form:
+    """A request that a verb takes.
+
+    Attributes:
+        request: its class.
+        takes: names of fields and of settings in groups; None: all that there are.
+        settings: classes of the groups that declare none, by their fields.
+        around: more classes of which `--set` gives settings.
+    """
+
+    request: type[Request]
+    takes: Collection[str] | None = None
+    settings: Mapping[str, type[Settings]] = field(default_factory=dict)
+    around: tuple[type[Settings], ...] = ()
+
+    def entries(self) -> Iterator[Entry]:
+        """Everything that it takes and that has a name of its own, in the order of declaration."""
+        for f in fields(self.request):
+            of: Group | None = f.metadata.get("group")
+            if of is not None:
+                yield from self._in_group(f, of)
+            elif self.takes is None or f.name in self.takes:
+                yield Entry(_key(f), f.name, self.request, f, None)
+
+    def classes(self) -> dict[str, type[Settings]]:
+        """The class of settings of each group that this form has, by its field."""
+        groups = {f.name: f.metadata["group"].of for f in fields(self.request) if "group" in f.metadata}
+        made = {name: self.settings.get(name) or (of() if of is not None else None) for name, of in groups.items()}
+        return {name: of for name, of in made.items() if of is not None}
+
+    def _in_group(self, f: Field[Any], of: Group) -> Iterator[Entry]:
+        settings = self.classes().get(f.name)
+        if settings is None:
+            return
+        for each in declared(settings):
+            wanted = (not of.only or each.name in of.only) and each.name not in of.without
+            taken = self.takes is None or f.name in self.takes or each.name in self.takes
+            if wanted and taken and declaration(each).option is not None:
+                key = _key(each)
+                yield Entry(f"{of.under}_{key}" if of.under else key, f.name, settings, each, of)
+
+    def set_group(self) -> tuple[str, str] | None:
+        """The field of the settings that `--set` gives, and an example; None: nothing does."""
+        groups = ((f.name, f.metadata["group"].example) for f in fields(self.request) if "group" in f.metadata)
+        return next(((name, example) for name, example in groups if example), None)
+
+    def build(self, given: Mapping[str, object], groups: Mapping[str, Mapping[str, object]]) -> Request:
+        """The request of values that were given.
+
+        Args:
+            given: by `Entry.name`; None and () are not given.
+            groups: settings of groups, by field; those of `given` count more.
+
+        Raises:
+            SettingError: a value of the request's own that is out of its range.
+            UsageError: a text that is no value.
+        """
+        values: dict[str, Any] = {name: dict(group) for name, group in groups.items()}
+        for entry in self.entries():
+            value = given.get(entry.name)
+            if value is None or value == ():
+                continue
+            if entry.group is not None:
+                values.setdefault(entry.field, {})[entry.of.name] = value
+            elif isinstance(value, str) and entry.file is None:
+                values[entry.field] = read_value(value, kind_of(entry.owner, entry.of.name), entry.key)
+            else:
+                values[entry.field] = value
+        return self.request(**values)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One of the things that a verb can do.
+
+    Attributes:
+        summary: one line.
+        form: makes the form of its request.
+        called: how it is chosen, if not as the others are.
+    """
+
+    summary: str
+    form: Callable[[], Form]
+    called: str | None = None
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A verb that takes several kinds of requests, of which a value chooses one.
+
+    Attributes:
+        shared: class of which all requests are; its fields are those of all kinds.
+        kinds: by name.
+        default: the kind where no value chooses one.
+        by: key of the value that chooses.
+        choose: the kind that a text of this value chooses.
+        what: how a kind is called, for example `method`.
+        chosen_by: how a kind is chosen on the command line, with {} for its name.
+        more: makes kinds of plug-ins.
+        shows_default: help without a choice shows what the default kind takes, too.
+        example: of `--set`; empty: no kind has settings without an option.
+    """
+
+    shared: type[Request]
+    kinds: Mapping[str, Kind]
+    default: str
+    by: str
+    choose: Callable[[str], str]
+    what: str = "kind"
+    chosen_by: str = "{}"
+    more: Callable[[], Mapping[str, Kind]] = dict
+    shows_default: bool = True
+    example: str = ""
+
+    @property
+    def help(self) -> str | None:
+        """The help of the command: the docstring of the class that all requests of the verb derive from."""
+        of = self.shared
+        while of.__base__ not in (Request, None):
+            of = of.__base__
+        return of.__doc__
+
+    def kind(self, name: str) -> Kind | None:
+        """The kind of that name, ours or of a plug-in; None: there is none."""
+        return self.kinds[name] if name in self.kinds else self.more().get(name)
+
+
+def _key(f: Field[Any]) -> str:
+    """The name of a field: that of its option, or its own."""
+    of: File | None = f.metadata.get("file")
+    option = of.option if of is not None else declaration(f).option
+    if option is None or (of is not None and of.argument):
+        return f.name
+    long = next(flag for flag in option.split("/") if flag.startswith("--"))
+    return long.removeprefix("--").replace("-", "_")
+
+
+def load(where: str) -> Any:
+    """The value of `module:name`."""
+    module, _, name = where.partition(":")
+    return getattr(importlib.import_module(module), name)

@@ -1,0 +1,144 @@
+"""Does a request: checks its files, opens its outputs with their provenance, and calls the run of its verb."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
+
+from occlog import console
+from occlog.io.files.atomic import Together, check_outputs
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.tables.table_writer import TableWriter
+from occlog.records.columns import Table
+from occlog.records.losses import Loss
+from occlog.records.tables import TABLES
+from occlog.request import Request, load
+
+T = TypeVar("T")
+
+
+class Done(NamedTuple):
+    """What came of a request: figures for the user, and input that was lost."""
+
+    summary: dict[str, Any]
+    losses: Sequence[Loss]
+
+
+def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Done:
+    """Do a request.
+
+    Args:
+        request: what to do.
+        overwrite: outputs that exist are replaced.
+        quiet: no progress and no notes.
+
+    Raises:
+        OutputExistsError: an output exists and may not be replaced.
+        UsageError: an output is an input too, or values contradict each other.
+        InputError: an input is missing, damaged, or says something that cannot be.
+    """
+    check_outputs(request.inputs, request.outputs, overwrite)
+    return Done(*load(request.RUN)(request, Job(request, overwrite, quiet)))
+
+
+@dataclass(frozen=True)
+class Job:
+    """A request that is being done: how its run reads, reports and writes.
+
+    Attributes:
+        request: what is asked for.
+        overwrite: outputs that exist are replaced.
+        quiet: no progress and no notes.
+    """
+
+    request: Request
+    overwrite: bool
+    quiet: bool
+
+    def progress(self, items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
+        """The items, with a bar on a terminal."""
+        return console.progress(items, label, total, quiet=self.quiet)
+
+    def note(self, text: str) -> None:
+        """A line for the user."""
+        console.note(text, self.quiet)
+
+    def provenance(
+        self, parameters: Mapping[str, object], losses: Iterable[Loss] = (), seed: int | None = None
+    ) -> Provenance:
+        """How the outputs are made: the verb, its parameters, and the names and SHA-256 of all inputs."""
+        inputs = hash_inputs(self.request.inputs)
+        return Provenance(self.request.OWNER, dict(parameters), seed, inputs, tuple(losses))
+
+    @contextmanager
+    def tables(
+        self,
+        provenance: Provenance,
+        length_unit: str,
+        wider: Mapping[str, type[Table]] | None = None,
+        later: Collection[str] = (),
+    ) -> Iterator[Tables]:
+        """Open the tables that were asked for; they appear together when the block ends without an error.
+
+        Args:
+            provenance: of all.
+            length_unit: of their lengths.
+            wider: forms of tables with more columns than those of the declared names, by field.
+            later: fields of tables that `Tables.open` opens.
+        """
+        with ExitStack() as stack:
+            tables = Tables(self, length_unit, stack, stack.enter_context(Together()))
+            for name in self.request.files(output=True):
+                if name not in later:
+                    tables.open(name, provenance, (wider or {}).get(name))
+            yield tables
+
+
+class Tables:
+    """Tables that are being written, by the fields of the request."""
+
+    def __init__(self, job: Job, length_unit: str, stack: ExitStack, together: Together) -> None:
+        """Without a table yet.
+
+        Args:
+            job: of which they are the outputs.
+            length_unit: of their lengths.
+            stack: closes them.
+            together: lets them appear.
+        """
+        self._job, self._unit, self._stack, self._together = job, length_unit, stack, together
+        self._writers: dict[str, TableWriter] = {}
+
+    def open(self, field: str, provenance: Provenance, wider: type[Table] | None = None) -> None:
+        """Open the table of a field if it was asked for and is one.
+
+        Args:
+            field: of the request.
+            provenance: of the table.
+            wider: the table where it has more columns than that of the declared name.
+        """
+        path = self._job.request.files(output=True).get(field)
+        name = self._job.request.table_of(field)
+        if path is not None and name:
+            writer = TableWriter(
+                path,
+                wider or TABLES[name],
+                provenance,
+                overwrite=self._job.overwrite,
+                length_unit=self._unit,
+                together=self._together,
+            )
+            self._writers[field] = self._stack.enter_context(writer)
+
+    def write(self, **parts: Table | None) -> None:
+        """Append rows to the tables that are open, by field; None has none."""
+        for name, part in parts.items():
+            if part is not None and name in self._writers:
+                self._writers[name].write(part)
+
+    def annotate(self, provenance: Provenance) -> None:
+        """Replace the provenance of all open tables, before they are complete."""
+        for writer in self._writers.values():
+            writer.annotate(provenance)

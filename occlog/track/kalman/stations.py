@@ -1,0 +1,107 @@
+"""How `ekf` and `ukf` take measurements of stations: ranges and whatever else has a measurement model.
+
+The noise of measurements is independent given the state, so that they are taken in after the readings and bearings of
+their scan.  A measurement is used if its innovation is within the gate; late and false ones are left out by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.filtering.gaussian import Gaussian, updated
+from occlog.filtering.likelihood.distances import Distances, linearise, residuals
+from occlog.filtering.likelihood.linearised import Rows, World
+from occlog.filtering.likelihood.linearised import linearised as of_directions
+from occlog.filtering.likelihood.linearised import measured as expected_of
+from occlog.filtering.likelihood.linearised import residuals as off_directions
+
+from .updates import WEIGHTS, by_sigma_points, sigma_points
+
+GRID = 32
+"""A first position is sought from the best of so many squared places of a grid over the floor."""
+STEPS, HALVINGS, CLOSE = 30, 12, 1e-9
+"""Of the Gauss-Newton search: most steps, most halvings of a step, squared length of the last one in variances."""
+
+StationUpdate = Callable[[Gaussian, Distances], tuple[Gaussian, float]]
+"""State and log-likelihood after measurements of stations that are within the gate."""
+
+
+def inside_gate(state: Gaussian, rows: Distances, gate: float) -> Bools:
+    """(m,) measurements whose innovation is within the gate of the state."""
+    found = linearise(rows, state.mean[None, :2])
+    H, off = found.gradient[0], found.residual[0]
+    return np.asarray(off**2 <= gate**2 * (np.einsum("mi,ij,mj->m", H, state.covariance[:2, :2], H) + 1.0))
+
+
+def extended(state: Gaussian, rows: Distances) -> tuple[Gaussian, float]:
+    """Update by measurements linearised at the mean."""
+    found = linearise(rows, state.mean[None, :2])
+    after, score = updated(state, _whole(found.gradient[0]), found.residual[0], np.ones(len(rows.kind)))
+    return after, score - float(np.log(rows.sigma).sum())
+
+
+def unscented(state: Gaussian, rows: Distances) -> tuple[Gaussian, float]:
+    """Update by sigma points, one measurement after the other."""
+    score = -float(np.log(rows.sigma).sum())
+    for m in range(len(rows.kind)):
+        points = sigma_points(state)
+        innovation = residuals(rows.take(slice(m, m + 1)), points)[:, 0]
+        state, log_p = by_sigma_points(state, points, WEIGHTS, innovation, 1.0)
+        score += log_p
+    return state, score
+
+
+def first_position(
+    anywhere: Gaussian, rows: Rows, distances: Distances, world: World, gate: float
+) -> tuple[Gaussian, Ints]:
+    """Most probable state by the measurements of one scan alone, and the sensors of the readings and bearings used.
+
+    The best place of a grid says which measurements agree; the search by Gauss and Newton for the maximum a posteriori
+    goes on from there with these.
+    """
+
+    def deviations(at: Floats) -> tuple[Floats, Floats]:
+        """(n,) deviations and (n, 2) gradients of all measurements at a place, over their standard deviations."""
+        found = linearise(distances, at[None])
+        expected, ahead = expected_of(at[None], rows, world)
+        H, R = of_directions(at, rows, world)
+        off = np.where(ahead[0], off_directions(expected[0], rows) / np.sqrt(R), np.inf)
+        return np.append(found.residual[0], off), np.vstack([found.gradient[0], H / np.sqrt(R)[:, None]])
+
+    def cost(at: Floats, off: Floats) -> float:
+        away = at - anywhere.mean[:2]
+        return 0.5 * float(away @ np.linalg.solve(anywhere.covariance[:2, :2], away) + off @ off)
+
+    # Grid: half a cell widens every deviation
+    low, high = world.floor.room.min(axis=0), world.floor.room.max(axis=0)
+    share = (np.arange(GRID) + 0.5) / GRID
+    grid = low + (high - low) * np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
+    cell2 = float(np.max(0.5 * (high - low) / GRID) ** 2)
+    each = [deviations(at) for at in grid]
+    wide = np.array([off**2 / (1.0 + cell2 * (H**2).sum(axis=1)) for off, H in each])
+    best = int(np.argmin(np.minimum(wide, gate**2).sum(axis=1)))
+    at, use = grid[best], wide[best] <= gate**2
+    off, H = each[best]
+    state = anywhere
+    for _ in range(STEPS if use.any() else 0):
+        # Posterior of the measurements linearised at the place
+        innovation = off[use] - H[use] @ (anywhere.mean[:2] - at)
+        state, _ = updated(anywhere, _whole(H[use]), innovation, np.ones(len(innovation)))
+        step = state.mean[:2] - at
+        if float(step @ np.linalg.solve(state.covariance[:2, :2], step)) < CLOSE:
+            break
+        # Line search: the longest of the halved steps that lowers the cost
+        tried = [at + 0.5**half * step for half in range(HALVINGS)]
+        at_next = next((t for t in tried if cost(t, deviations(t)[0][use]) < cost(at, off[use])), None)
+        if at_next is None:
+            break
+        at, (off, H) = at_next, deviations(at_next)
+    return state, rows.sensor[use[len(distances.kind) :]]
+
+
+def _whole(H: Floats) -> Floats:
+    """(m, 4) derivatives by the state from (m, 2) by the place."""
+    return np.hstack([H, np.zeros_like(H)])
