@@ -14,7 +14,7 @@ import grimp
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "occlog"
-GROUND = ("settings", "array_types", "errors")
+GROUND = ("settings", "array_types", "errors", "request")
 """Modules that every room may use: one strip at the bottom of the picture, without lines."""
 SIZES = ((36, 9.0), (12, 6.5), (4, 4.5), (1, 2.8))
 """Radius of a dot [px] for at least so many imports. Classes, so that one more import rarely changes the picture."""
@@ -62,7 +62,8 @@ def room(module: str) -> str:
 
 def package(name: str) -> Path:
     """The file with the docstring of a room."""
-    return ROOT / PACKAGE / name / "__init__.py"
+    folder = ROOT / PACKAGE / name
+    return folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
 
 
 def docstring(path: Path) -> str:

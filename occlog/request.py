@@ -88,9 +88,9 @@ def _file(of: File, required: bool) -> Any:
     return field(metadata=metadata) if required or of.argument else field(default=None, metadata=metadata)
 
 
-def output_file(help: str, table: str = "") -> Any:
+def output_file(help: str, table: str = "", result: str = "") -> Any:
     """Declare the main output, `-o/--output`."""
-    return sink(help, table, required=True, option="-o/--output")
+    return sink(help, table, required=True, option="-o/--output", result=result)
 
 
 def scene_file() -> Any:

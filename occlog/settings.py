@@ -66,6 +66,7 @@ class Declaration:
         nothing: what None means, in words.
         scale: the option's number times this is the value, where people give another unit (degrees).
         repeat: the option may be repeated; each time it adds names, separated by commas.
+        whole: with `repeat`: each time the option adds one text, commas and all.
         apart: the option takes the numbers of a tuple one after the other, not with commas.
         kinds: kinds of input that the setting is for, where the command has several; empty: all.
     """
@@ -88,6 +89,7 @@ class Declaration:
     scale: float = 1.0
     repeat: bool = False
     apart: bool = False
+    whole: bool = False
     kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:

@@ -42,7 +42,8 @@ from occlog.track.jipda.cues import law_of
 from occlog.track.jipda.filter import State, begin, step
 from occlog.track.jipda.interface import HEIGHT, WIDTH, Look, Moment
 from occlog.track.jipda.kernels.detections import Boxes, Rates
-from occlog.track.people.inputs import PeopleInput, PeopleRequest
+from occlog.track.people.inputs import PeopleInput
+from occlog.track.request import PeopleRequest
 
 SURE = 0.999
 SPREAD_M = 0.05
@@ -72,9 +73,8 @@ class Run(NamedTuple):
 def run_of(case: Case, recording: Path, px: float) -> Run:
     """Run the filter, and find out whose each box is."""
     request = PeopleRequest(
-        boxes=recording, scene=None, doa=None, method="jipda", settings={"smooth": True},
-        only=(), without=(), window_ns=None, seed=0,
-    )  # fmt: skip
+        bearings=recording, output=recording.with_name("tracks.parquet"), method="jipda", settings={"smooth": True}
+    )
     inputs = PeopleInput(request)
     folder = annotations()
     assert folder is not None

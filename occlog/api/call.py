@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from occlog import console
-from occlog.request import Entry, File, Form
+from occlog.errors import UsageError
+from occlog.request import Entry, File, Form, Request
 from occlog.runner import run
-from occlog.settings import Settings, kind_of
+from occlog.settings import Settings, declaration, kind_of
 
 from .folders import Folder
 from .keywords import declared_value, names_of, settings_by_class
@@ -20,7 +21,7 @@ from .sources import Inputs
 R = TypeVar("R", bound=Result)
 
 
-def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: object) -> R:
+def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: Callable[[Request], object]) -> R:
     """Do what a function was called for.
 
     Args:
@@ -28,7 +29,7 @@ def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: obje
         arguments: those of the function by name: fields of the request, groups of settings that are one argument,
             `settings` (keywords), `also` (names of tables on request) and `progress`.
         result: class of what is given back.
-        more: attributes of the result.
+        more: make attributes of the result from the request, while its inputs are there.
 
     Raises:
         UsageError: a setting that is not there, or arguments that contradict each other.
@@ -41,11 +42,33 @@ def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: obje
         given = {entry.name: _value(entry, arguments, inputs) for entry in form.entries() if entry.group is None}
         request = form.build({**given, **outputs}, _groups(form, arguments))
         done = run(request, quiet=not arguments.get("progress", False))
+        found = {name: of(request) for name, of in more.items()}
         said = [inputs.named(text) for text in notes]
     told, rest = sentences(said)
     warn(told, done.losses)
     tables = tables_in(home, [path.stem for path in outputs.values()])
-    return result(home.without_paths(done.summary), tables, tuple(done.losses), told, rest, **more)
+    return result(home.without_paths(done.summary), tables, tuple(done.losses), told, rest, **found)
+
+
+def check_taken(form: Form, given: Mapping[str, object], also: Sequence[str], called: str) -> None:
+    """UsageError for an argument, or a table on request, that a form of a request does not have.
+
+    Args:
+        form: of the request.
+        given: arguments of which forms may lack some.
+        also: names of tables.
+        called: how the form is called.
+    """
+    entries = list(form.entries())
+    fields = {entry.field for entry in entries}
+    for name, value in given.items():
+        if not (value is None or value is False or (isinstance(value, tuple) and not value)) and name not in fields:
+            raise UsageError(f"{name} is not an argument of {called}; leave it out")
+    tables = [entry.field for entry in entries if entry.file is not None and entry.file.asked == "also"]
+    for name in also:
+        if name not in tables:
+            known = ", ".join(tables) or "none"
+            raise UsageError(f"also: {called} has no table {name!r} on request; it has: {known}")
 
 
 def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str, Path]:
@@ -72,7 +95,9 @@ def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs) -> object
         return None
     if of is None:
         kind = kind_of(entry.owner, entry.of.name)
-        return names_of(value) if kind == tuple[str, ...] else declared_value(entry.owner, entry.of.name, value)
+        if kind == tuple[str, ...]:
+            return tuple(_text(each) for each in value) if declaration(entry.of).whole else names_of(value)
+        return declared_value(entry.owner, entry.of.name, value)
     if of.scene:
         return inputs.scene(value)
     if of.number is not None and isinstance(value, int | float):
@@ -80,6 +105,11 @@ def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs) -> object
     if isinstance(value, Sequence) and not isinstance(value, str):
         return tuple(_named(inputs, each, f"{name}[{n}]") for n, each in enumerate(value))
     return inputs.rows(value, name)
+
+
+def _text(value: object) -> str:
+    """A text, or numbers with commas."""
+    return value if isinstance(value, str) else ",".join(str(number) for number in value)  # type: ignore[attr-defined]
 
 
 def _named(inputs: Inputs, value: Any, name: str) -> Path:

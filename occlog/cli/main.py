@@ -48,7 +48,7 @@ COMMANDS = {
     "priors": Command("occlog.measure.priors.command", "Find where moving occluders are."),
     "fit-motion": Command("occlog.track.map.fit_motion.command", "Identify a motion model from trajectories."),
     "fit-readers": Command("occlog.track.readers.fit.command", "Learn how strongly readers read tags."),
-    "track": Command("occlog.track.command", "Estimate target tracks from bearings."),
+    "track": Command("occlog.track.catalogue:VERB", "Estimate target tracks from bearings."),
     "ground": Command(
         "occlog.track.images.ground.request:GroundRequest",
         "Bring tracks in the images of calibrated cameras together in the world.",

@@ -44,7 +44,7 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
 
     command = VariantCommand(
         name=name,
-        params=[*map(_param, Form(verb.shared).entries()), *_common(verb.example)],
+        params=[*(_param(entry, verb) for entry in Form(verb.shared).entries()), *_common(verb.example)],
         help=verb.help,
         short_help=short_help,
         variants={each: _variant(verb, kind) for each, kind in verb.kinds.items()},
@@ -102,7 +102,7 @@ def _do(
 
     done = run(request, overwrite=overwrite, quiet=quiet)
     code = console.finish(done.summary, done.losses, as_json)
-    return console.strict_code(code, bool(done.summary.get("plausible", True)), strict)
+    return console.strict_code(code, done.summary.get("plausible"), strict)
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
@@ -116,12 +116,13 @@ def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = 
     return form.build(given, {} if free is None else {free[0]: dict(parse_setting(text) for text in settings)})
 
 
-def _param(entry: Entry) -> click.Parameter:
+def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
     """The parameter of a command for one thing that a request takes."""
     of = entry.file
     if of is None:
         under = "" if entry.group is None else entry.group.under
-        return SettingOption(entry.owner, entry.of, f"{under}_" if under else "", under)
+        names = tuple(verb.kinds) if verb is not None and verb.by == entry.key else ()
+        return SettingOption(entry.owner, entry.of, f"{under}_" if under else "", under, names)
     path: click.ParamType[Any] = options.PATH if of.output or not of.there else options.INPUT
     kind = path if of.number is None else NumberOrFile(of.number)
     if of.argument:

@@ -47,9 +47,17 @@ class SettingOption(click.Option):
         prefix: of the parameter's name, where a command has settings of one name from several classes.
         under: of the option's name: `--sigma` under `fuse` is `--fuse-sigma`; there a setting that declares no option
             has one of its own name.
+        names: values that a shell completes; empty: those of the option's type.
     """
 
-    def __init__(self, settings: type[Settings], f: Field[object], prefix: str = "", under: str = "") -> None:
+    def __init__(
+        self,
+        settings: type[Settings],
+        f: Field[object],
+        prefix: str = "",
+        under: str = "",
+        names: Sequence[str] = (),
+    ) -> None:
         said = declaration(f)
         self.owner, self.setting, self._said = settings.OWNER, f.name, said
         kind = plain_kind(kind_of(settings, f.name))
@@ -68,6 +76,7 @@ class SettingOption(click.Option):
             multiple=said.repeat,
             nargs=said.counts[0] if said.apart else None,
             metavar=said.metavar,
+            shell_complete=(lambda _ctx, _param, begun: [n for n in names if n.startswith(begun)]) if names else None,
             help=said.help if said.shown == "" else f"{said.help} [default: {default_words(f)}]",
         )
 
@@ -184,7 +193,8 @@ def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str
 def in_own_unit(value: Any, said: Declaration) -> Any:
     """The value of a setting, of what an option gives."""
     if said.repeat:
-        return tuple(name for text in value for name in listed(text))
+        texts = () if said.whole else (text for text in value if isinstance(text, str))
+        return tuple(name for text in texts for name in listed(text)) or tuple(value)
     return value if said.scale == 1.0 else value * said.scale
 
 

@@ -22,10 +22,14 @@ FROM_WHOLE, TO_WHOLE = 1e4, 1e15
 """Numbers of this size are told as whole ones: four digits of them would need a power of ten."""
 
 
-def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
-    """The result on standard output: one JSON object, or `key: value` lines for a person."""
+def echo_summary(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = ()) -> None:
+    """The result on standard output: one JSON object, or `key: value` lines for a person.
+
+    Keys of the object are in the order of the alphabet, behind those that come `first`.
+    """
     if as_json:
-        write_line(json.dumps(_plain(summary), sort_keys=True), sys.stdout)
+        plain = json.loads(json.dumps(_plain(summary), sort_keys=True))
+        write_line(json.dumps({key: plain[key] for key in first if key in plain} | plain), sys.stdout)
         return
     shown = {k: v for k, v in summary.items() if k not in ("plausible", "warnings")}
     if "plausible" in summary:

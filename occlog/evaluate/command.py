@@ -178,10 +178,12 @@ def _note_losses(losses: Iterable[Loss], quiet: bool) -> None:
 
 
 def _show(result: Evaluation, unit: str, as_json: bool) -> None:
+    from .mot import headline
     from .text import LABEL, number, summary_lines, thinned
 
+    own = headline.own_identities(result.metrics)
     if as_json:
-        console.echo_summary(thinned(result.figures), True)
+        console.echo_summary(thinned(result.figures), True, headline.first_of(result.metrics) if own else ())
         return
     lines = summary_lines(result.metrics, unit)
     if result.plugged:

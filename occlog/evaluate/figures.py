@@ -41,7 +41,8 @@ hota deta assa detpr detre asspr assre loca mota motp motp_iou moda moda_false m
 fragmentations mostly_tracked partly_tracked mostly_lost precision recall tp fp fn idf1 idp idr idtp idfp idfn
 idf1_across_views idp_across_views idr_across_views gospa gospa_localisation gospa_missed gospa_false tgospa
 tgospa_localisation tgospa_missed tgospa_false tgospa_switch ospa2 ospa2_localisation ospa2_cardinality ospa2_window
-pairs_rmse pairs_error_median pairs_error_p95 pairs_nees_compared pairs_nees_mean pairs_nees_share_95 count_error_max
+pairs_rmse pairs_error_median pairs_error_p95 pairs_gate pairs_nees_compared pairs_nees_mean pairs_nees_share_95
+tracks_own_identities count_error_max
 count_error_mean count_error_rms count_targets_mean count_tracks_mean fr_p fr_l position_failures label_failures frames
 frames_without_tracks objects objects_ignored objects_interpolated overlap
 """

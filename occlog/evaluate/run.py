@@ -108,7 +108,7 @@ def run_evaluate(
             whole = Tracks.concat(sources.tracks()), Truth.concat(sources.truth())
             result = with_plugins(replace(result, errors=Errors.concat(kept)), plugged, *whole, unit)
     how = f"{option('match')} optimal"
-    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance ({how})"
+    told = f"{paths.tracks}: track IDs are not those of the truth; matching by distance ({how})"
     more = () if unknown is None else (unknown,)
     other = other_video(paths.tracks, [paths.truth])
     notes = (*((told,) if own_numbers else ()), *result.notes, *more, *other)

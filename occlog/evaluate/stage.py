@@ -25,7 +25,7 @@ from occlog.evaluate.errors.stretches import Beside, Stretch, stretches
 from occlog.evaluate.errors.survey import Survey, survey
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.outline import Outlines
-from occlog.evaluate.mot.apart import line_of_errors_apart
+from occlog.evaluate.mot import headline
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.on_ground import GroundFigures, GroundPart, places_of
 from occlog.evaluate.results import Evaluation
@@ -196,20 +196,26 @@ class Evaluator:
         if self._sees:
             seen = AgainstBearings(sources, known, self._outlines, self._scene, config, places=places)
             beside = seen.begin(pairs, evidence, high_tracks=self._high)
+        # Of tracks with identities of their own the pairs of each frame say whether covariances are right
+        own = ground is not None and config.match != "id" and known.single is None
         for part, frames in self._parts(many, beside) if self._compares or self._sees else ():
             found = errors.update(part) if self._compares else Errors.empty()
             if seen is not None:
                 seen.update(part, found, errors.late)
-            against.update(found)
             take(found)
             for table in ground.update(frames) if ground is not None and frames is not None else ():
                 take(table)
+            if not own:
+                against.update(found)
+            elif ground is not None and frames is not None:
+                against.update_pairs(*ground.pair_nees)
         if seen is not None:
             seen.finish(take)
         metrics, notes = self._figures(errors, seen)
         if ground is not None:
             metrics = {**metrics, **{name: v for name, v in ground.result().items() if name not in metrics}}
-            notes += [*ground.notes(), *numbers, *line_of_errors_apart(metrics, unit, config.match)]
+            metrics = headline.first({**metrics, headline.OWN: 1.0}, unit) if own else metrics
+            notes += [*ground.notes(), *numbers, *headline.notes(metrics, unit, config.match)]
         if places and seen is not None:
             self.noise = seen.noise_at_known_places()
             metrics |= figures_of(self.noise)

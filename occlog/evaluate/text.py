@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 
-from .mot.apart import errors_apart
+from .mot import headline
 
 LABEL = 48
 """Width of what stands before a number: that of the longest."""
@@ -52,6 +52,17 @@ GROUP = (
         ("estimates_other_frames", "left out: rows in other frames", ""),
     ),
 )
+PAIRS = (
+    ("hota", "HOTA", ""),
+    ("idf1", "IDF1", ""),
+    ("mota", "MOTA", ""),
+    ("id_switches", "identity switches", ""),
+    ("pairs_rmse", "RMSE, matching per frame", "length"),
+    ("pairs_nees_mean", "  mean NEES (consistent: 2)", ""),
+    ("pairs_nees_share_95", "  inside the 95 % ellipse", ""),
+    ("pairs_gate", "  gate of a match", "length"),
+)
+"""First figures of tracks with identities of their own."""
 BY_SENSOR_IN_IMAGES = (
     ("fr_p", "FR_p", ""),
     ("fr_l", "FR_l", ""),
@@ -279,11 +290,16 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
     Of tracks that were smoothed (`tracks_smoothed`) each target's errors stand beside the bound of smoothing.
     """
     lines: list[str] = []
-    for heading, entries in GROUPS:
+    own = headline.own_identities(metrics)
+    groups = (("tracks", PAIRS), GROUP, *GROUPS[:-1]) if own else GROUPS
+    for heading, entries in groups:
         shown = [(label, metrics[key], of) for key, label, of in _keys(entries, "", unit) if key in metrics]
+        if own and entries is GROUP[1]:
+            keys = [key for key, _, _ in _keys(entries, "", unit) if key in metrics]
+            shown = [row for key, row in zip(keys, shown, strict=True) if key not in headline.names(unit)]
         if shown:
-            if heading == "errors" and errors_apart(metrics, unit):
-                heading = "errors, each track held to one target for all its time"
+            if heading == "errors" and (own or headline.errors_apart(metrics, unit)):
+                heading = "errors, one-to-one matching over the whole run"
             lines += ["", heading] if lines else [heading]
             lines += [f"  {label:<{LABEL}}{number(value):>12} {of}".rstrip() for label, value, of in shown]
     for kind, columns in (

@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Floats, Ints
 from occlog.consistency.sight import whole
 from occlog.consistency.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, beyond
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
 from occlog.io.files.provenance import Provenance
+from occlog.records.columns import rows_by_label
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Tracks
 from occlog.records.verdicts import Check, finding, outcome
@@ -25,6 +26,7 @@ from occlog.track.catalogue import smooths
 
 from .errors.sums import in_space
 from .mot.config import ManyConfig
+from .mot.headline import own_identities
 
 COVARIANCES, IDENTITY = "covariances against the truth (NEES)", "truth and bearings of one target"
 DETECTIONS, BOUND = "detection rate at the true positions", "errors against the bound"
@@ -114,7 +116,7 @@ def judge(
         mine = used(seen, made, held_out)
         found.saw(tracks, whole(tracks, mine, scene, diagnostics, made.window_ns), scene)
     against = AgainstTruth(made, scene)
-    if errors is not None:
+    if errors is not None and not own_identities(metrics or {}):
         against.update(errors)
     unknown = bool(np.isnan(tracks.cov_xx).any())
     return with_truth(found, made, against, unknown=unknown, metrics=metrics or {})
@@ -224,6 +226,12 @@ class AgainstTruth:
             self._ground.update(target, errors.nees[own])
             self._space.update(target, errors.nees_space[own])
 
+    def update_pairs(self, targets: Ints, nees: Floats) -> None:
+        """Some more pairs of each frame on the ground, in the order of time: target and NEES of each."""
+        self.rows += len(nees)
+        for target, rows in rows_by_label(targets):
+            self._ground.update(target, nees[rows])
+
     def checks(self) -> tuple[Check, ...]:
         """Whether covariances say how large the errors are."""
         if self.rows < FEWEST:
@@ -298,11 +306,18 @@ def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
         *outcome(
             BOUND,
             _far_from_bound(metrics),
-            unless="" if _number(metrics, "bound_estimates") >= FEWEST else "there is no bound",
+            unless=_no_bound(metrics),
             ratio=_number(metrics, "bound_ratio"),
             allowed=FAR_FROM_BOUND,
         ),
     )
+
+
+def _no_bound(metrics: Mapping[str, object]) -> str:
+    """Why errors are not compared with the bound; empty: they are."""
+    if own_identities(metrics):
+        return "tracks have identities of their own, so that errors count their switches"
+    return "" if _number(metrics, "bound_estimates") >= FEWEST else "there is no bound"
 
 
 def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
@@ -323,7 +338,7 @@ def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
 def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
     """Errors that are far larger than the bearings would allow."""
     ratio = _number(metrics, "bound_ratio")
-    if ratio > FAR_FROM_BOUND and _number(metrics, "bound_estimates") >= FEWEST:
+    if ratio > FAR_FROM_BOUND and not _no_bound(metrics):
         yield finding(
             BOUND,
             "note",

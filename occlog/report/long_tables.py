@@ -18,6 +18,7 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.consistency.verdict import Evidence
 from occlog.evaluate.errors.sums import median_of
+from occlog.evaluate.mot.headline import own_identities
 from occlog.evaluate.sources import streamed_bearings
 from occlog.evaluate.verdict import AgainstTruth, Made, with_truth
 from occlog.io.files.put_aside.spool import Spool
@@ -135,7 +136,7 @@ class _Reading:
         self._whole: dict[str, Whole] = {}
         self._of_all: dict[str, Any] = {}
         self._moments: Ints | None = None
-        self._unknown = False
+        self._unknown = self._own = False
         self._selected: tuple[SelectionStreams, _Input[Diagnostics]] | None = None
         self._posts = Posts()
         self._evidence = Evidence()
@@ -143,6 +144,7 @@ class _Reading:
 
     def all(self, metrics: Mapping[str, object]) -> dict[str, Any]:
         """What `ReportInput` takes."""
+        self._own = own_identities(metrics)
         self._read_tracks()
         self._read_truth()
         self._read_diagnostics()
@@ -291,7 +293,8 @@ class _Reading:
         so_far = _Drawn(ours.rows), _Drawn(np.zeros(0, np.int64) if theirs is None else theirs.rows)
         for limits in in_step(sides, (0, 0)):
             part, its = limits.of(sides[0]), limits.of(sides[1])
-            self._against.update(part)
+            if not self._own:
+                self._against.update(part)
             so_far[0].add(of_all.add(part))
             so_far[1].add(beside.add(part, its))
         self._of_all |= {"errors": of_all, "errors_so_far": so_far[0].values(())}

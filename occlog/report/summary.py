@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.console.text import noun
+from occlog.evaluate.mot.headline import own_identities
 from occlog.records.tables import Errors
 from occlog.records.verdicts import Check, Verdict, all_plausible, made_checks
 from occlog.report.content.beside_bound import rms
@@ -53,6 +54,8 @@ def _people(people: People) -> list[Figure]:
 
 def _accuracy(data: ReportInput) -> list[Figure]:
     """RMSE, bound and their ratio over all targets; without truth, the distance from the sight lines."""
+    if own_identities(data.metrics):
+        return _pairs(data)
     of_all = data.errors_so_far
     if data.errors is None or not len(data.errors):
         return _sight(data)
@@ -65,6 +68,22 @@ def _accuracy(data: ReportInput) -> list[Figure]:
             out.append(Figure("bound", number(bound), data.unit, f"no {who} can do better"))
             out.append(Figure("RMSE / bound", number(round(rmse / bound, 3)), "", "1 is the best possible"))
     return out + _in_space(data, data.errors)
+
+
+def _pairs(data: ReportInput) -> list[Figure]:
+    """Figures of tracks with identities of their own, of the evaluation."""
+    unit = data.unit
+    value = {name: found for name, found in data.metrics.items() if isinstance(found, int | float)}
+    gate = f"matching per frame, {number(value.get(f'pairs_gate_{unit}'))} {unit} gate"
+    shown = (
+        ("HOTA", "hota", "", "detection and association"),
+        ("IDF1", "idf1", "", "share of rows with the right identity"),
+        ("MOTA", "mota", "", "1 is the best possible"),
+        ("identity switches", "id_switches", "", ""),
+        ("RMSE", f"pairs_rmse_{unit}", unit, gate),
+        ("mean NEES", "pairs_nees_mean", "", "2 where covariances are right"),
+    )
+    return [Figure(name, number(value[key]), of, note) for name, key, of, note in shown if key in value]
 
 
 def _in_space(data: ReportInput, errors: Errors) -> list[Figure]:

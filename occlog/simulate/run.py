@@ -25,6 +25,7 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import Opened, load_scene, open_input
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.paths import read_paths
+from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.scripts import Script
 from occlog.records.tables import Tracks, Truth
@@ -325,6 +326,11 @@ def _recorded(
     )
     reads = observe_readers(setup.scene, read, setup.reads, seed)
     distances = observe_stations(setup.scene, ranged, setup.measure, setup.reads, seed)
+    others: tuple[tuple[bool, Iterator[Table], Iterator[Truth | Grid], str], ...] = (
+        (bool(setup.scene.arrays), sounds, heard, "doa"),
+        (bool(setup.scene.readers), reads, read, "reads"),
+        (bool(setup.measure.kinds), distances, ranged, "measurements"),
+    )
     for chunk in truth:
         if setup.people is not None:
             counts["contacts"] += _contacts(truth_grid(chunk), setup.people, setup.world)
@@ -335,24 +341,13 @@ def _recorded(
             counts.update(bearings=len(rows), seen=int(rows.seen.sum()))
         else:
             next(seen)
-        if setup.scene.arrays:
-            sound = next(sounds)
-            writer.table(sound)
-            counts["doa"] += len(sound)
-        else:
-            next(heard)
-        if setup.scene.readers:
-            signals = next(reads)
-            writer.table(signals)
-            counts["reads"] += len(signals)
-        else:
-            next(read)
-        if setup.measure.kinds:
-            measured = next(distances)
-            writer.table(measured)
-            counts["measurements"] += len(measured)
-        else:
-            next(ranged)
+        for wanted, tables, paths, kind in others:
+            if wanted:
+                table = next(tables)
+                writer.table(table)
+                counts[kind] += len(table)
+            else:
+                next(paths)
         yield chunk
 
 

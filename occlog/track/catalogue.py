@@ -5,13 +5,16 @@ A method is a folder with its settings (`config.py`) and one line here.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
-from occlog.errors import UsageError, did_you_mean
+from occlog.errors import PluginError, UsageError, did_you_mean
+from occlog.request import Form, Kind, Request, Verb, load
 from occlog.settings import Settings
+
+from .request import PeopleRequest, ReadsRequest, SingleViewRequest, Tracking, TrackRequest, ViewsRequest
 
 if TYPE_CHECKING:
     from occlog.plugins.loading import Plugin
@@ -26,11 +29,10 @@ IN_WORLD = (
     "targets",
     "labelled_only",
     "use_recovered",
-    "turn",
+    "in_turn",
     "residuals",
-    "strict",
 )
-"""Options of all methods that track in the world; see `occlog.track.options`."""
+"""Fields of requests, and settings of their groups, that all methods take that track in the world."""
 MEASURED = (
     "measurements",
     "path_loss",
@@ -48,9 +50,9 @@ MEASURED = (
 """Options of methods that take ranges, signal strengths and time differences."""
 IN_IMAGES = ("initial", "detections", "fundamental", "world")
 """Options of all methods that track in images."""
-OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "gallery", "strict")
+OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "gallery")
 """Options of all methods that follow everybody."""
-OF_TAGS = ("targets", "path_loss", "sights", "strict")
+OF_TAGS = ("targets", "path_loss", "sights")
 """Options of all methods that take reads of tags."""
 BEARINGS, IMAGES, BOXES, READS, VIEW = "bearings", "images", "boxes", "reads", "boxes of one camera"
 """What a method takes in."""
@@ -180,7 +182,7 @@ OURS: dict[str, Entry] = {
     ),
     "jipda": Entry(
         "everybody on the floor, from the boxes of all cameras jointly (Musicki, Evans 2004; Williams, Lau 2014)",
-        "occlog.track.people.catalogue:JIPDA",
+        "occlog.track.people.stage:JIPDA",
         "occlog.track.jipda.config:JipdaConfig",
         OF_EVERYBODY,
         takes_in=BOXES,
@@ -267,12 +269,6 @@ def tracker(name: str) -> AnyMethod:
     return method
 
 
-def load(where: str) -> Any:
-    """The value of `module:name`."""
-    module, _, name = where.partition(":")
-    return getattr(importlib.import_module(module), name)
-
-
 def smooths(command: str, parameters: Mapping[str, object]) -> bool:
     """Whether tracks that a command made with these parameters know what came after them.
 
@@ -283,3 +279,54 @@ def smooths(command: str, parameters: Mapping[str, object]) -> bool:
     if command != "track":
         return False
     return parameters.get("method") == "map" or bool(parameters.get("smooth")) or parameters.get("lag_s") is not None
+
+
+REQUESTS: Mapping[str, type[Request]] = {
+    BEARINGS: TrackRequest,
+    BOXES: PeopleRequest,
+    READS: ReadsRequest,
+    VIEW: SingleViewRequest,
+    IMAGES: ViewsRequest,
+}
+"""The request of a method by what it takes in."""
+
+
+def form_of(method: str) -> Form:
+    """The form of a request for a method; UsageError where there is no such method."""
+    found = entry(method)
+    around = (load("occlog.track.images.births.config:ViewsConfig"),) if found.images else ()
+    shared = (each.name for each in Form(Tracking).entries())
+    settings = {"settings": settings_of(method)}
+    return Form(REQUESTS[found.takes_in], {*shared, *found.takes, "settings"}, settings, around)
+
+
+def _kind(method: str) -> Kind:
+    return Kind(METHODS[method].summary, partial(form_of, method))
+
+
+def _plugged_kinds() -> dict[str, Kind]:
+    """The methods of installed plug-ins; what cannot be loaded says why."""
+    from occlog.plugins.loading import METHOD, VIEW_TRACKER, installed
+
+    found = {}
+    for plugin in (*installed(METHOD), *installed(VIEW_TRACKER)):
+        if plugin.name not in OURS:
+            try:
+                found[plugin.name] = _kind(plugin.name)
+            except PluginError as error:
+                found[plugin.name] = Kind(str(error), lambda: Form(Tracking))
+    return found
+
+
+VERB = Verb(
+    Tracking,
+    {name: _kind(name) for name in OURS},
+    default="apf",
+    by="method",
+    choose=str,
+    what="method",
+    chosen_by="--method {}",
+    more=_plugged_kinds,
+    shows_default=False,
+    example="sigma_v=0.3",
+)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,15 +15,14 @@ from occlog.consistency.sharp import Sharp
 from occlog.consistency.sight import Compared
 from occlog.consistency.verdict import Evidence
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.models.motion_models import read_motion
 from occlog.io.models.path_losses import read_path_loss
 from occlog.io.open import open_input
 from occlog.records.declared.traffic import END_TO_END
-from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Particles, Residuals, Tracks
+from occlog.records.tables import Bearings, Delays
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
+from occlog.runner import Job
 from occlog.scans.config import MeasuredConfig
 from occlog.scans.grouping import checked, choose_sensors
 from occlog.scans.inputs import Inputs
@@ -38,13 +36,13 @@ from occlog.track.drivers.network_cost import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, ImmConfig
+from occlog.track.request import TrackRequest
 
 from .catalogue import METHODS, settings_of, tracker
 from .interface import AnyMethod, Batch, Joint, Online
 from .smoothing_and_lag import SmoothingConfig
 
 if TYPE_CHECKING:
-    from occlog.records.columns import Table
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
     from occlog.track.drivers.rows import Solve, Tracked
@@ -147,62 +145,7 @@ class TrackSummary:
         }
 
 
-@dataclass(frozen=True)
-class TrackRequest:
-    """Measurements to track in, the method with its settings, and the rows to use."""
-
-    bearings: Path
-    scene: Path | None
-    doa: Path | None
-    method: str
-    settings: Mapping[str, Any]
-    starts: tuple[str, ...]
-    targets: tuple[int, ...]  # empty: all
-    unlabelled: bool
-    only: tuple[str, ...]  # sensors; empty: all
-    without: tuple[str, ...]
-    window_ns: int
-    seed: int
-    occluders: Path | None = None
-    selection: Mapping[str, Any] = field(default_factory=dict)  # settings of the selection of cameras; empty: none
-    doa_labels: bool = False
-    turn_s: float | None = None  # one sensor at a time, for so long; None: all of them
-    motion: Path | None = None  # a fitted motion model, for --method map
-    use_recovered: bool = False  # of fused bearings also those that were recovered
-    answer_delay: float | Path | None = None  # of cameras [s], or delays of data traffic; None: the setting
-    measurements: Path | None = None  # ranges, signal strengths and time differences beside the bearings
-    measured: Mapping[str, Any] = field(default_factory=dict)  # settings of them
-    path_loss: Path | None = None  # of signal strengths; None: settings
-
-    @property
-    def paths(self) -> list[Path]:
-        """All inputs that were given."""
-        delays = self.answer_delay if isinstance(self.answer_delay, Path) else None
-        own = (self.bearings, self.scene, self.doa, self.occluders, self.motion, delays)
-        given = (*own, self.measurements, self.path_loss)
-        return [path for path in given if path is not None]
-
-
-@dataclass(frozen=True)
-class TrackFiles:
-    """Tables to write; None: not that one."""
-
-    tracks: Path
-    diagnostics: Path | None = None
-    calibration: Path | None = None
-    cooperation: Path | None = None
-    residuals: Path | None = None
-    cloud: Path | None = None  # particles
-
-    @property
-    def paths(self) -> list[Path | None]:
-        """All of them."""
-        return [self.tracks, self.diagnostics, self.calibration, self.cooperation, self.residuals, self.cloud]
-
-
-def run_track(
-    request: TrackRequest, wanted: TrackFiles, overwrite: bool, quiet: bool
-) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Track and write; the summary, and what had been lost before."""
     # Open the measurements, and settle method, sensors and selection
     inputs = Inputs(
@@ -217,21 +160,21 @@ def run_track(
         reads=bool(request.measured) or request.path_loss is not None,
     )
     config = make_config(request, inputs.scene.length_unit)
-    if wanted.calibration is not None and not estimates_poses(tracker(request.method), config):
+    if request.calibration is not None and not estimates_poses(tracker(request.method), config):
         raise UsageError(
             f"{option('calibration')} wants estimates to write; add "
             f"{option('set.calibrate')}joint or {option('set.calibrate')}initial"
         )
     measured, said = make_measured(request, inputs)
-    sensors = choose_sensors(inputs.scene, request.only, request.without, readers=measured is not None)
+    sensors = choose_sensors(inputs.scene, request.cameras, request.without, readers=measured is not None)
     targets = request.targets or None
     selection = make_selection(request)
     # Choose the rows
-    chunks = console.progress(inputs.chunks, "track", quiet=quiet)
+    chunks = job.progress(inputs.chunks, "track")
     if not request.use_recovered:
         chunks = only_measured(chunks)
-    if request.turn_s is not None:
-        chunks = one_at_a_time(chunks, inputs.scene, sensors, request.turn_s)
+    if request.in_turn is not None:
+        chunks = one_at_a_time(chunks, inputs.scene, sensors, request.in_turn)
     # Track
     plugin = METHODS[request.method].plugin
     tracking = Tracking(
@@ -240,10 +183,10 @@ def run_track(
         method=request.method,
         sensors=sensors,
         targets=targets,
-        unlabelled=request.unlabelled,
-        window_ns=request.window_ns,
+        unlabelled=not request.labelled_only,
+        window_ns=request.window_ns or 0,
         selection=selection,
-        particles=wanted.cloud is not None,
+        particles=request.cloud is not None,
     )
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, SmoothingConfig) and config.smoothed
@@ -254,9 +197,9 @@ def run_track(
         "method": request.method,
         "sensors": sorted(sensors),
         "targets": targets,
-        "unlabelled": request.unlabelled,
-        "window_ns": request.window_ns,
-        "in_turn_s": request.turn_s,
+        "unlabelled": not request.labelled_only,
+        "window_ns": request.window_ns or 0,
+        "in_turn_s": request.in_turn,
         "doa_labels": request.doa_labels,
         "selection": None if selection is None else asdict(selection),
         **asdict(config),
@@ -266,36 +209,17 @@ def run_track(
     }
     # Write all tables while they stream
     losses = tuple(dict.fromkeys((*inputs.losses, *lost_in_models([request.motion, request.path_loss]))))
-    provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), losses)
-    outputs: list[tuple[Path | None, type[Table]]] = [
-        (wanted.tracks, Tracks),
-        (wanted.diagnostics, Diagnostics),
-        (wanted.calibration, Calibration),
-        (wanted.cooperation, Cooperation),
-        (wanted.residuals, Residuals),
-        (wanted.cloud, Particles),
-    ]
-    with ExitStack() as stack:
-        writers = [
-            None
-            if p is None
-            else stack.enter_context(
-                TableWriter(p, t, provenance, overwrite=overwrite, length_unit=inputs.scene.length_unit)
-            )
-            for p, t in outputs
-        ]
+    provenance = job.provenance(parameters, losses, request.seed)
+    with job.tables(provenance, inputs.scene.length_unit) as tables:
         for part in tracked:
-            tables = (
-                part.tracks,
-                part.diagnostics,
-                part.calibration,
-                part.cooperation,
-                part.residuals,
-                part.particles,
+            tables.write(
+                output=part.tracks,
+                diagnostics=part.diagnostics,
+                calibration=part.calibration,
+                cooperation=part.cooperation,
+                residuals=part.residuals,
+                cloud=part.particles,
             )
-            for writer, table in zip(writers, tables, strict=True):
-                if writer is not None and table is not None:
-                    writer.write(table)
             summary.add(part)
         if not summary.evidence.rows and not joint:
             why = "no row is of the chosen targets and sensors; choose others"
@@ -307,11 +231,9 @@ def run_track(
                     why += f"as many other measurements, at one time ({option('window')})"
             raise InputError(f"{request.bearings}: {why}")
         made = provenance.with_checks(summary.checks())
-        for writer in writers:
-            if writer is not None:
-                writer.annotate(made)
-    console.note_findings(texts_of(made.judged, "track"), quiet)
-    found = {"tracks": str(wanted.tracks), "method": request.method, **summary.figures(), **summary_of(made.judged)}
+        tables.annotate(made)
+    console.note_findings(texts_of(made.judged, "track"), job.quiet)
+    found = {"tracks": str(request.output), "method": request.method, **summary.figures(), **summary_of(made.judged)}
     return found, losses
 
 
@@ -429,7 +351,7 @@ def slowest_router(path: Path) -> float:
 
 def make_selection(request: TrackRequest) -> SelectConfig | None:
     """How cameras are selected; UsageError for options of a selection without --select."""
-    given = request.selection
+    given = request.select
     if not given:
         return None
     if "policy" not in given:

@@ -388,7 +388,7 @@ def test_positions_of_another_program_are_paired_by_distance_and_need_no_covaria
         == ExitCode.DONE
     )
     said = capsys.readouterr()
-    assert "paired by distance" in said.err
+    assert "matching by distance" in said.err
     assert "note: estimates have no covariance" in said.err
     assert "plausible: yes" in said.out
     figures = json.loads((folder / "own.json").read_text())

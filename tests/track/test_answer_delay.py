@@ -17,7 +17,8 @@ from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.records.tables import Delays
 from occlog.settings import SettingError
-from occlog.track.run import TrackRequest, make_config, slowest_router
+from occlog.track.request import TrackRequest
+from occlog.track.run import make_config, slowest_router
 
 ONE_CASE = ("--protocol", "sbvc", "--image-kb", "40", "--objects-share", ".1")
 
@@ -30,17 +31,9 @@ def traffic(path: Path, *options: str) -> Path:
 def request(delay: float | Path | None, **settings: object) -> TrackRequest:
     return TrackRequest(
         bearings=Path("heard.parquet"),
-        scene=None,
-        doa=None,
+        output=Path("tracks.parquet"),
         method="imm",
         settings=settings,
-        starts=(),
-        targets=(),
-        unlabelled=True,
-        only=(),
-        without=(),
-        window_ns=0,
-        seed=0,
         answer_delay=delay,
     )
 

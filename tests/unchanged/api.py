@@ -33,7 +33,7 @@ for method in ("apf", "fix", "ekf", "map"):
     Path(f"{method}.json").write_text(json.dumps(figures.metrics), encoding="utf-8")
 walk = occlog.simulate(INPUTS / "examples" / "room.yaml", steps=60, seed=7)
 walk["truth"].to_pandas().to_csv("truth.csv", index=False)
-occlog.track(walk, method="ukf", seed=7, output="ukf.parquet")
+occlog.track(walk, method="ukf", seed=7).tracks.save("ukf.parquet")
 found = occlog.detect(INPUTS / "sample_data" / "room" / "recording.mcap")
 found.bearings.save("bearings.parquet")
 three = occlog.ingest(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import CHI2_95_2D, normalised_squared_errors, ratio
 from occlog.core.metrics.mot.clear_mot import ClearCounts, ClearRule, Matcher, Matches
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, numbered, of_points
@@ -131,6 +131,8 @@ class GroundFigures:
         self._trajectories = TrajectoryCosts(frames, g, k, cutoff, config.gospa_switch or cutoff, config.gospa_p)
         self._each_matcher, self._pairs = Matcher(g, EACH_FRAME), PairErrors(unit, in_memory)
         self._counts = CountSums()
+        self.pair_nees: tuple[Ints, Floats] = (none, np.zeros(0))
+        """Target and NEES of each pair of the last part whose track has a row of its own."""
 
     @classmethod
     def of(cls, known: Survey, config: ManyConfig, unit: str) -> GroundFigures:
@@ -164,7 +166,7 @@ class GroundFigures:
             for each in self._windows.update(frames, ends):
                 self._window_sum.add(each.ospa2)
         self._trajectories.update(frames, part.begin, part.over)
-        self._pairs.update(frames, self._each_matcher.update(frames), places, part.rows)
+        self.pair_nees = self._pairs.update(frames, self._each_matcher.update(frames), places, part.rows)
         counts = counts_over_time(frames, made, places, part.begin)
         self._counts.update(counts)
         found = find_failures(places, self._owners)
@@ -193,7 +195,7 @@ class GroundFigures:
         out = self._failures.result() | {"objects_interpolated": self._interpolated}
         out |= self._mot.result(cells, unit=unit) | {"frames": cells}
         out |= self._detection() | self._trajectory(cells, unit)
-        out |= self._pairs.result() | self._counts.result()
+        out |= self._pairs.result() | {f"pairs_gate_{unit}": self._limit} | self._counts.result()
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
@@ -248,8 +250,8 @@ class PairErrors:
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
-    def update(self, frames: Frames, made: Matches, places: Places, tracks: Tracks) -> None:
-        """Pairs of some more frames.
+    def update(self, frames: Frames, made: Matches, places: Places, tracks: Tracks) -> tuple[Ints, Floats]:
+        """Pairs of some more frames; (n,) target and (n,) NEES of those whose track has a row at the time.
 
         Args:
             frames: truth and tracks.
@@ -264,11 +266,13 @@ class PairErrors:
         own = row >= 0
         at = tracks.take(row[own])
         covariance = np.stack([at.cov_xx, at.cov_xy, at.cov_xy, at.cov_yy], axis=1).reshape(-1, 2, 2)
-        self._nees.update(normalised_squared_errors(error[own], covariance))
+        nees = normalised_squared_errors(error[own], covariance)
+        self._nees.update(nees)
         distance = np.hypot(error[:, 0], error[:, 1])
         self._distances.update(distance)
         self._squares.add(float(np.sum(np.square(distance))))
         self._pairs += len(distance)
+        return places.truth.label[true[own]], nees
 
     def merge(self, other: PairErrors) -> None:
         """Take in the pairs of another recording."""

@@ -87,25 +87,11 @@ PLACED = ("particles", "estimate", "velocity", "path", "axes", "likeness", "weak
 """Columns of the trackers' state that move when two trackers are exchanged."""
 
 
-class TrackerRows(NamedTuple):
-    """Columns of `Followed` in one frame, and the method's whole output, which pictures show."""
-
-    frame: Ints
-    view: Ints
-    target: Ints
-    ellipse: Floats
-    mode: Ints
-    counterpart: Ints
-    event: Ints
-    ess: Floats
-    outlines: Outlines | None
-
-
 class FollowedFrame(NamedTuple):
     """A frame of the video with the trackers of each method."""
 
     frame: BallsFrame
-    rows: Mapping[str, TrackerRows]
+    rows: Mapping[str, Outlines]
 
 
 def follow(
@@ -127,7 +113,7 @@ def follow(
     Returns:
         The output of each method by label; the truth as boxes, with `view`; and the radius of each true row [px].
     """
-    done: dict[str, list[TrackerRows]] = {label: [] for label in runners}
+    done: dict[str, list[Outlines]] = {label: [] for label in runners}
     seconds: dict[str, list[float]] = {label: [] for label in runners}
     parts: dict[str, list[tuple[float, float, float]]] = {label: [] for label in runners}
     states, rngs = {}, {label: generator(r.seed, Stage.TRACK) for label, r in runners.items()}
@@ -139,7 +125,7 @@ def follow(
             if not frames:
                 empty = initial_state(views[: r.use], r.geometry, r.config)
                 states[label] = initiate_trackers(empty, looks, r.births)
-                done[label].append(_first(r.births))
+                done[label].append(_first(r.births, r.use))
                 continue
             if r.exchange is not None and r.exchange[3] == frame.frame:
                 states[label] = exchanged(states[label], *r.exchange[:3])
@@ -151,7 +137,7 @@ def follow(
             start = time.thread_time()
             states[label], outlines = advance(states[label], looks, rngs[label])
             seconds[label].append(time.thread_time() - start)
-            done[label].append(_rows(frame.frame, outlines))
+            done[label].append(outlines)
         if watch is not None:
             watch(FollowedFrame(frame, {label: rows[-1] for label, rows in done.items()}))
         frames.append(frame._replace(images=()))
@@ -183,42 +169,38 @@ def led_astray(state: VisualState, astray: Astray) -> VisualState:
     return state._replace(trackers=t._replace(particles=particles, estimate=estimate, velocity=velocity, path=path))
 
 
-def _first(births: Sequence[Birth]) -> TrackerRows:
+def _first(births: Sequence[Birth], views: int) -> Outlines:
+    """Return the rows of the first frame, of trackers that were just born."""
     n = len(births)
-    view = np.array([b.view for b in births], dtype=np.int64)
-    target = np.array([b.target_id for b in births], dtype=np.int64)
-    zero = np.zeros(n, dtype=np.int64)
-    ellipse, none = np.stack([b.ellipse for b in births]), np.full(n, np.nan)
-    return TrackerRows(
-        frame=zero,
-        view=view,
-        target=target,
-        ellipse=ellipse,
+    zero, unknown = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
+    return Outlines(
+        view=np.array([b.view for b in births], dtype=np.int64),
+        target_id=np.array([b.target_id for b in births], dtype=np.int64),
+        ellipse=np.stack([b.ellipse for b in births]),
+        covariance=np.full((n, 3), np.nan),
+        likeness=unknown,
+        ess=unknown,
         mode=zero - 1,
         counterpart=zero,
+        touching=np.zeros((n, n), dtype=np.bool_),
+        helpers=np.zeros((n, views), dtype=np.bool_),
         event=zero + START,
-        ess=none,
-        outlines=None,
-    )
-
-
-def _rows(frame: int, o: Outlines) -> TrackerRows:
-    at = np.full(len(o.view), frame, dtype=np.int64)
-    return TrackerRows(
-        frame=at,
-        view=o.view,
-        target=o.target_id,
-        ellipse=o.ellipse,
-        mode=o.mode,
-        counterpart=o.counterpart,
-        event=o.event,
-        ess=o.ess,
-        outlines=o,
     )
 
 
 def _joined(
-    rows: Sequence[TrackerRows], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
+    rows: Sequence[Outlines], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
 ) -> Followed:
-    columns = {name: np.concatenate([getattr(r, name) for r in rows]) for name in TrackerRows._fields[:-1]}
-    return Followed(**columns, seconds=np.array(seconds), parts=np.array(parts).reshape(-1, 3))
+    """Join the rows of frames 0, 1, ..."""
+    return Followed(
+        frame=np.repeat(np.arange(len(rows)), [len(o.view) for o in rows]),
+        view=np.concatenate([o.view for o in rows]),
+        target=np.concatenate([o.target_id for o in rows]),
+        ellipse=np.concatenate([o.ellipse for o in rows]),
+        mode=np.concatenate([o.mode for o in rows]),
+        counterpart=np.concatenate([o.counterpart for o in rows]),
+        event=np.concatenate([o.event for o in rows]),
+        ess=np.concatenate([o.ess for o in rows]),
+        seconds=np.array(seconds),
+        parts=np.array(parts).reshape(-1, 3),
+    )

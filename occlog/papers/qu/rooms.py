@@ -20,10 +20,10 @@ from occlog.io.recording.reader import open_recording
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.records.declared.views import EVENTS, ViewTracks
 from occlog.records.tables import TruthBoxes
+from occlog.runner import run
 from occlog.simulate.run import SimulateRequest, people_setup, run_simulate
 from occlog.track.images.interface import MODES
-from occlog.track.images.run.inputs import ViewsRequest
-from occlog.track.images.run.run import ViewsOutputs, run_track_views
+from occlog.track.request import ViewsRequest
 
 from .follow import Followed
 from .trial import scores, timeline
@@ -76,19 +76,14 @@ def run_rooms_trial(spec: Spec) -> dict[str, float]:
         for label, own in spec["methods"].items():
             tracks = Path(folder) / "view_tracks.parquet"
             track = ViewsRequest(
-                recording=recording,
-                scene=None,
+                bearings=recording,
+                output=tracks,
                 method=str(own["method"]),
                 settings={"birth_frames": 0, **own.get("set", {})},
                 initial=recording,
-                detections=None,
-                fundamental=None,
-                only=(),
-                without=(),
-                window_ns=None,
                 seed=seed,
             )
-            run_track_views(track, ViewsOutputs(tracks), overwrite=True, quiet=True)
+            run(track, overwrite=True, quiet=True)
             followed = _followed(open_input(tracks).read(ViewTracks), names)
             figures = scores(truth, followed, radius) | timeline(truth, followed, radius, 2)
             out |= {f"{label}.{name}": value for name, value in figures.items()}

@@ -20,6 +20,7 @@ import click
 from occlog import __version__, console
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
+from occlog.evaluate.mot import headline
 from occlog.io.files.atomic import PARTIAL, no_links_out_of
 from occlog.io.files.locks import alone_with
 from occlog.io.files.provenance import hash_file, verdicts_of_file
@@ -222,7 +223,9 @@ def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, obj
     numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in ("plausible", "warnings")}
     if as_json:
         return {"stages": done, "folder": str(folder), "metrics": numbers}
-    head = {k: v for k, v in numbers.items() if _is_headline(k) and v is not None}
+    own = headline.own_identities(numbers)
+    shown = headline.first_of(numbers) if own else {k: v for k, v in numbers.items() if _is_headline(k)}
+    head = {k: v for k, v in shown.items() if v is not None}
     page = {} if done.get("report") == WAITING else {"report": str(folder / "report.html")}
     return {**done, **page, **head}
 

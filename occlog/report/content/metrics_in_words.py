@@ -26,9 +26,29 @@ class Word(NamedTuple):
 
 
 _ACCURACY, _BOUND, _TRUST = "Accuracy", "Bound", "Consistency"
+_MANY = "Tracking of many targets"
 _SEEN, _MEET, _HELD, _VIEWS = "Detection", "Sight lines", "Prediction of held-out sensors", "Views and true boxes"
 
 WORDS: tuple[Word, ...] = (
+    Word(_MANY, "hota", "HOTA", "", "geometric mean of detection and association, over thresholds of similarity"),
+    Word(_MANY, "deta", "DetA", "", "detection part of HOTA"),
+    Word(_MANY, "assa", "AssA", "", "association part of HOTA"),
+    Word(_MANY, "loca", "LocA", "", "mean similarity of the matches"),
+    Word(_MANY, "idf1", "IDF1", "", "share of rows with the right identity"),
+    Word(_MANY, "mota", "MOTA", "", "1 - (missed + false + switches) / true rows"),
+    Word(_MANY, "id_switches", "identity switches"),
+    Word(_MANY, "fragmentations", "fragmentations", "", "times that a target is tracked again after a gap"),
+    Word(_MANY, "recall", "recall", SHARE, "true rows with a track"),
+    Word(_MANY, "precision", "precision", SHARE, "rows of tracks with a target"),
+    Word(_MANY, "pairs_rmse", "RMSE, matching per frame", LENGTH, "within the gate"),
+    Word(_MANY, "pairs_error_median", "median error, matching per frame", LENGTH),
+    Word(_MANY, "pairs_error_p95", "95 % of these errors below", LENGTH),
+    Word(_MANY, "pairs_gate", "gate of a match", LENGTH),
+    Word(_MANY, "pairs_nees_mean", "mean NEES, matching per frame", "", "2 where covariances are right"),
+    Word(_MANY, "pairs_nees_share_95", "inside the 95 % ellipse", SHARE, "95 where covariances are right"),
+    Word(_MANY, "gospa", "mean GOSPA", LENGTH),
+    Word(_MANY, "tgospa", "trajectory GOSPA", LENGTH),
+    Word(_MANY, "ospa2", "OSPA(2)", LENGTH),
     Word(_ACCURACY, "rmse", "RMSE", LENGTH, "root mean square distance between estimate and truth"),
     Word(_ACCURACY, "rmse_x", "RMSE along x", LENGTH, "root mean square error along one axis"),
     Word(_ACCURACY, "rmse_y", "RMSE along y", LENGTH, "root mean square error along one axis"),

@@ -11,7 +11,7 @@ from occlog.report.content.model import ReportInput
 from occlog.report.content.selections import Selections
 from occlog.report.drawing.style import COLOURS, label
 
-from .visibility import MOST_ROWS
+from .visibility import MOST_ROWS, label_rows
 
 HEIGHT = 0.72
 
@@ -31,18 +31,9 @@ def draw_selection(figure: FigureBase, data: ReportInput, found: Selections) -> 
         on = np.array([name in cameras for cameras in found.chosen], dtype=np.bool_)
         _bars(axes, data, found.times, on, -float(row))
         shares.append(f"{100 * found.shares.get(name, 0.0):.0f} %")
-    ticks = [-float(i) for i in range(len(names))]
-    axes.set_yticks(ticks, [label(n, 18) for n in names])
-    axes.set_ylim(-len(names) + 1 - 0.6, 0.6)
+    label_rows(axes, [label(n, 18) for n in names], shares)
     axes.set_xlim(0.0, max(data.time.length, 1e-9))
     axes.set_xlabel(data.time.label)
-    axes.tick_params(axis="y", length=0)
-    axes.grid(False)
-    axes.spines["left"].set_visible(False)
-    right = axes.secondary_yaxis("right")
-    right.set_yticks(ticks, shares)
-    right.tick_params(length=0, labelsize=8, labelcolor=COLOURS["muted"])
-    right.spines["right"].set_visible(False)
 
 
 def _bars(axes: Axes, data: ReportInput, times: Ints, on: Bools, y: float) -> None:

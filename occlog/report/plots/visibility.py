@@ -68,7 +68,7 @@ def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[Sightings], names: Sequ
         _bar(axes, time, found, -float(row))
         whose = "any" if found.any_object else "seen"
         shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {whose}")
-    _rows(axes, list(names), shares)
+    label_rows(axes, names, shares)
     axes.set_xlim(0.0, max(time.length, 1e-9))
     axes.set_xlabel(time.label)
 
@@ -80,7 +80,8 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def _rows(axes: Axes, names: list[str], shares: list[str]) -> None:
+def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
+    """Write the name of each row at the left and its share at the right; the first row is on top."""
     ticks = [-float(i) for i in range(len(names))]
     axes.set_yticks(ticks, names)
     axes.set_ylim(-len(names) + 1 - 0.6, 0.6)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import chain, islice, pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -20,6 +18,7 @@ from occlog.scans.sources import bearings_of_doa
 from occlog.settings import METRES, configure
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Directions
+from occlog.track.request import PeopleRequest
 
 from .boxes_by_moment import (
     BoxTally,
@@ -44,27 +43,6 @@ RAISE = (
 """What to do about cameras at z = 0."""
 
 
-@dataclass(frozen=True)
-class PeopleRequest:
-    """Whose boxes to follow, and how, as the user asks for it."""
-
-    boxes: Path
-    scene: Path | None
-    doa: Path | None  # directions of arrival; None: those of the recording
-    method: str
-    settings: Mapping[str, object]
-    only: tuple[str, ...]  # cameras; empty: all
-    without: tuple[str, ...]
-    window_ns: int | None
-    seed: int
-    gallery: Path | None = None  # how people look; None: their names are the tracker's
-
-    @property
-    def paths(self) -> list[Path]:
-        """All inputs, each once."""
-        return list(dict.fromkeys(p for p in (self.boxes, self.scene, self.doa, self.gallery) if p is not None))
-
-
 class PeopleInput:
     """The boxes as a stream of moments, and what must be known beforehand.
 
@@ -83,9 +61,9 @@ class PeopleInput:
     def __init__(self, request: PeopleRequest) -> None:
         """Open the boxes and read the first ones."""
         self.request = request
-        self.opened = open_input(request.boxes)
+        self.opened = open_input(request.bearings)
         self.opened.require(Boxes, Views, remedy=_remedy(self.opened))
-        self.scene: Scene = load_scene(request.scene, self.opened.scene, request.boxes)
+        self.scene: Scene = load_scene(request.scene, self.opened.scene, request.bearings)
         if self.opened.made_in_a_scene:
             check_unit(self.opened, self.scene.length_unit)
         self.notes: list[str] = []
@@ -116,13 +94,13 @@ class PeopleInput:
     def _cameras(self) -> tuple[Camera, ...]:
         """Cameras to use; UsageError for a name that there is not, InputError where none has a pose."""
         known = tuple(c.name for c in self.scene.cameras)
-        for name in (*self.request.only, *self.request.without):
+        for name in (*self.request.cameras, *self.request.without):
             if name not in known:
                 raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}")
         chosen = [
             c
             for c in self.scene.cameras
-            if (not self.request.only or c.name in self.request.only) and c.name not in self.request.without
+            if (not self.request.cameras or c.name in self.request.cameras) and c.name not in self.request.without
         ]
         used = [c for c in chosen if c.has_height]
         low = [c.name for c in chosen if c.placed and not c.has_height]
@@ -139,7 +117,9 @@ class PeopleInput:
             recording = self.opened.recording
             seen = recording is not None and recording.cameras
             images = ", or follow people in the images (method bmct)" if seen else ""
-            raise InputError(f"{self.request.boxes}: {which}, so no place on the floor can be found; {remedy}{images}")
+            raise InputError(
+                f"{self.request.bearings}: {which}, so no place on the floor can be found; {remedy}{images}"
+            )
         if left:
             self.notes.append(
                 f"warning: without a pose in space, and not used: {', '.join(left)}; calibrate "
@@ -213,15 +193,15 @@ class PeopleInput:
             if not 1.0 / NOBODYS < config.height / defaults.height < NOBODYS:
                 # The other settings would not be in that unit
                 raise InputError(
-                    f"{self.request.boxes}: nobody is {config.height:.3g} {unit} tall (setting height), so the lengths "
-                    f"of the scene are not in {unit}; {remedy}"
+                    f"{self.request.bearings}: nobody is {config.height:.3g} {unit} tall (setting height), so the "
+                    f"lengths of the scene are not in {unit}; {remedy}"
                 )
             share = tall / config.height
             if np.isfinite(share) and not 1.0 / WRONG < share < WRONG:
                 if 1.0 / NOBODYS < tall / defaults.height < NOBODYS:
                     remedy += f", or else how tall people are (setting height, {tall:.3g})"
                 raise InputError(
-                    f"{self.request.boxes}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
+                    f"{self.request.bearings}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
                     f"scene are not in {unit}, or its cameras are not where it says; {remedy}"
                 )
             return 1.0 / METRES[unit], config
@@ -238,8 +218,8 @@ class PeopleInput:
             metre = 1.0
         else:
             raise InputError(
-                f"{self.request.boxes}: the scene does not say its unit of length ({unit}), and the boxes do not tell "
-                "how tall people are; state it in the setting height"
+                f"{self.request.bearings}: the scene does not say its unit of length ({unit}), and the boxes do not "
+                "tell how tall people are; state it in the setting height"
             )
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
 

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from occlog import console
-from occlog.io.files.atomic import Together
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
-from occlog.records.columns import Table
 from occlog.records.declared.people import UNSEEN
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
-from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
+from occlog.records.tables import PeopleTracks, PeopleViews
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
-from occlog.track.catalogue import METHODS, load
+from occlog.request import load
+from occlog.runner import Job
+from occlog.track.catalogue import METHODS
+from occlog.track.request import PeopleRequest
 
 from .agreement import Agreement
-from .inputs import PeopleInput, PeopleRequest
+from .inputs import PeopleInput
 from .named.by_gallery import ByGallery
 from .rows import MomentTables
 from .sizes import odd_cameras
@@ -38,21 +35,6 @@ RARE, FEWEST_PAIRS = 0.02, 50
 """Share of frames with boxes that follow the one numbered before them that is suspicious, of so many frames."""
 LOST = 0.2
 """Share of a camera's boxes that were left out before, as they lie outside its image, that matters."""
-
-
-@dataclass(frozen=True)
-class PeopleFiles:
-    """Tables to write; None: not that one."""
-
-    tracks: Path
-    support: Path | None = None
-    events: Path | None = None
-    view_tracks: Path | None = None
-
-    @property
-    def paths(self) -> list[Path | None]:
-        """All of them."""
-        return [self.tracks, self.support, self.events, self.view_tracks]
 
 
 class PeopleSummary:
@@ -223,18 +205,16 @@ class PeopleSummary:
             )
 
 
-def run_track_people(
-    request: PeopleRequest, wanted: PeopleFiles, overwrite: bool, quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_track_people(request: PeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Follow everybody and write; return the summary, and what had been lost before."""
     inputs = PeopleInput(request)
     for line in inputs.notes:
-        console.note(line, quiet)
+        job.note(line)
     names = None if request.gallery is None else ByGallery(request.gallery, inputs)
     follower: Follower[object, object] = load(METHODS[request.method].method)
-    moments = console.progress(inputs.moments, "track", quiet=quiet)
+    moments = job.progress(inputs.moments, "track")
     seen = follow(moments, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
-    tabulator = Tabulator(inputs.cameras, in_images=wanted.view_tracks is not None)
+    tabulator = Tabulator(inputs.cameras, in_images=request.view_tracks is not None)
     parameters = {
         "method": request.method,
         "births": "detections",
@@ -243,45 +223,21 @@ def run_track_people(
         **asdict(inputs.config),
         **({} if names is None else names.parameters),
     }
-    provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), inputs.losses)
+    provenance = job.provenance(parameters, inputs.losses, request.seed)
     summary = PeopleSummary(inputs, tabulator.agreement)
-    outputs: list[tuple[Path | None, type[Table]]] = [
-        (wanted.tracks, PeopleTracks),
-        (wanted.support, Support),
-        (wanted.events, Events),
-        (wanted.view_tracks, PeopleViews),
-    ]
-    with ExitStack() as stack:
-        together = stack.enter_context(Together())
-        writers = [
-            None
-            if path is None
-            else stack.enter_context(
-                TableWriter(
-                    path,
-                    table,
-                    provenance,
-                    overwrite=overwrite,
-                    length_unit=inputs.scene.length_unit,
-                    together=together,
-                )
-            )
-            for path, table in outputs
-        ]
+    wider = {"output": PeopleTracks, "view_tracks": PeopleViews}
+    with job.tables(provenance, inputs.scene.length_unit, wider) as tables:
         parts = ((some, tabulator.tables(some)) for some in seen)
         for part in (part for _, part in parts) if names is None else names.named(parts):
-            for writer, table in zip(writers, part, strict=True):
-                if writer is not None and table is not None:
-                    writer.write(table)
+            tables.write(output=part.tracks, support=part.support, events=part.events, view_tracks=part.views)
             summary.add(part)
         losses = tuple(dict.fromkeys((*inputs.losses, *(() if names is None else names.losses))))
         made = replace(provenance, losses=losses).with_checks(summary.checks())
-        for writer in writers:
-            if writer is not None:
-                writer.annotate(made)
+        tables.annotate(made)
     for line in () if names is None else names.notes():
-        console.note(line, quiet)
-    console.note_findings(texts_of(made.judged, "track"), quiet)
-    written = {name: str(path) for name, path in asdict(wanted).items() if path is not None}
+        job.note(line)
+    console.note_findings(texts_of(made.judged, "track"), job.quiet)
+    names_of = {"output": "tracks"}
+    written = {names_of.get(name, name): str(path) for name, path in request.files(output=True).items()}
     told = {} if names is None else names.figures()
     return {**written, "method": request.method, **summary.figures(), **summary_of(made.judged), **told}, losses

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from occlog.records.scene import Camera, Reader, Scene
 from occlog.records.tables import Bearings, Reads
 from occlog.scans.grouping import nearest
 from occlog.settings import METRES, configure
+from occlog.track.request import ReadsRequest
 
 from .config import RefineConfig, RssiConfig, VirtualConfig
 from .coverage import VirtualSensors, virtual_sensors
@@ -30,28 +31,6 @@ from .windows import Windows, windows_of
 WINDOW_NS = NS
 """Window of reads where none is given."""
 REMEDY = "make a recording with reads by `occlog ingest` (readers, reads)"
-
-
-@dataclass(frozen=True)
-class ReadsRequest:
-    """Whose reads to track in, and how, as the user asks for it."""
-
-    reads: Path
-    scene: Path | None
-    method: str
-    settings: Mapping[str, object]
-    targets: tuple[int, ...]  # empty: all
-    only: tuple[str, ...]  # readers; empty: all
-    without: tuple[str, ...]
-    window_ns: int | None  # None: `WINDOW_NS`
-    seed: int
-    path_loss: Path | None = None
-    sights: Path | None = None  # bearings of the cameras that refine; None: those of the recording
-
-    @property
-    def paths(self) -> list[Path]:
-        """All inputs, each once."""
-        return list(dict.fromkeys(p for p in (self.reads, self.scene, self.path_loss, self.sights) if p is not None))
 
 
 class ReadsInput:
@@ -68,8 +47,8 @@ class ReadsInput:
     def __init__(self, request: ReadsRequest) -> None:
         """Open the reads; InputError where there are none."""
         self.request = request
-        opened = open_input(request.reads, Reads, remedy=REMEDY)
-        self.scene: Scene = load_scene(request.scene, opened.scene, request.reads)
+        opened = open_input(request.bearings, Reads, remedy=REMEDY)
+        self.scene: Scene = load_scene(request.scene, opened.scene, request.bearings)
         self._opened = opened
         self._sights = None if request.sights is None else open_input(request.sights, Bearings)
         made = (*losses_of([opened, self._sights]), *lost_in_models([request.path_loss]))
@@ -82,7 +61,7 @@ class ReadsInput:
         self._chunks = self._checked(opened.rows(Reads))
         first = next(self._chunks, None)
         if first is None:
-            raise InputError(f"{request.reads}: holds no reads of the chosen tags and readers; choose others")
+            raise InputError(f"{request.bearings}: holds no reads of the chosen tags and readers; choose others")
         self.first_ns = int(first.t_ns[0])
         self._chunks = chain([first], self._chunks)
 
@@ -102,7 +81,9 @@ class ReadsInput:
             strange = np.flatnonzero(~np.isin(chunk.sensor, known))
             if len(strange):
                 name = str(chunk.sensor[strange[0]])
-                raise InputError(f"{self.request.reads}: reader {name!r} is not in the scene; {nearest(name, known)}")
+                raise InputError(
+                    f"{self.request.bearings}: reader {name!r} is not in the scene; {nearest(name, known)}"
+                )
             kept = np.isin(chunk.sensor, self.names)
             if self.request.targets:
                 kept &= np.isin(chunk.target_id, self.request.targets)
@@ -144,7 +125,7 @@ class ReadsInput:
             return reader.range
         if usual is None:
             raise InputError(
-                f"{self.request.reads}: how far reader {reader.name} reads is not known; state it in the table of "
+                f"{self.request.bearings}: how far reader {reader.name} reads is not known; state it in the table of "
                 "readers (range), in the setting range, or fit it with `occlog fit-readers`"
             )
         return usual
@@ -218,12 +199,12 @@ def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[Reader, ...]:
     """The readers to use; UsageError for a name that there is not, or where none is left."""
     known = tuple(r.name for r in scene.readers)
     if not known:
-        raise InputError(f"{request.reads}: its scene has no readers; give a scene that has")
-    for name in (*request.only, *request.without):
+        raise InputError(f"{request.bearings}: its scene has no readers; give a scene that has")
+    for name in (*request.cameras, *request.without):
         if name not in known:
             raise UsageError(f"no reader {name!r} in the scene; {nearest(name, known)}")
     chosen = tuple(
-        r for r in scene.readers if (not request.only or r.name in request.only) and r.name not in request.without
+        r for r in scene.readers if (not request.cameras or r.name in request.cameras) and r.name not in request.without
     )
     if not chosen:
         raise UsageError("no reader is left; leave out fewer of them")

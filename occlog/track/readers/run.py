@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from contextlib import ExitStack
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from occlog import console
 from occlog.errors import InputError, UsageError
-from occlog.io.files.atomic import Together
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.losses import Loss
 from occlog.records.tables import TagTracks
-from occlog.records.tables import VirtualSensors as RegionTable
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
+from occlog.runner import Job
+from occlog.track.request import ReadsRequest
 
 from .config import VirtualConfig
-from .inputs import ReadsInput, ReadsRequest
+from .inputs import ReadsInput
 from .sights import refined
 from .stage import UNMATCHED, region_table, track_rssi, track_virtual
 
@@ -31,19 +26,6 @@ REMEDIES = {
     "restart": "no place explained the reads; check the path losses and the places of the readers",
     "depleted": "so few particles count that the covariance says little; use more",
 }
-
-
-@dataclass(frozen=True)
-class ReadsFiles:
-    """Tables to write; None: not that one."""
-
-    tracks: Path
-    virtual_sensors: Path | None = None
-
-    @property
-    def paths(self) -> list[Path | None]:
-        """All of them."""
-        return [self.tracks, self.virtual_sensors]
 
 
 class ReadsSummary:
@@ -101,56 +83,37 @@ class ReadsSummary:
         )
 
 
-def run_track_reads(
-    request: ReadsRequest, wanted: ReadsFiles, overwrite: bool, quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Track tags and write; return the summary, and what had been lost before."""
     inputs = ReadsInput(request)
-    windows = console.progress(inputs.windows(), "track", quiet=quiet)
+    windows = job.progress(inputs.windows(), "track")
     config, regions = None, None
     if request.method == VirtualConfig.OWNER:
         config, regions, thresholds = inputs.virtual()
         tracked = track_virtual(windows, regions, inputs.names, thresholds, config.detection, config.stray)
         parameters, lines, form = inputs.parameters(config), inputs.sight_lines(config), config.form
     else:
-        if wanted.virtual_sensors is not None:
+        if request.virtual_sensors is not None:
             raise UsageError(f"method {request.method} has no virtual sensors to write")
         rssi, rules = inputs.rssi()
         tracked = track_rssi(windows, rules, inputs.names, request.seed)
         parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.form
     if lines is not None:
         tracked = (refined(part, lines, form) for part in tracked)
-    provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), inputs.losses)
+    provenance = job.provenance(parameters, inputs.losses, request.seed)
     unit = inputs.scene.length_unit
     summary = ReadsSummary()
-    with ExitStack() as stack:
-        together = stack.enter_context(Together())
-        writer = stack.enter_context(
-            TableWriter(wanted.tracks, TagTracks, provenance, overwrite=overwrite, length_unit=unit, together=together)
-        )
-        table = None
-        if wanted.virtual_sensors is not None and regions is not None:
-            table = stack.enter_context(
-                TableWriter(
-                    wanted.virtual_sensors,
-                    RegionTable,
-                    provenance,
-                    overwrite=overwrite,
-                    length_unit=unit,
-                    together=together,
-                )
-            )
-            table.write(region_table(regions, inputs.names, inputs.first_ns))
+    with job.tables(provenance, unit, {"output": TagTracks}) as tables:
+        if regions is not None:
+            tables.write(virtual_sensors=region_table(regions, inputs.names, inputs.first_ns))
         for part in tracked:
-            writer.write(part)
+            tables.write(output=part)
             summary.add(part)
         if not summary.rows:
-            raise InputError(f"{request.reads}: no read is as strong as the threshold; lower it")
+            raise InputError(f"{request.bearings}: no read is as strong as the threshold; lower it")
         made = provenance.with_checks(summary.checks())
-        for each in (writer, table):
-            if each is not None:
-                each.annotate(made)
-    console.note_findings(texts_of(made.judged, "track"), quiet)
+        tables.annotate(made)
+    console.note_findings(texts_of(made.judged, "track"), job.quiet)
     more = {} if regions is None else {"virtual_sensors": len(regions.area)}
     figures = {**more, **summary.figures(), **summary_of(made.judged)}
-    return {"tracks": str(wanted.tracks), "method": request.method, **figures}, inputs.losses
+    return {"tracks": str(request.output), "method": request.method, **figures}, inputs.losses

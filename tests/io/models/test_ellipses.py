@@ -47,8 +47,8 @@ def test_without_a_frame_it_is_the_first_and_other_cameras_are_left_out(tmp_path
     [
         ("view1,0,160,20,5,4,0", "line 2: x_px is 160, outside the image of camera view1, which reaches from -0.5 to"),
         ("view1,0,10,-3,5,4,0", "line 2: y_px is -3, outside the image"),
-        ("view1,0,10,20,0,4,0", "line 2: a_px is 0 px, must be above 0"),
-        ("view1,0,10,20,5,-1,0", "line 2: b_px is -1 px, must be above 0"),
+        ("view1,0,10,20,0,4,0", "line 2: a_px is 0; it must be above 0 px"),
+        ("view1,0,10,20,5,-1,0", "line 2: b_px is -1; it must be above 0 px"),
         ("view1,0,10,20,5000,4,0", "line 2: a_px is 5000, must be at most 200 px"),
         ("view7,0,10,20,5,4,0", "line 2: camera 'view7' is none of view1, view2"),
         ("view1,-1,10,20,5,4,0", "line 2: target_id is -1"),

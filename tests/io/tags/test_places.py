@@ -32,8 +32,8 @@ def test_range_and_height_may_be_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("reader,x,y,range\nA,1,2,-3\n", "line 2: range of reader A is -3; it must be above 0"),
-        ("reader,x,y,range\nA,1,2,0\n", "line 2: range of reader A is 0; it must be above 0"),
+        ("reader,x,y,range\nA,1,2,-3\n", "line 2: range is -3; it must be above 0"),
+        ("reader,x,y,range\nA,1,2,0\n", "line 2: range is 0; it must be above 0"),
         ("reader,x,y\nA,1,2\nA,3,4\n", "line 3: reader A is there twice"),
         ("reader,x\nA,1\n", "has no column y"),
         ("reader,x,y\nA,1,here\n", "line 2: y is 'here'; a number was expected"),

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.texts.csv_rows import Rows, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import Rows, read_rows
 from occlog.io.files.times.timestamps import TIME_COLUMNS, parse_times, time_column
 
 RAW, TEXT, NUMBER, LENGTH, WHOLE, IDENTITY = "raw", "text", "number", "length", "whole", "identity"
@@ -83,7 +83,9 @@ class Column:
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
             or_empty = ", or empty" if blank else ""
-            raise rows.fail(row, f"{name} is {values[row]:g}; it must be {self._limits()}{or_empty}; correct this line")
+            raise rows.fail(
+                row, f"{name} is {rows.cells[name][row]}; it must be {self._limits()}{or_empty}; correct this line"
+            )
         return np.where(there, values, self.default) if blank else values
 
     def _texts(self, rows: Rows, name: str) -> Strings:
@@ -107,14 +109,12 @@ class Column:
 
 @dataclass(frozen=True)
 class Format:
-    """A text table.
+    """A text table whose first line names the columns.
 
     Attributes:
         what: what a file of it is, for messages.
         columns: by the name that the program uses.
         times: whether it has a column of times, under one of the names of `TIME_COLUMNS`.
-        header: whether the first line names the columns; without, they stand in the order of `columns`, and the last
-            ones that have a default may be left out.
         ignored: names of columns that may be there and are not used.
         others: whether there may be any other columns.
     """
@@ -122,7 +122,6 @@ class Format:
     what: str
     columns: Mapping[str, Column]
     times: bool = False
-    header: bool = True
     ignored: Sequence[str] = ()
     others: bool = False
 
@@ -165,22 +164,10 @@ def read_format(path: Path, table: Format, *, ignore_extra: bool = False) -> Ite
         InputError: a column is missing or unknown, or a value is none of its column; with file, line, value and limit.
     """
     extra = ignore_extra or table.others
-    headed = table.header and read_rows(path, table.names, table.what, ignored=table.ignored, ignore_extra=extra)
-    for rows in headed or _named(path, table):
+    for rows in read_rows(path, table.names, table.what, ignored=table.ignored, ignore_extra=extra):
         missing = [name for name, c in table.columns.items() if c.default is None and not rows.has(name)]
         if missing:
             told = " and ".join(table.columns[name].names[0] for name in missing)
             known = ", ".join(names[0] for names in table.names.values())
-            raise InputError(f"{path}: has no column {told}; {table.what} has {known}")
+            raise InputError(f"{path}: has no column {told}; add it ({table.what} has {known})")
         yield Part(rows, {name: column.values(rows, name) for name, column in table.columns.items()})
-
-
-def _named(path: Path, table: Format) -> Iterator[Rows]:
-    """Rows of a table without a header under the names of its columns."""
-    names = list(table.columns)
-    fewest = sum(column.default is None for column in table.columns.values())
-    for rows in read_plain(path, table.what):
-        if not fewest <= len(rows.cells) <= len(names):
-            count = str(fewest) if fewest == len(names) else f"{fewest} to {len(names)}"
-            raise InputError(f"{path}: {len(rows.cells)} columns; {table.what} has {count}: {', '.join(names)}")
-        yield Rows(path, rows.lines, dict(zip(names, rows.cells.values(), strict=False)), rows.place, rows.files)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 
@@ -32,34 +33,28 @@ def recorded_experiments(source: Source, recorded: Recorded) -> tuple[Experiment
         f"Recorded detections, M = {crowd_size(recorded.scene)} virtual people; "
         "error against where the sight lines of all cameras meet."
     )
-    return (
-        Experiment(
-            item=ITEMS[0],
-            title="Error and number of cameras, recorded detections",
-            x_label="cameras",
-            y_label="RMSE [m]",
-            runs=RUNS,
-            steps=steps,
-            quick=quick,
-            compute=partial(fig14, source, names),
-            judge=judge14,
-            note=note,
-            trial=recorded_trial,
-        ),
-        Experiment(
-            item=ITEMS[1],
-            title="Policies of selection, recorded detections",
-            x_label="selected cameras",
-            y_label="RMSE [m]",
-            runs=RUNS,
-            steps=steps,
-            quick=quick,
-            compute=partial(fig15, source, names),
-            judge=judge15,
-            note=note,
-            trial=recorded_trial,
-        ),
+    by_number = Experiment(
+        item=ITEMS[0],
+        title="Error and number of cameras, recorded detections",
+        x_label="cameras",
+        y_label="RMSE [m]",
+        runs=RUNS,
+        steps=steps,
+        quick=quick,
+        compute=partial(fig14, source, names),
+        judge=judge14,
+        note=note,
+        trial=recorded_trial,
     )
+    by_policy = replace(
+        by_number,
+        item=ITEMS[1],
+        title="Policies of selection, recorded detections",
+        x_label="selected cameras",
+        compute=partial(fig15, source, names),
+        judge=judge15,
+    )
+    return by_number, by_policy
 
 
 def fig14(source: Source, names: Sequence[str], size: Size, execute: Execute) -> Table:

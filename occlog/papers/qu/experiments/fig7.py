@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import Floats
 from occlog.core.sight.fundamental import epipolar_lines
 from occlog.measure.epipolar.views import Geometry
 from occlog.papers.page.shotplot import Line, Mark, Shot, Shots
 from occlog.papers.qu.common import PARTS, ordered, spec_of
-from occlog.papers.qu.follow import FollowedFrame, TrackerRows, follow
+from occlog.papers.qu.follow import FollowedFrame, follow
 from occlog.papers.qu.trial import run_views_trial, runner_of
 from occlog.papers.qu.world import geometry_of
 from occlog.papers.verdicts import verdicts as v
@@ -20,6 +20,7 @@ from occlog.papers.verdicts.measures import mean_of, share_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
+from occlog.track.images.interface import Outlines
 
 SHOWN = ("mipf", "idmot", "bmct")
 """The methods of the figure."""
@@ -62,35 +63,31 @@ def fig7_shots(size: Size) -> Shots:
     )
 
 
-def shot_of(frame: BallsFrame, rows: TrackerRows, view: int, geometry: Geometry) -> Shot:
+def shot_of(frame: BallsFrame, rows: Outlines, view: int, geometry: Geometry) -> Shot:
     """Make the picture of one view of a frame with a method's trackers."""
     own = np.flatnonzero(rows.view == view)
-    marks = tuple(Mark(int(rows.target[i]), rows.ellipse[i], _good(frame, rows, int(i))) for i in own)
-    o = rows.outlines
-    touching: Bools = np.zeros((len(rows.view),) * 2, dtype=np.bool_) if o is None else o.touching
-    links = tuple((rows.ellipse[i, :2], rows.ellipse[j, :2]) for i in own for j in own if i < j and touching[i, j])
+    marks = tuple(Mark(int(rows.target_id[i]), rows.ellipse[i], _good(frame, rows, int(i))) for i in own)
+    links = tuple((rows.ellipse[i, :2], rows.ellipse[j, :2]) for i in own for j in own if i < j and rows.touching[i, j])
     return Shot(
         f"frame {frame.frame}", frame.images[view], marks=marks, links=links, lines=_lines(rows, view, geometry)
     )
 
 
-def _good(frame: BallsFrame, rows: TrackerRows, i: int) -> bool:
-    true: Floats = frame.ellipses[rows.view[i], rows.target[i]]
+def _good(frame: BallsFrame, rows: Outlines, i: int) -> bool:
+    true: Floats = frame.ellipses[rows.view[i], rows.target_id[i]]
     radius = float(np.sqrt(true[2] * true[3]))
     return bool(np.hypot(*(rows.ellipse[i, :2] - true[:2])) <= radius)
 
 
-def _lines(rows: TrackerRows, view: int, geometry: Geometry) -> tuple[Line, ...]:
+def _lines(rows: Outlines, view: int, geometry: Geometry) -> tuple[Line, ...]:
     """Return the epipolar lines of the views whose estimates help a tracker in this frame."""
-    o, out = rows.outlines, []
-    if o is None:
-        return ()
+    out = []
     for i in np.flatnonzero(rows.view == view):
-        for other in np.flatnonzero(o.helpers[i]):
-            there = np.flatnonzero((rows.view == other) & (rows.target == rows.target[i]))
+        for other in np.flatnonzero(rows.helpers[i]):
+            there = np.flatnonzero((rows.view == other) & (rows.target_id == rows.target_id[i]))
             for k in there:
                 line = epipolar_lines(geometry.fundamental[other, view], rows.ellipse[k, :2])
-                out.append(Line(int(rows.target[i]), line))
+                out.append(Line(int(rows.target_id[i]), line))
     return tuple(out)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,42 +25,13 @@ from occlog.track.images.births.moving import moving_regions, with_cameras
 from occlog.track.images.births.regions import Regions, RegionStream, regions_of_boxes, regions_of_views
 from occlog.track.images.ground.config import STARTS, GroundConfig
 from occlog.track.images.ground.stage import GroundPart, ground_tracks
+from occlog.track.request import ViewsRequest
 
 from .frames_in_step import step_window, survey
 from .stage import Start
 
 LARGE_ID = 2**30
 """Identities from here on leave few free numbers above them, fewer than there may be between others."""
-
-
-@dataclass(frozen=True)
-class ViewsRequest:
-    """What to track in images, and how, as the user asks for it."""
-
-    recording: Path
-    scene: Path | None
-    method: str
-    settings: Mapping[str, object]
-    initial: Path | None
-    detections: Path | None
-    fundamental: Path | None
-    only: tuple[str, ...]  # cameras; empty: all
-    without: tuple[str, ...]
-    window_ns: int | None
-    seed: int
-
-    @property
-    def paths(self) -> list[Path]:
-        """All inputs, each once."""
-        given = (self.recording, self.scene, self.initial, self.detections, self.fundamental)
-        return list(dict.fromkeys(p for p in given if p is not None))
-
-    @property
-    def births(self) -> str:
-        """Where trackers come from: `initial`, `detections` or `both`."""
-        if self.initial is None:
-            return "detections"
-        return "initial" if self.detections is None else "both"
 
 
 class ViewsInput:
@@ -76,7 +46,7 @@ class ViewsInput:
         self._detections: Opened | None = None
         given = None if request.scene is None else load_scene(request.scene, None, request.scene)
         self.scene: Scene | None = given if given is not None else self.recording.scene
-        self.names = choose_views(self.recording, request.only, request.without)
+        self.names = choose_views(self.recording, request.cameras, request.without)
         self.surveyed = tuple(
             survey(name, self.recording.frames([name]), self._camera(name), bits=stage.bits) for name in self.names
         )
@@ -120,7 +90,7 @@ class ViewsInput:
         """Raise InputError where no camera has a pose, so that no place in the world can be found."""
         if not self._placed():
             raise InputError(
-                f"{self.request.recording}: no camera has a pose, so nothing can be told of the ground; give a scene "
+                f"{self.request.bearings}: no camera has a pose, so nothing can be told of the ground; give a scene "
                 "with poses, or leave world out"
             )
 
@@ -205,7 +175,7 @@ def first_free(taken: Sequence[int]) -> int:
 
 def open_video(request: ViewsRequest) -> tuple[Opened, Recording]:
     """Open the recording; InputError unless it holds images."""
-    path, method = request.recording, request.method
+    path, method = request.bearings, request.method
     opened = open_if_ours(path)
     if opened is None or opened.recording is None:
         raise InputError(

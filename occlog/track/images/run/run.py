@@ -8,35 +8,30 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, fields, replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
-from occlog import console
 from occlog.consistency.particles import FEW, Particles
 from occlog.consistency.verdict import DEPLETED, beyond
 from occlog.console.details import threads_by_default
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.atomic import Together
-from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.measure.detect.by_background.one_camera import stretches
-from occlog.records.columns import Table
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, FusedTracks
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
+from occlog.runner import Job, Tables
 from occlog.settings import configure
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream
 from occlog.track.images.ground.verdict import Verdict
 from occlog.track.images.methods.config import CONFIGS, LoopCheckConfig, MipfConfig
+from occlog.track.request import ViewsRequest
 
 from .frames_in_step import in_step
-from .inputs import ViewsInput, ViewsRequest
+from .inputs import ViewsInput
 from .loop_checks import Checks
 from .stage import TrackingSetup, ViewsPart, track_views
 
@@ -52,14 +47,6 @@ BIN_PX, BINS = 0.1, 20_001
 """Width and number of the bins of the histogram of distances; the last bin holds all that are farther."""
 EARLY_PERIODS = 3
 """A view ends early when others go on for more of its frame periods than this."""
-
-
-@dataclass(frozen=True)
-class ViewsOutputs:
-    """Files to write."""
-
-    tracks: Path
-    world: Path | None = None
 
 
 class ViewsSummary:
@@ -291,13 +278,11 @@ class ViewsSummary:
         )
 
 
-def run_track_views(
-    request: ViewsRequest, wanted: ViewsOutputs, overwrite: bool, quiet: bool
-) -> tuple[dict[str, object], list[Loss]]:
+def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
     """Track and write; return the summary, and what was lost."""
     config, stage = view_settings(request)
     inputs = ViewsInput(request, stage)
-    if wanted.world is not None:
+    if request.world is not None:
         inputs.check_world()
     starts, next_id = inputs.starts()
     setup = TrackingSetup(
@@ -312,10 +297,10 @@ def run_track_views(
     stream = inputs.region_stream()
     if request.initial is None and request.detections is None:
         source = "the boxes in the recording" if inputs.recording.has(Boxes) else "what moves in the images"
-        console.note(f"no {option('initial')} and no {option('detections')}: trackers begin from {source}", quiet)
+        job.note(f"no {option('initial')} and no {option('detections')}: trackers begin from {source}")
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
-    frames = console.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
-    moments = in_step(frames, inputs.views, window, threads_by_default(), stage.bits, inputs.background(quiet))
+    frames = job.progress(inputs.recording.frames(inputs.names), "track", inputs.frames)
+    moments = in_step(frames, inputs.views, window, threads_by_default(), stage.bits, inputs.background(job.quiet))
     parts = track_views(moments, setup, request.seed, stream)
     parameters = {
         "method": request.method,
@@ -327,14 +312,13 @@ def run_track_views(
         **asdict(config),
     }
     earlier = inputs.losses
-    made = Provenance("track", parameters, request.seed, hash_inputs(request.paths), earlier)
+    made = job.provenance(parameters, earlier, request.seed)
     summary = ViewsSummary(request.method, inputs)
-    with ExitStack() as stack:
-        rows, places = _writers(stack, wanted, made, overwrite=overwrite, length_unit=inputs.length_unit)
-        passed = _passed(parts, rows, summary)
-        if places is not None:
+    with job.tables(made, inputs.length_unit, {"world": FusedTracks}) as tables:
+        passed = _passed(parts, tables, summary)
+        if request.world is not None:
             for part in inputs.on_ground(passed, window):
-                places.write(part.tracks)
+                tables.write(world=part.tracks)
                 summary.places += part.counts
                 summary.verdict.add(part)
         for _ in passed:
@@ -342,44 +326,29 @@ def run_track_views(
         _check_met(stream, request, inputs)
         losses = [*earlier, *summary.losses()]
         made = replace(made, losses=tuple(losses)).with_checks(summary.checks())
-        for writer in (rows, places):
-            if writer is not None:
-                writer.annotate(made)
+        tables.annotate(made)
     for line in inputs.known.notes:
-        console.note(line, quiet)
-    console.note_findings(texts_of(made.judged, "track"), quiet)
-    world = {} if wanted.world is None else {"world": str(wanted.world)}
+        job.note(line)
+    for text in texts_of(made.judged, "track"):
+        job.note(text)
+    world = {} if request.world is None else {"world": str(request.world)}
     figures = {"method": request.method, **summary.summary(), **summary_of(made.judged)}
-    return {"tracks": str(wanted.tracks), **world, **figures}, losses
-
-
-def _writers(
-    stack: ExitStack, wanted: ViewsOutputs, made: Provenance, *, overwrite: bool, length_unit: str
-) -> tuple[TableWriter, TableWriter | None]:
-    """Writers of the tracks in the images and, where wanted, in the world; the two files then appear together."""
-    together = None if wanted.world is None else stack.enter_context(Together())
-
-    def writer(path: Path, table: type[Table]) -> TableWriter:
-        return stack.enter_context(
-            TableWriter(path, table, made, overwrite=overwrite, length_unit=length_unit, together=together)
-        )
-
-    return writer(wanted.tracks, ViewTracks), None if wanted.world is None else writer(wanted.world, FusedTracks)
+    return {"tracks": str(request.output), **world, **figures}, losses
 
 
 def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: ViewsInput) -> None:
     """Raise InputError where no detection is of the time of a frame."""
     if stream is not None and stream.read and not stream.met:
         raise InputError(
-            f"{request.detections or request.recording}: none of its {stream.read} regions is of the time of a frame "
+            f"{request.detections or request.bearings}: none of its {stream.read} regions is of the time of a frame "
             f"of {', '.join(inputs.names)}; give detections that were made from this recording"
         )
 
 
-def _passed(parts: Iterator[ViewsPart], rows: TableWriter, summary: ViewsSummary) -> Iterator[ViewTracks]:
+def _passed(parts: Iterator[ViewsPart], tables: Tables, summary: ViewsSummary) -> Iterator[ViewTracks]:
     """Write, count and pass on the tables."""
     for part in parts:
-        rows.write(part.tracks)
+        tables.write(output=part.tracks)
         summary.add(part)
         yield part.tracks
 

@@ -161,7 +161,7 @@ def _images(inputs: PeopleInput) -> Opened | None:
         if opened is not None and opened.recording is not None and opened.recording.cameras:
             return opened
     raise InputError(
-        f"{inputs.request.boxes}: a gallery says how people look, and there are no images, and the boxes bring no "
+        f"{inputs.request.bearings}: a gallery says how people look, and there are no images, and the boxes bring no "
         f"colours; give the recording with the video for {option('scene')}, or views of `occlog detect`"
     )
 
