@@ -21,7 +21,7 @@ from occlog.array_types import Floats
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import NOBODY, Look
-from occlog.track.people.catalogue import JIPDA
+from occlog.track.people.stage import JIPDA
 
 FRAMES, STRETCH = 200, 40
 """Frames of the crowd, and of one of five stretches of 20 s."""

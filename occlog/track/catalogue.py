@@ -182,7 +182,7 @@ OURS: dict[str, Entry] = {
     ),
     "jipda": Entry(
         "everybody on the floor, from the boxes of all cameras jointly (Musicki, Evans 2004; Williams, Lau 2014)",
-        "occlog.track.people.catalogue:JIPDA",
+        "occlog.track.people.stage:JIPDA",
         "occlog.track.jipda.config:JipdaConfig",
         OF_EVERYBODY,
         takes_in=BOXES,

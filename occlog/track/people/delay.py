@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from occlog.array_types import NS, Bools, Bytes, Floats
 from occlog.records.scene import Camera
 from occlog.track.jipda.interface import HEIGHT, STATE, WIDTH, Moment, X, Y
-from occlog.track.jipda.kernels.body_box import pack_views
+from occlog.track.jipda.kernels.body_box import pack_views, project
 
 from .boxes_by_moment import FrameLook
-from .kernels.projection import project
 
 MOMENTS = 1200
 """Moments that are kept from the beginning; more would say no more."""

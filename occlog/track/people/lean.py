@@ -9,10 +9,9 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.records.scene import Camera
 from occlog.track.jipda.interface import STATE, Moment
-from occlog.track.jipda.kernels.body_box import pack_views
+from occlog.track.jipda.kernels.body_box import pack_views, project
 
 from .boxes_by_moment import FrameLook
-from .kernels.projection import project
 
 LOOKS = 200
 """Looks of a camera that count, evenly spread; at most twice as many are kept."""

@@ -12,10 +12,9 @@ from occlog.records.declared.people import BOX, EXCHANGE, FLOOR, ONE_VIEW, UNSEE
 from occlog.records.scene import Camera
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
-from occlog.track.jipda.kernels.body_box import pack_views
+from occlog.track.jipda.kernels.body_box import pack_views, project
 
 from .boxes_by_moment import FrameLook
-from .kernels.projection import project
 
 LIKELY = 0.5
 """A box is a person's if it is more probably of this person than not."""

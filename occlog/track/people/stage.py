@@ -12,7 +12,10 @@ from numpy.random import Generator
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.near_origin import camera_from, map_origin, scene_from
 from occlog.records.scene import Camera, MicrophoneArray, Scene
+from occlog.track.jipda import filter as joint_filter
+from occlog.track.jipda.batch import window
 from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.hearing import hear
 from occlog.track.jipda.interface import Directions, Look, Moment
 
 from .agreement import Agreement
@@ -45,6 +48,15 @@ class Follower(NamedTuple, Generic[State, Window]):
     step: Callable[[State, Sequence[Look]], tuple[State, Moment]]
     hear: Callable[[State, Directions, MicrophoneArray], State] | None = None  # None: it is deaf
     future: Future[State, Window] | None = None  # None: it cannot look back
+
+
+JIPDA: Follower[joint_filter.State, window.Window] = Follower(
+    begin=joint_filter.begin,
+    step=joint_filter.step,
+    hear=hear,
+    future=Future(window.Window, window.add, window.finish),
+)
+"""Method `jipda`."""
 
 
 def follow(

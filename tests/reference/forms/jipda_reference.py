@@ -233,11 +233,10 @@ def belief_propagation(weight: np.ndarray, members: Sequence[tuple[int, ...]], n
     m = np.ones((len(weight), nodes))
     x = np.zeros_like(m)
     for _ in range(5000):
-        for h, own in enumerate(members):
-            for c in own:
-                x[h, c] = weight[h] * np.prod([m[h, d] for d in own if d != c])
+        # From hypotheses: the weight times what their other members say; from nodes: how free they are of all others
+        x = np.where(is_member, weight[:, None] * m.prod(axis=1, keepdims=True) / m, 0.0)
         new = np.where(is_member, 1.0 / (1.0 + x.sum(axis=0) - x), 1.0)
-        if np.abs(new - m).max() < 1e-13:
+        if np.abs(new - m).max() < 1e-11:
             break
         m = 0.5 * (m + new)
     return x

@@ -12,8 +12,7 @@ from occlog.records.near_origin import scene_from
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Look, Moment, no_support
 from occlog.track.people.boxes_by_moment import FrameLook
-from occlog.track.people.catalogue import JIPDA
-from occlog.track.people.stage import ROWS_PER_PART, Follower, follow
+from occlog.track.people.stage import JIPDA, ROWS_PER_PART, Follower, follow
 
 SCENE = hall("ab")
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from jipda_reference import outline_of
 
 from occlog.array_types import Floats
 from occlog.records.scene import Camera, camera_rotation
-from occlog.track.jipda.kernels.body_box import NEAR, box_and_slope, expected_box, pack_views
+from occlog.track.jipda.kernels.body_box import NEAR, box_and_slope, expected_box, pack_views, project
 
 LENSES = {
     "ideal": (np.zeros(5), "brown"),
@@ -101,3 +102,24 @@ def test_a_body_that_reaches_the_camera_has_no_box() -> None:
     assert expected_box(views.lens[0], nearest + 1e-6, 0.0, 1.7, 0.5, box) > 0.0
     assert expected_box(views.lens[0], nearest - 1e-6, 0.0, 1.7, 0.5, box) == -1.0
     assert expected_box(views.lens[0], -3.0, 0.0, 1.7, 0.5, box) == -1.0
+
+
+def test_the_covariance_of_a_centre_in_the_image_is_that_of_the_state_through_the_jacobian() -> None:
+    rng, view = np.random.default_rng(0), camera()
+    half = rng.normal(0.0, 0.1, (2, 6, 6))
+    mean = np.array([[0.3, 1.0, 0.5, -0.2, 1.7, 0.5], [0.0, -7.5, 0.0, 0.0, 1.7, 0.5]])
+    P, out = half @ half.swapaxes(1, 2), np.zeros((2, 8))
+    project(pack_views([view]), 0, mean, P, 0.3, out)
+    box = outline_of(view, mean[0], 0.3)
+    centre = np.array([[0.5, 0.0, 0.5, 0.0], [0.0, 0.5, 0.0, 0.5]])
+    J = np.column_stack([
+        centre @ (outline_of(view, mean[0] + s, 0.3) - outline_of(view, mean[0] - s, 0.3)) / 2e-4
+        for s in 1e-4 * np.eye(6)
+    ])  # fmt: skip
+    S = J @ P[0] @ J.T
+    np.testing.assert_allclose(out[0, :4], box, rtol=1e-9)
+    np.testing.assert_allclose(out[0, 4:7], [S[0, 0], S[0, 1], S[1, 1]], rtol=1e-5)
+    middle = view.rotation.T @ (np.array([0.45, 0.94, 0.85]) - view.position)
+    assert out[0, 7] == pytest.approx(middle[2])
+    assert out[1, 7] == -1.0
+    assert not out[1, :7].any()

@@ -13,7 +13,7 @@ from occlog.track.jipda.kernels.likelihood import likelihood_ratios
 from occlog.track.jipda.kernels.merged import pair_likelihoods, touching
 
 NEW, GATE = 0.1, 30.0
-SEEDS = range(8)
+SEEDS = range(5)
 
 
 class Frame:

@@ -1,1 +1,0 @@
-"""Everybody in the image of a camera."""
