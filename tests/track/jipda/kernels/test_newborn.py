@@ -86,7 +86,7 @@ def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from(
     nobody = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
     odds = []
     for at in (0.0, 1e-3):
-        arrival = Arrival(1e-3, 10.0, [*PLACES[:1], [0.0, away]], np.array([at]), 1.0)
+        arrival = Arrival(1e-3, 10.0, PLACES[:1] + np.array([0.0, away]), np.array([at]), 1.0)
         odds.append(newborn(VIEWS, made, RATES, BODY, arrival, *nobody, np.ones(4), 30.0, math.log(0.05))[2].max())
     assert odds[1] - odds[0] == pytest.approx(math.log(1.0 + more), abs=0.02)
 
