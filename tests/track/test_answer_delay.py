@@ -44,7 +44,7 @@ def test_delays_of_one_case_count_by_their_slowest_router(tmp_path: Path, capsys
     assert slowest_router(path) == longest == pytest.approx(1.031, abs=5e-4)
     assert make_config(request(path), "m") == make_config(request(longest), "m")
     assert request(path).inputs == [Path("heard.parquet"), path]
-    assert request(longest).paths == [Path("heard.parquet")]
+    assert request(longest).inputs == [Path("heard.parquet")]
 
 
 def test_delays_of_several_cases_or_of_none_are_refused(tmp_path: Path) -> None:
