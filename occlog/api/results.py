@@ -14,8 +14,10 @@ from typing import Any
 
 import occlog
 from occlog.errors import InputError, OcclogError
+from occlog.io.files.provenance import verdicts_in
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
+from occlog.records.verdicts import Verdict, distinct
 
 from .folders import Folder
 from .tables import Table, in_words
@@ -54,6 +56,11 @@ class Result:
         """Whether nothing speaks against the estimates; None: nobody has judged them."""
         found: bool | None = self.summary.get("plausible")
         return found
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """What each stage checked and what it found, in the order of the stages, as the tables carry it."""
+        return distinct(each for table in self.tables.values() for each in verdicts_in(table.provenance))
 
     @property
     def provenance(self) -> Mapping[str, Any]:

@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
+from occlog.errors import spelled
+
 Status = Literal["passed", "failed", "not applicable"]
 Severity = Literal["warning", "note"]
 MAX_FINDINGS = 20
@@ -61,10 +63,10 @@ class Verdict(Struct, frozen=True, omit_defaults=True):
             same = of_id.setdefault(check.id, [])
             same.append(check)
             if not check.found or len(same) <= MAX_FINDINGS:
-                kept.append(check)
+                kept.append(replace(check, text=spelled(check.text)))
         for same in of_id.values():
             if same[0].found and len(same) > MAX_FINDINGS:
-                last = kept.index(same[MAX_FINDINGS - 1])
+                last = max(n for n, check in enumerate(kept) if check.id == same[0].id)
                 more = f"; and {len(same) - MAX_FINDINGS} more findings of this kind"
                 kept[last] = replace(kept[last], text=kept[last].text + more)
         return cls(stage, plausible(kept), tuple(kept))

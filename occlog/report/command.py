@@ -108,8 +108,8 @@ def command(**given: Any) -> int:
     }
     summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {"not_in_scene": list(data.strangers)} if data.strangers else {}
-    summary |= summary_of(data.verdicts)
-    code = console.finish({k: v for k, v in summary.items() if v is not None}, unseen, as_json)
+    summary = {k: v for k, v in summary.items() if v is not None} | summary_of(data.verdicts)
+    code = console.finish(summary, unseen, as_json)
     return console.strict_code(code, data.plausible, strict)
 
 

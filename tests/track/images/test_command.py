@@ -124,7 +124,7 @@ def test_a_view_that_ends_early_is_told_and_the_other_goes_on(tmp_path, capsys):
     path = record_balls(tmp_path / "early.mcap", keep=lambda view, frame: view == "view1" or frame < 7)
     assert track(path, tmp_path) == ExitCode.DONE
     said = capsys.readouterr()
-    assert "warning: view view2 ends 0.36 s before the others, after 7 frames" in said.err
+    assert "note: view view2 ends 0.36 s before the others, after 7 frames" in said.err
     table = result(tmp_path)
     assert table.frame[table.sensor == "view1"].max() == FRAMES - 1
     assert table.frame[table.sensor == "view2"].max() == 6

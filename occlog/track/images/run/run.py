@@ -13,12 +13,15 @@ from itertools import combinations
 
 import numpy as np
 
+from occlog.consistency.particles import FEW, Particles
+from occlog.consistency.verdict import DEPLETED, beyond
 from occlog.console.details import threads_by_default
 from occlog.errors import InputError, UsageError, option
 from occlog.measure.detect.by_background.one_camera import stretches
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, FusedTracks
+from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.runner import Job, Tables
 from occlog.settings import configure
 from occlog.track.images.births.config import ViewsConfig
@@ -32,6 +35,12 @@ from .inputs import ViewsInput
 from .loop_checks import Checks
 from .stage import TrackingSetup, ViewsPart, track_views
 
+NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets at a time", "effective number of particles"
+FIRST, SHARED, ENDS = "first ellipses", "views that help one another", "ends of the views"
+GEOMETRY, PLACES = "fundamental matrices", "places in the world"
+"""Names of checks."""
+MOST_AT_ONCE = 30.0
+"""Targets in a frame that regions can be: one man without a calibration gives 72, rendered rooms and [Qu] 3 to 6."""
 FEWEST_CHECKS = 20
 """Loop checks below which the summary does not judge a fundamental matrix."""
 BIN_PX, BINS = 0.1, 20_001
@@ -60,10 +69,14 @@ class ViewsSummary:
         self.dropped: list[tuple[int, int]] = []
         self.places: Counter[str] = Counter()
         self.verdict = Verdict()
+        self.particles = Particles()
+        self.rows_of: Counter[str] = Counter()
 
     def add(self, part: ViewsPart) -> None:
         """Count some more moments."""
         self.rows += len(part.tracks)
+        self.rows_of.update(part.tracks.sensor.tolist())
+        self.particles.add(part.tracks.ess)
         self.targets.update(part.tracks.target_id.tolist())
         self.frames += part.frames
         self.last_ns = np.maximum(self.last_ns, part.last_ns)
@@ -109,49 +122,128 @@ class ViewsSummary:
             **({"places": dict(sorted(self.places.items())), **self.verdict.figures()} if self.places else {}),
         }
 
-    def warnings(self) -> list[str]:
-        """Lines on what makes the tracks doubtful."""
-        lines = [*self._alone(), *self._ends(), *(self._misfit(a, b) for a, b in self._misfits())]
+    def checks(self) -> tuple[Check, ...]:
+        """What was checked of the tracks, and what was found."""
+        pairs = sum(int(each.sum()) >= FEWEST_CHECKS for each in self.distances.values())
+        uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
+        depleted = "" if self.particles.rows else "the method has no particles"
+        places = "" if self.places else "no places in the world were asked for"
+        return (
+            *outcome(NUMBER, self._none(), targets=len(self.targets), rows=self.rows),
+            *outcome(
+                AT_ONCE,
+                () if uncounted else self._too_many(),
+                unless=uncounted,
+                per_frame=max(self._at_a_time().values(), default=0.0),
+                allowed=MOST_AT_ONCE,
+            ),
+            *outcome(
+                PARTICLES,
+                self._depleted(),
+                unless=depleted,
+                median=self.particles.median,
+            ),
+            *outcome(FIRST, self._first()),
+            *outcome(SHARED, self._alone()),
+            *outcome(ENDS, self._ends(), unless="" if len(self.inputs.views) > 1 else "there is one view"),
+            *outcome(
+                GEOMETRY,
+                (self._misfit(a, b) for a, b in self._misfits()),
+                unless="" if pairs else f"no two views have {FEWEST_CHECKS} loop checks",
+            ),
+            *outcome(
+                PLACES,
+                () if places else (finding(PLACES, "note", "places", line) for line in self.verdict.warnings()),
+                unless=places,
+            ),
+        )
+
+    @property
+    def _uses_regions(self) -> bool:
+        """Whether trackers begin from regions that move, and not from first ellipses or from boxes of a detector."""
+        request, boxes = self.inputs.request, self.inputs.recording.has(Boxes)
+        return request.births != "initial" and (request.detections is not None or not boxes)
+
+    def _at_a_time(self) -> dict[str, float]:
+        """Mean number of targets in a frame of each view."""
+        frames = zip(self.inputs.names, self.frames.tolist(), strict=True)
+        return {name: self.rows_of[name] / count for name, count in frames if count}
+
+    def _none(self) -> Iterator[Check]:
+        """No target at all."""
+        if not self.rows:
+            text = (
+                f"no target was found; give the first ellipses ({option('initial')}) or better {option('detections')}"
+            )
+            yield finding(NUMBER, "note", "no-target", text)
+
+    def _too_many(self) -> Iterator[Check]:
+        """Views with more targets at a time than silhouettes of people can be told apart in."""
+        for name, count in self._at_a_time().items():
+            if count > MOST_AT_ONCE:
+                yield finding(
+                    AT_ONCE,
+                    "warning",
+                    "targets-many",
+                    f"view {name}: {count:.0f} targets in a frame on average (allowed: {MOST_AT_ONCE:.0f}): regions "
+                    "that move are not people; state how tall people are in the images (--person-height-px of `occlog "
+                    "detect`), give a calibration, or boxes of a detector",
+                    sensors=[name],
+                    per_frame=count,
+                    allowed=MOST_AT_ONCE,
+                )
+
+    def _depleted(self) -> Iterator[Check]:
+        """Particles that ran out."""
+        few, rows = self.particles.few, self.particles.rows
+        if beyond(few, rows, DEPLETED):
+            yield finding(
+                PARTICLES,
+                "note",
+                "depleted",
+                f"{few / rows:.0%} of the rows rest on fewer than {FEW:.0f} effective particles (median "
+                f"{self.particles.median:.0f}; allowed in {DEPLETED:.0%} of the rows): use more particles",
+                share=few / rows,
+                allowed=DEPLETED,
+            )
+
+    def _first(self) -> Iterator[Check]:
+        """First ellipses that begin no tracker, and views without one."""
         if (late := self.inputs.given - self.events["start"]) > 0:
-            lines.append(f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them")
+            text = f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them"
+            yield finding(FIRST, "note", "ellipses-unused", text)
         bare = [name for name in self.inputs.names if name not in self.begun]
         if self.begun and bare and self.inputs.request.births == "initial":
-            lines.append(
+            text = (
                 f"no first ellipse began a tracker in {', '.join(bare)}: nothing is tracked there, and no other view "
                 "is helped from there; give some, or leave out what is not wanted "
                 f"({option('without')} {','.join(bare)})"
             )
-        if not self.rows:
-            lines.append(
-                f"no target was found; give the first ellipses ({option('initial')}) or better {option('detections')}"
-            )
-        return [*lines, *self.verdict.warnings()]
+            yield finding(FIRST, "note", "view-untracked", text, sensors=bare)
 
-    def _alone(self) -> list[str]:
-        """A line where the views cannot help each other."""
+    def _alone(self) -> Iterator[Check]:
+        """Views that cannot help each other."""
         config = CONFIGS[self.method]
         if not issubclass(config, LoopCheckConfig):
-            return []
+            return
         does = f"{option('method')} {self.method} {config.ALONE}"
         if len(self.inputs.views) == 1:
-            return [f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"]
-        if not np.isfinite(self.inputs.geometry.fundamental).any():
-            return [
+            text = f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"
+            yield finding(SHARED, "note", "one-view", text)
+        elif not np.isfinite(self.inputs.geometry.fundamental).any():
+            text = (
                 f"nothing tells how the views see the same point, so none helps another: {does}; give fundamental "
                 f"matrices ({option('fundamental')}), or a scene with the cameras' poses"
-            ]
-        return []
+            )
+            yield finding(SHARED, "note", "views-apart", text)
 
-    def _ends(self) -> list[str]:
-        """Lines on views that end before the others."""
+    def _ends(self) -> Iterator[Check]:
+        """Views that end before the others."""
         latest = int(self.last_ns.max(initial=-1))
-        lines = []
         for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
             if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):
-                lines.append(
-                    f"view {s.view.name} ends {(latest - last) / 1e9:.3g} s before the others, after {n} frames"
-                )
-        return lines
+                text = f"view {s.view.name} ends {(latest - last) / 1e9:.3g} s before the others, after {n} frames"
+                yield finding(ENDS, "note", "view-ends-early", text, sensors=[s.view.name])
 
     def _misfits(self) -> list[tuple[int, int]]:
         """Pairs of views whose fundamental matrix most loop checks contradict."""
@@ -162,18 +254,27 @@ class ViewsSummary:
         ]
         return sorted({*most, *self.dropped})
 
-    def _misfit(self, a: int, b: int) -> str:
-        """A line on the fundamental matrix of two views, with the median distance of their loop checks."""
+    def _misfit(self, a: int, b: int) -> Check:
+        """The fundamental matrix of two views, with the median distance of their loop checks."""
         distances = self.distances[a, b]
         n = int(distances.sum())
         median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
         names = self.inputs.names
         unused = "; trackers did without it" if (a, b) in self.dropped else ""
-        return (
+        text = (
             f"views {names[a]} and {names[b]}: the fundamental matrix does not fit: {self.failed[a, b] / n:.0%} of "
             f"{n} loop checks fail, median distance {median:.0f} px{unused}; give another "
             f"({option('fundamental')}), or leave "
             f"one view out ({option('without')})"
+        )
+        return finding(
+            GEOMETRY,
+            "warning",
+            "fundamental-misfit",
+            text,
+            sensors=[names[a], names[b]],
+            share=self.failed[a, b] / n if n else float("nan"),
+            allowed=0.5,
         )
 
 
@@ -224,13 +325,15 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
             pass
         _check_met(stream, request, inputs)
         losses = [*earlier, *summary.losses()]
-        tables.annotate(replace(made, losses=tuple(losses)))
+        made = replace(made, losses=tuple(losses)).with_checks(summary.checks())
+        tables.annotate(made)
     for line in inputs.known.notes:
         job.note(line)
-    for line in summary.warnings():
-        job.note(f"warning: {line}")
+    for text in texts_of(made.judged, "track"):
+        job.note(text)
     world = {} if request.world is None else {"world": str(request.world)}
-    return {"tracks": str(request.output), **world, "method": request.method, **summary.summary()}, losses
+    figures = {"method": request.method, **summary.summary(), **summary_of(made.judged)}
+    return {"tracks": str(request.output), **world, **figures}, losses
 
 
 def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: ViewsInput) -> None:

@@ -306,8 +306,9 @@ def site_of_box(
 ) -> None:
     """Write the Gaussian factor H' W H (6, 6), H' W z (6,) that a box leaves of the state of person i.
 
-    W is the precision of the observed edges times the square of the association probability (see `update`): of all
-    edges as far as none is an outlier, of the others as far as one is; of the outline of a pair, those of person i.
+    W is the precision of the observed edges times the square of the association probability: of all edges as far as
+    none is an outlier, of the others as far as one is; of the outline of a pair, those of person i.  JPDA would match
+    the moments of the mixture over all boxes; docs/explanation/trackers/people.md compares both.
 
     Args:
         predicted: people in the frame.
