@@ -93,10 +93,11 @@ def track(
     Warns:
         OcclogWarning: the estimates are not plausible, or input was lost.
     """
+    arguments = dict(locals())
     form = form_of(method)
-    own = {"form", "method", "settings", "also", "progress"}
-    check_taken(form, {name: value for name, value in locals().items() if name not in own}, also, f"method {method}")
-    return call(form, locals(), TrackResult, scene=_scene_of)
+    own = {name: value for name, value in arguments.items() if name not in ("settings", "also", "progress")}
+    check_taken(form, own, also, f"method {method}")
+    return call(form, arguments, TrackResult, scene=_scene_of)
 
 
 def _scene_of(request: Request) -> Scene | None:

@@ -79,7 +79,7 @@ def _settings_of(form: Form, group: str) -> type[Settings]:
     return form.classes()[group]
 
 
-def _do_chosen(verb: Verb, **values: Any) -> int:
+def _do_chosen(verb: Verb, /, **values: Any) -> int:
     """Do the kind of request that the arguments chose."""
     kind = verb.kind(click.get_current_context().meta[CHOSEN])
     assert kind is not None  # the command has looked when it parsed
@@ -88,6 +88,7 @@ def _do_chosen(verb: Verb, **values: Any) -> int:
 
 def _do(
     form: Form,
+    /,
     *,
     overwrite: bool,
     quiet: bool,

@@ -43,7 +43,7 @@ def test_delays_of_one_case_count_by_their_slowest_router(tmp_path: Path, capsys
     (longest,) = json.loads(capsys.readouterr().out)["delay_s"].values()
     assert slowest_router(path) == longest == pytest.approx(1.031, abs=5e-4)
     assert make_config(request(path), "m") == make_config(request(longest), "m")
-    assert request(path).paths == [Path("heard.parquet"), path]
+    assert request(path).inputs == [Path("heard.parquet"), path]
     assert request(longest).paths == [Path("heard.parquet")]
 
 

@@ -73,7 +73,10 @@ def _messages(data: bytes) -> Iterator[tuple[str, Any]]:
         yield f"attachment {attached.name}", attached.data
     for n, (schema, channel, message) in enumerate(reader.iter_messages(log_time_order=False)):
         head = (channel.topic, schema.name if schema else "", message.log_time, message.publish_time)
-        yield f"message {n} of {channel.topic}", [*head, message.data]
+        yield (
+            f"message {n} of {channel.topic}",
+            [*head, _json(message.data) if channel.message_encoding == "json" else message.data],
+        )
 
 
 def _first(a: Iterator[tuple[str, Any]], b: Iterator[tuple[str, Any]], tolerance: Tolerance) -> str | None:

@@ -22,13 +22,13 @@ RATES = Rates(
 PLACES = np.array([[4.0, 3.0], [6.5, 4.5]])
 
 
-def boxes(people: Floats, cameras: tuple[int, ...] = (0, 1, 2, 3)) -> Boxes:
-    """True boxes of bodies of 1.75 m and 0.5 m."""
+def boxes(people: Floats, cameras: tuple[int, ...] = (0, 1, 2, 3), height: float = 1.75) -> Boxes:
+    """True boxes of bodies of this height, 0.5 m wide."""
     made, first = [], [0]
     for c in range(4):
         for x, y in people:
             box = np.empty(4)
-            expected_box(VIEWS.lens[c], x, y, 1.75, 0.5, box)
+            expected_box(VIEWS.lens[c], x, y, height, 0.5, box)
             if c in cameras:
                 made.append(box)
         first.append(len(made))
@@ -71,6 +71,24 @@ def test_cameras_that_see_nobody_there_speak_against_it() -> None:
 def test_more_arrivals_raise_the_odds_by_as_much() -> None:
     low, high = found(boxes(PLACES[:1]), everywhere=0.001)[2].max(), found(boxes(PLACES[:1]), everywhere=0.002)[2].max()
     assert high - low == pytest.approx(math.log(2.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("height", "count"), [(1.0, 0), (1.25, 1), (2.1, 1), (2.3, 0)])
+def test_bodies_are_as_tall_as_people(height: float, count: int) -> None:
+    # From five deviations below the usual height, 1.1 m, to four above it, 2.18 m
+    odds = found(boxes(PLACES[:1], height=height))[2]
+    assert (odds > 0.0).sum() == count
+
+
+@pytest.mark.parametrize(("away", "more"), [(0.0, 1.0), (2.0, 0.135335), (4.1, 0.0)])
+def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from(away: float, more: float) -> None:
+    made = boxes(PLACES[:1])
+    nobody = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
+    odds = []
+    for at in (0.0, 1e-3):
+        arrival = Arrival(1e-3, 10.0, PLACES[:1] + np.array([0.0, away]), np.array([at]), 1.0)
+        odds.append(newborn(VIEWS, made, RATES, BODY, arrival, *nobody, np.ones(4), 30.0, math.log(0.05))[2].max())
+    assert odds[1] - odds[0] == pytest.approx(math.log(1.0 + more), abs=0.02)
 
 
 def test_a_pixel_above_the_horizon_shows_no_floor() -> None:
