@@ -9,7 +9,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from occlog import console
 from occlog.io.files.atomic import Together, check_outputs
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import Table
 from occlog.records.losses import Loss

@@ -67,7 +67,8 @@ def report(
     Warns:
         OcclogWarning: the tracks are not plausible, or input was lost.
     """
-    from occlog.report.command import Paths, run_report
+    from occlog.report.inputs import Paths
+    from occlog.report.run import run_report
 
     if isinstance(tracks, TrackResult):
         diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.put_aside.table import Aside
 from occlog.io.open import Opened, check_unit, common_unit, load_scene, losses_of, open_if_ours, open_input
 from occlog.records.columns import Table

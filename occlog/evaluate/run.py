@@ -21,7 +21,8 @@ from occlog.evaluate.bearings.known_places import MeasuredNoise, comment, scene_
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig, many_config, own_targets_by
 from occlog.io.files.atomic import check_outputs, write_bytes
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.open import Opened, of_others, open_if_ours, open_input

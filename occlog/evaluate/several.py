@@ -20,7 +20,8 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig, own_targets_by
 from occlog.evaluate.mot.run import compared_boxes, in_images
 from occlog.io.files.atomic import check_outputs
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.open import of_others
 from occlog.records.losses import Loss

@@ -19,7 +19,8 @@ from occlog.console.progress import progress
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxSurvey, read_boxes
-from occlog.io.files.provenance import Provenance, hash_file, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.files.times.utc import utc
 from occlog.io.files.untrusted.inputs import check_input

@@ -15,7 +15,8 @@ from occlog.array_types import Floats
 from occlog.console.text import as_bytes
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import load_scene, open_input
 from occlog.records.declared.plans import PlanMap

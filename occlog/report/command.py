@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -11,23 +9,13 @@ import click
 from occlog import console
 from occlog.cli import options
 from occlog.cli.setting_options import VariantCommand
-from occlog.console.details import begin_work
-from occlog.errors import InputError, UsageError
-from occlog.io.files.atomic import check_outputs
+from occlog.errors import UsageError
 
 from .options import PAGE, VARIANTS, chosen
 
 if TYPE_CHECKING:
-    from occlog.evaluate.verdict import Made
     from occlog.records.columns import Table
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Scene
-    from occlog.records.tables import Bearings, Hulls, Occluders
-    from occlog.records.verdicts import Verdict
-    from occlog.report.content.model import ReportInput
 
-    from .long_tables import LongTables
-    from .replay.thumbnails import Thumbnails
 
 T = TypeVar("T", bound="Table")
 
@@ -76,6 +64,9 @@ def command(**given: Any) -> int:
     With --recording no page is made: TRACKS, in images or of the world, and true boxes are drawn over the frames.
     """
     from occlog.records.verdicts import summary_of, texts_of
+
+    from .inputs import Paths, from_folder
+    from .run import run_report
 
     as_json, quiet = given.pop("as_json"), given.pop("quiet")
     if "recording" in given:
@@ -139,229 +130,3 @@ def _beside(given: dict[str, Any], *, quiet: bool, as_json: bool) -> int:
 
 
 TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "events", "occluders")
-
-
-@dataclass(frozen=True)
-class Paths:
-    """Files to read and to write; None where not given."""
-
-    output: Path
-    tracks: Path | None = None
-    scene: Path | None = None
-    truth: Path | None = None
-    bearings: Path | None = None
-    errors: Path | None = None
-    bound: Path | None = None
-    diagnostics: Path | None = None
-    events: Path | None = None
-    occluders: Path | None = None
-    metrics: Path | None = None
-    images: Path | None = None
-    images_limit: float = 5.0
-    png: Path | None = None
-    markdown: Path | None = None
-    overwrite: bool = False
-
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """Every file that is read, each once."""
-        other = ("output", "png", "markdown", "overwrite", "images_limit")
-        given = (getattr(self, f.name) for f in fields(self) if f.name not in other)
-        return tuple(dict.fromkeys(path for path in given if path is not None))
-
-    @property
-    def outputs(self) -> tuple[Path, ...]:
-        """Every file that is written."""
-        return tuple(path for path in (self.output, self.png, self.markdown) if path is not None)
-
-
-def from_folder(paths: Paths) -> Paths:
-    """Where TRACKS is a run folder, what it holds in place of what is not named."""
-    folder = paths.tracks
-    if folder is None or not folder.is_dir():
-        return paths
-    names = {n: f"{n}.parquet" for n in ("tracks", "bearings", "errors", "bound", "diagnostics", "events")}
-    names |= {"metrics": "metrics.json", "scene": "recording.mcap"}
-    names["occluders"] = "hulls.parquet" if (folder / "hulls.parquet").is_file() else "occluders.parquet"
-    found = {n: folder / file for n, file in names.items() if (folder / file).is_file()}
-    if "tracks" not in found:
-        raise InputError(f"{folder}: holds no tracks.parquet, so it is not the folder of a finished run")
-    if "scene" in found and _has_truth(found["scene"]):
-        found["truth"] = found["scene"]
-    unnamed: dict[str, Any] = {n: p for n, p in found.items() if n == "tracks" or getattr(paths, n) is None}
-    return replace(paths, **unnamed)
-
-
-def _has_truth(recording: Path) -> bool:
-    from occlog.io.recording.reader import open_recording
-    from occlog.records.tables import Truth
-
-    return open_recording(recording).has(Truth)
-
-
-def run_report(paths: Paths, title: str) -> tuple[ReportInput, tuple[Loss, ...]]:
-    """Read everything, draw, write the page and the picture; what was shown, and which images were lost now."""
-    from occlog.console.text import as_bytes
-    from occlog.io.files.atomic import Together, open_output
-    from occlog.io.files.untrusted.content import Content, content_of
-
-    from .markdown import build_markdown
-    from .page import build_page
-    from .picture import build_picture
-
-    if paths.tracks is None and paths.scene is None:
-        raise UsageError("nothing to show: give TRACKS, a run folder, or --scene")
-    if paths.tracks is not None and paths.scene is None and content_of(paths.tracks) is Content.RECORDING:
-        raise UsageError(f"{paths.tracks}: is a recording, not tracks; show it by --scene, beside tracks or alone")
-    check_outputs(paths.inputs, paths.outputs, paths.overwrite)
-    data = read_input(paths, title)
-    begin_work()
-    images = _images(paths, data)
-    unseen = () if images is None else images.losses
-    data = replace(data, losses=tuple(dict.fromkeys((*data.losses, *unseen))))
-    made = {paths.output: as_bytes(build_page(data, images))}
-    if paths.png is not None:
-        made[paths.png] = build_picture(data)
-    if paths.markdown is not None:
-        made[paths.markdown] = as_bytes(build_markdown(data))
-    with Together() as together:
-        for path, content in made.items():
-            with open_output(path, paths.overwrite, together) as file:
-                file.write(content)
-    return data, unseen
-
-
-def _images(paths: Paths, data: ReportInput) -> Thumbnails | None:
-    """Small images of the recording that is named, with the tracks drawn over them."""
-    if paths.images is None:
-        return None
-    from .overlay.world import Sources
-    from .replay.thumbnails import thumbnails
-
-    drawn = None
-    if data.tracks is not None and paths.tracks is not None:
-        drawn = Sources(paths.tracks, paths.diagnostics)
-    return thumbnails(paths.images, drawn, data.targets, round(paths.images_limit * 1e6))
-
-
-def read_input(paths: Paths, title: str) -> ReportInput:
-    """Everything that was named; the scene of the recording with the truth or the bearings if no other is named."""
-    from occlog.io.files.texts.json_file import read_json
-    from occlog.records.tables import Bound, Errors, Events, PeopleTracks, Truth
-    from occlog.report.content.model import ReportInput
-
-    scene = _scene(paths)
-    unit = _unit(paths, scene)
-    provenance, losses, verdicts = _made(paths, title)
-    metrics = read_json(paths.metrics) if paths.metrics is not None else {}
-    shared: dict[str, Any] = {"title": title, "scene": scene, "metrics": metrics, "provenance": provenance}
-    shared |= {"losses": losses, "earlier": verdicts, "made": _made_tracks(paths.tracks), "length_unit": unit}
-    if (long := _long(paths, unit)) is not None:
-        return ReportInput(**shared, **long.read(shared["made"], scene, metrics))
-    return ReportInput(
-        **shared,
-        tracks=_read(paths.tracks, PeopleTracks, unit),
-        bearings=_read_bearings(paths.bearings, scene),
-        truth=_read(paths.truth, Truth, unit),
-        errors=_read(paths.errors, Errors, unit),
-        bound=_read(paths.bound, Bound, unit),
-        events=_read(paths.events, Events, unit),
-        **read_moving(paths, unit),
-    )
-
-
-def read_moving(paths: Paths, unit: str) -> dict[str, Any]:
-    """What is shown of the moments of tracks besides: diagnostics and occluders, whole; `unit`: of lengths."""
-    from occlog.records.tables import Diagnostics
-
-    return {
-        "diagnostics": _read(paths.diagnostics, Diagnostics, unit),
-        "occluders": _read_occluders(paths.occluders, unit),
-    }
-
-
-def _long(paths: Paths, unit: str) -> LongTables | None:
-    """Tables of which a part is drawn, with lengths in a unit; None where all are short."""
-    from .long_tables import LongTables
-
-    names = {f.name for f in fields(LongTables)} & {f.name for f in fields(paths)}
-    found = LongTables(**{name: getattr(paths, name) for name in names}, unit=unit)
-    return found if found.are_long else None
-
-
-def _made_tracks(tracks: Path | None) -> Made:
-    """How the tracks were made, as their provenance says."""
-    from occlog.evaluate.verdict import Made
-    from occlog.io.open import open_if_ours
-
-    opened = None if tracks is None else open_if_ours(tracks)
-    return Made() if opened is None else Made.of(opened.provenance)
-
-
-def _scene(paths: Paths) -> Scene | None:
-    from occlog.io.open import load_scene, open_input
-
-    if paths.scene is not None:
-        return load_scene(paths.scene, None, paths.scene)
-    opened = (open_input(path) for path in (paths.truth, paths.bearings) if path is not None)
-    return next((each.scene for each in opened if each.recording is not None), None)
-
-
-def _read(path: Path | None, table: type[T], unit: str) -> T | None:
-    """All rows of a table in a Parquet file or a recording, lengths in a unit; None for a recording that has none."""
-    from occlog.io.open import open_in_unit
-
-    opened = None if path is None else open_in_unit(path, unit)
-    if opened is None or (opened.recording is not None and not opened.has(table)):
-        return None
-    return opened.read(table)
-
-
-def _read_bearings(path: Path | None, scene: Scene | None) -> Bearings | None:
-    """All bearings, with the directions of arrival of a recording as `occlog track` uses them."""
-    from occlog.evaluate.sources import streamed_bearings
-    from occlog.io.open import open_input
-    from occlog.records.tables import Bearings as Rows
-    from occlog.records.tables import Doa
-
-    opened = None if path is None else open_input(path)
-    if scene is not None and opened is not None and opened.recording is not None and opened.has(Doa):
-        heard = streamed_bearings(path, None, False, scene)
-        return None if heard is None else Rows.concat(heard())
-    return None if opened is None or (opened.recording is not None and not opened.has(Rows)) else opened.read(Rows)
-
-
-def _read_occluders(path: Path | None, unit: str) -> Occluders | Hulls | None:
-    """Gaussians, or the polygons of visual hulls."""
-    from occlog.io.open import open_input
-    from occlog.records.tables import Hulls, Occluders
-
-    if path is not None and open_input(path).has(Hulls):
-        return _read(path, Hulls, unit)
-    return _read(path, Occluders, unit)
-
-
-def _unit(paths: Paths, scene: Scene | None) -> str:
-    """The unit of lengths; InputError where a table has another than the scene or the tracks."""
-    from occlog.io.open import check_unit, common_unit, open_input
-
-    named = (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders)
-    opened = [each for path in named if path is not None and (each := open_input(path)).recording is None]
-    unit, source = common_unit(opened) if scene is None else (scene.length_unit, "the scene")
-    for each in opened:
-        check_unit(each, unit, source, InputError)
-    return unit
-
-
-def _made(paths: Paths, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
-    """How this report and each of its inputs were made, what was lost in making them, and what was found in them."""
-    from occlog.io.files.provenance import Provenance, hash_inputs
-    from occlog.io.open import losses_of, open_if_ours
-
-    opened = [each for path in paths.inputs if (each := open_if_ours(path)) is not None]
-    losses = losses_of(opened)
-    said_apart = ("losses", "verdicts")
-    made = {o.path.name: {k: v for k, v in o.provenance.as_dict().items() if k not in said_apart} for o in opened}
-    own = Provenance("report", {"title": title}, None, hash_inputs(paths.inputs), losses)
-    values = {k: v for k, v in own.as_dict().items() if k not in said_apart} | {"made": made}
-    return values, losses, own.judged

@@ -21,7 +21,8 @@ from occlog.core.navigation.potentials import distance
 from occlog.core.numerics.time_grid import Grid
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.open import Opened, load_scene, open_input
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.paths import read_paths

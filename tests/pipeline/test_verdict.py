@@ -16,7 +16,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import ExitCode
-from occlog.io.files.provenance import verdicts_of_file
+from occlog.io.files.inputs import verdicts_of_file
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.models.schemas import verdict_schema
 from occlog.io.scenes.scene import scene_to_yaml

@@ -20,8 +20,8 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Tracks, Truth
-from occlog.report.command import Paths, read_input
 from occlog.report.content import thinned as rule
+from occlog.report.inputs import Paths, read_input
 
 SCENE = """
 occlog_scene: 1

@@ -28,7 +28,8 @@ from occlog.examine.viewers.drawings.points import image_cloud, point_cloud
 from occlog.examine.viewers.drawings.sensors import camera_calibration, frame_transforms, smaller_camera, world_of
 from occlog.examine.viewers.drawings.shapes import Thing, smaller
 from occlog.io.files.atomic import Together, check_outputs, open_output
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.frames.codec import check_image, encode_image, image_kind, shown_size
 from occlog.io.open import losses_of
 from occlog.io.recording.reader import linked_videos

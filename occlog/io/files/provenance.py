@@ -22,7 +22,7 @@ PROVENANCE_KEY = "occlog.provenance"
 READERS_USED: dict[str, Mapping[str, object]] = {}
 """By the name of a file that a plug-in has read: the plug-in and its settings."""
 VERDICTS: dict[str, tuple[Verdict, ...]] = {}
-"""Verdicts that a file carries, by the SHA-256 of its bytes; `hash_inputs` reads them.
+"""Verdicts that a file carries, by the SHA-256 of its bytes; `occlog.io.files.inputs.hash_inputs` reads them.
 
 What is made from a file carries its verdicts on, and no stage can forget that.
 """
@@ -139,41 +139,3 @@ def hash_file(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def hash_inputs(paths: Iterable[Path]) -> tuple[tuple[str, str], ...]:
-    """(name, SHA-256) of each file; names without folders, so that outputs do not depend on where they lie.
-
-    What provenance is made with these inputs carries their verdicts on.
-    """
-    hashed = tuple((Path(path), hash_file(path)) for path in paths)
-    for path, digest in hashed:
-        if digest not in VERDICTS:
-            VERDICTS[digest] = verdicts_of_file(path)
-    return tuple((path.name, digest) for path, digest in hashed)
-
-
-def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
-    """Verdicts that a table, a recording or a JSON file carries; none where it is of another kind or is damaged.
-
-    A stage that opens a damaged file refuses it itself.
-    """
-    from .tables.header import read_provenance
-    from .tables.parquet import is_ours
-    from .texts.json_file import read_json
-    from .untrusted.content import Content, content_of
-
-    try:
-        content = content_of(path)
-        if content is Content.RECORDING:
-            from occlog.io.recording.reader import open_recording
-
-            return open_recording(path).provenance.judged
-        if content is Content.TABLE:
-            return read_provenance(path).judged if is_ours(path) else ()
-        if path.suffix.lower() == ".json":
-            made = read_json(path).get("_provenance")
-            return verdicts_in(made) if isinstance(made, dict) else ()
-    except (InputError, ValueError):
-        pass
-    return ()

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from occlog import console
 from occlog.errors import InputError
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.records.declared.gallery import Gallery
 from occlog.records.losses import Loss

@@ -14,7 +14,8 @@ import numpy as np
 from occlog import console
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import parse_json
 from occlog.io.files.untrusted.inputs import FOREIGN_BAG, check_input

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from occlog import console
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import load_scene
 from occlog.io.recording.reader import open_recording

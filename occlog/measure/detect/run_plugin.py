@@ -7,7 +7,8 @@ from pathlib import Path
 
 from occlog import console
 from occlog.errors import InputError
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.open import load_scene
 from occlog.io.recording.reader import open_recording
 from occlog.plugins.chosen import Chosen

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Required, TypedDict
 from occlog import console
 from occlog.cli.values import parse_names
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.models.fundamental_matrices import (
     EPIPOLAR_ATTACHMENT,
     attached_epipolar,

@@ -14,8 +14,9 @@ from occlog import console
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
 from occlog.ingest.plan import for_sensor, pairs
+from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.names.sensors import match_sensor
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.times.frame_times import to_world_time
 from occlog.io.files.times.timestamps import parse_time

@@ -12,7 +12,8 @@ import numpy as np
 
 from occlog import console
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import check_unit, load_scene, losses_of, open_input
 from occlog.records.columns import Table

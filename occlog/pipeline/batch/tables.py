@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from occlog.errors import InputError
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.texts.json_file import read_json
 from occlog.io.gathered.joined import join_tables
 from occlog.io.gathered.runs import write_metrics, write_runs

@@ -22,8 +22,9 @@ from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.evaluate.mot import headline
 from occlog.io.files.atomic import PARTIAL, no_links_out_of
+from occlog.io.files.inputs import verdicts_of_file
 from occlog.io.files.locks import alone_with
-from occlog.io.files.provenance import hash_file, verdicts_of_file
+from occlog.io.files.provenance import hash_file
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions

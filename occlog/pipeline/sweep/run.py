@@ -20,8 +20,8 @@ from occlog import __version__, console
 from occlog.console.details import begin_work, note_files
 from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError, option
 from occlog.io.files.atomic import translate_write_errors, write_bytes
+from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.locks import alone_with
-from occlog.io.files.provenance import hash_inputs
 from occlog.io.files.texts.json_file import read_json, write_json
 from occlog.io.files.versions import installed_versions
 from occlog.pipeline.csv_text import to_csv

@@ -13,8 +13,8 @@ from occlog.io.files.tables.header import describe
 from occlog.io.files.untrusted.content import Content, content_of
 from occlog.io.open import check_unit, open_in_unit, open_input
 from occlog.records.tables import PeopleTracks, Tracks, Truth
-from occlog.report.command import Paths, from_folder, read_input, read_moving
 from occlog.report.content.model import ReportInput
+from occlog.report.inputs import Paths, from_folder, read_input, read_moving
 
 from .stage import same_room, same_rows
 

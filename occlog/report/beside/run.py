@@ -10,9 +10,10 @@ from occlog.console.details import begin_work
 from occlog.console.text import as_bytes
 from occlog.evaluate.compare.run import run_compare
 from occlog.io.files.atomic import Together, check_outputs, open_output
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.records.tables import Truth
-from occlog.report.command import Paths
+from occlog.report.inputs import Paths
 
 from .comparison.frames import common_times, laid
 from .comparison.identities import by_each_other

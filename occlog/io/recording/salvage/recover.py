@@ -17,8 +17,9 @@ from mcap.opcode import Opcode
 
 from occlog.errors import InputError, option
 from occlog.io.files.atomic import open_output
+from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.names.outputs import RECORDING, check_output_name
-from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, hash_inputs, provenance_from_json
+from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
 from occlog.io.recording.copy import moved_metadata
 from occlog.io.recording.layout import MESSAGE_HEAD
 from occlog.io.recording.metadata import add_metadata, damaged_metadata

@@ -11,7 +11,8 @@ import numpy as np
 
 from occlog import console
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import load_scene, open_input
 from occlog.records.tables import RobotPath, Tracks, Truth

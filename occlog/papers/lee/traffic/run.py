@@ -7,7 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from occlog import console
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.models.networks import NetworkSpec, read_network
 from occlog.records.tables import Delays

@@ -11,7 +11,8 @@ import numpy as np
 from occlog import console
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.models.motion_models import MotionModel, write_motion
 from occlog.io.open import check_unit, common_unit, losses_of, open_input
 from occlog.records.tables import Tracks, Truth

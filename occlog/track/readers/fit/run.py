@@ -12,7 +12,8 @@ from occlog import console
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError, UsageError
-from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.provenance import Provenance
 from occlog.io.models.path_losses import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
 from occlog.io.open import Opened, load_scene, losses_of, open_input
 from occlog.records.scene import Reader, Scene

@@ -1,0 +1,46 @@
+"""Inputs of a stage: their digests, and the verdicts that they carry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from occlog.errors import InputError
+from occlog.io.files.provenance import VERDICTS, hash_file, verdicts_in
+from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.tables.parquet import is_ours
+from occlog.io.files.texts.json_file import read_json
+from occlog.io.files.untrusted.content import Content, content_of
+from occlog.io.recording.reader import open_recording
+from occlog.records.verdicts import Verdict
+
+
+def hash_inputs(paths: Iterable[Path]) -> tuple[tuple[str, str], ...]:
+    """(name, SHA-256) of each file; names without folders, so that outputs do not depend on where they lie.
+
+    What provenance is made with these inputs carries their verdicts on.
+    """
+    hashed = tuple((Path(path), hash_file(path)) for path in paths)
+    for path, digest in hashed:
+        if digest not in VERDICTS:
+            VERDICTS[digest] = verdicts_of_file(path)
+    return tuple((path.name, digest) for path, digest in hashed)
+
+
+def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
+    """Verdicts that a table, a recording or a JSON file carries; none where it is of another kind or is damaged.
+
+    A stage that opens a damaged file refuses it itself.
+    """
+    try:
+        content = content_of(path)
+        if content is Content.RECORDING:
+            return open_recording(path).provenance.judged
+        if content is Content.TABLE:
+            return read_provenance(path).judged if is_ours(path) else ()
+        if path.suffix.lower() == ".json":
+            made = read_json(path).get("_provenance")
+            return verdicts_in(made) if isinstance(made, dict) else ()
+    except (InputError, ValueError):
+        pass
+    return ()
