@@ -40,7 +40,7 @@ FIRST, SHARED, ENDS = "first ellipses", "views that help one another", "ends of 
 GEOMETRY, PLACES = "fundamental matrices", "places in the world"
 """Names of checks."""
 MOST_AT_ONCE = 30.0
-"""Targets in a frame that regions can be: one man without a calibration gives 72, rendered rooms and [Qu] 3 to 6."""
+"""Targets in a frame that regions can be: one man without a calibration gives 72, the rendered balls of [Qu] 8.8."""
 FEWEST_CHECKS = 20
 """Loop checks below which the summary does not judge a fundamental matrix."""
 BIN_PX, BINS = 0.1, 20_001
