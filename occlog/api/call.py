@@ -21,7 +21,13 @@ from .sources import Inputs
 R = TypeVar("R", bound=Result)
 
 
-def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: Callable[[Request], object]) -> R:
+def call(
+    form: Form,
+    arguments: Mapping[str, Any],
+    result: type[R],
+    called: Mapping[str, str] | None = None,
+    **more: Callable[[Request], object],
+) -> R:
     """Do what a function was called for.
 
     Args:
@@ -29,6 +35,7 @@ def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: Call
         arguments: those of the function by name: fields of the request, groups of settings that are one argument,
             `settings` (keywords), `also` (names of tables on request) and `progress`.
         result: class of what is given back.
+        called: names of inputs for messages, by those of fields (`field[0]` of several files), where they differ.
         more: make attributes of the result from the request, while its inputs are there.
 
     Raises:
@@ -39,7 +46,8 @@ def call(form: Form, arguments: Mapping[str, Any], result: type[R], **more: Call
     arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
     with Inputs(arguments_of) as inputs, console.notes_kept() as notes:
         outputs = _outputs(form, arguments, home)
-        given = {entry.name: _value(entry, arguments, inputs) for entry in form.entries() if entry.group is None}
+        plain = (entry for entry in form.entries() if entry.group is None)
+        given = {entry.name: _value(entry, arguments, inputs, called or {}) for entry in plain}
         request = form.build({**given, **outputs}, _groups(form, arguments))
         done = run(request, quiet=not arguments.get("progress", False))
         found = {name: of(request) for name, of in more.items()}
@@ -88,7 +96,7 @@ def _asked(entry: Entry, of: File, arguments: Mapping[str, Any]) -> bool:
     return of.asked == "always" or arguments.get(of.asked) is not None
 
 
-def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs) -> object:
+def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs, called: Mapping[str, str]) -> object:
     """What an argument says, as the field of the request has it."""
     value, of, name = arguments.get(entry.field), entry.file, entry.field
     if value is None or (of is not None and of.output):
@@ -103,8 +111,9 @@ def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs) -> object
     if of.number is not None and isinstance(value, int | float):
         return float(value)
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return tuple(_named(inputs, each, f"{name}[{n}]") for n, each in enumerate(value))
-    return inputs.rows(value, name)
+        names = (f"{name}[{n}]" for n in range(len(value)))
+        return tuple(_named(inputs, each, called.get(key, key)) for each, key in zip(value, names, strict=True))
+    return _named(inputs, value, called[name]) if name in called else inputs.rows(value, name)
 
 
 def _text(value: object) -> str:
@@ -129,5 +138,7 @@ def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, obj
             chosen = settings_by_class(name, {} if value is True else value, [("", classes[name])], ())
             found[name] = chosen[0]
     flat: list[tuple[str, type[Settings]]] = [(name, of) for name, of in classes.items() if name not in nested]
-    chosen = settings_by_class(form.request.OWNER, arguments.get("settings", {}), [("", of) for _, of in flat], names)
+    free = form.set_group()
+    owner = form.request.OWNER if free is None else classes[free[0]].OWNER
+    chosen = settings_by_class(owner, arguments.get("settings", {}), [("", of) for _, of in flat], names)
     return found | {name: values for (name, _), values in zip(flat, chosen, strict=True) if values}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 from occlog import console
 from occlog.console.details import threads_by_default
@@ -164,7 +166,13 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list")
     first, *others = (each.tracks if isinstance(each, TrackResult) else each for each in tracks)
     arguments = {"bearings": first, "others": others, "settings": settings}
-    return call(Form(TrackFusionRequest), arguments, TrackResult)
+    names = {f"others[{place - 1}]" if place else "bearings": f"tracks[{place}]" for place in range(len(tracks))}
+    found = call(Form(TrackFusionRequest), arguments, TrackResult, names)
+    known = [Path(t).name if isinstance(t, str | os.PathLike) else f"tracks[{k}]" for k, t in enumerate(tracks)]
+    if len(set(known)) < len(known):
+        return found
+    groups = dict(zip(known, found.summary["groups"].values(), strict=True))
+    return replace(found, summary={**found.summary, "groups": groups})
 
 
 def label(

@@ -80,7 +80,7 @@ def test_a_comparison_of_json_loads_neither_numpy_nor_parquet() -> None:
 def test_looking_at_a_table_loads_no_more_than_its_reader(command: str) -> None:
     path = str(ROOT / "tests" / "golden" / "expected" / "simulated" / "tracks.parquet")
     args = [command, path, path] if command == "diff" else [command, path]
-    assert {m for m in imported_by(*args) if m in HEAVY} == {"numpy", "pyarrow"}
+    assert {m for m in imported_by(*args) if m in HEAVY} == {"msgspec", "numpy", "pyarrow"}
 
 
 @pytest.mark.parametrize("name", COMMANDS)
