@@ -14,7 +14,7 @@ import grimp
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "occlog"
-GROUND = ("settings", "array_types", "errors", "request")
+GROUND = ("settings", "array_types", "errors", "request", "runner")
 """Modules that every room may use: one strip at the bottom of the picture, without lines."""
 SIZES = ((36, 9.0), (12, 6.5), (4, 4.5), (1, 2.8))
 """Radius of a dot [px] for at least so many imports. Classes, so that one more import rarely changes the picture."""

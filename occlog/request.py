@@ -13,6 +13,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
+from occlog.errors import UsageError, option
 from occlog.settings import Settings, declaration, declared, kind_of, read_value
 
 S = TypeVar("S", bound=Settings)
@@ -232,7 +233,7 @@ class Form:
 
         Raises:
             SettingError: a value of the request's own that is out of its range.
-            UsageError: a text that is no value.
+            UsageError: a text that is no value, or something that is required is missing.
         """
         values: dict[str, Any] = {name: dict(group) for name, group in groups.items()}
         for entry in self.entries():
@@ -245,6 +246,9 @@ class Form:
                 values[entry.field] = read_value(value, kind_of(entry.owner, entry.of.name), entry.key)
             else:
                 values[entry.field] = value
+        for entry in self.entries():
+            if entry.group is None and entry.required and entry.field not in values:
+                raise UsageError(f"{option(entry.field)} is missing; give it")
         return self.request(**values)
 
 

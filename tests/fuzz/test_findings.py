@@ -70,7 +70,7 @@ FINDINGS = [
         seeds.storage(".xml").replace(b"<rows>3</rows>", b"<rows>" + b"9" * 4400 + b"</rows>"),
         "want a 3 x 3 camera matrix",
     ),
-    ("tag readers", b"reader,x,y\n ,0,40\n", "r.csv: line 2: the reader has no name"),
+    ("tag readers", b"reader,x,y\n ,0,40\n", "r.csv: line 2: reader is empty"),
     ("calibration (TOML)", seeds.TOML.replace('name = "cam_0"', 'name = " "').encode(), "a camera has no name"),
     ("calibration (COLMAP, images)", b"1 1 0 0 0 0 0 2 1 a.jpg\n\n" * 2_001, "2001 images; each becomes a camera"),
     ("stations", b"Tower,x,y\n,0,40\n", "s.csv: line 2: the station has no name"),

@@ -243,7 +243,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
         ),
         (["--matches", "word.csv", "-o", "x.json"], ExitCode.BAD_INPUT, "word.csv: line 3: xa_px is 'left'"),
         (["--matches", "same.csv", "-o", "x.json"], ExitCode.BAD_INPUT, "same.csv: line 2: sensor_a 'a'"),
-        (["--matches", "short.csv", "-o", "x.json"], ExitCode.BAD_INPUT, "short.csv: has no column 'yb_px'"),
+        (["--matches", "short.csv", "-o", "x.json"], ExitCode.BAD_INPUT, "short.csv: has no column yb_px"),
         (
             ["--matches", "other.csv", "--scene", "scene.yaml", "-o", "x.json"],
             ExitCode.BAD_INPUT,

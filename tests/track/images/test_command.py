@@ -177,7 +177,7 @@ def test_ellipses_that_cannot_be_are_refused_and_nothing_is_written(balls, tmp_p
     path = tmp_path / "e.csv"
     for line, said in (
         ("view1,0,400,60,11,11,0", "e.csv: line 2: x_px is 400, outside the image of camera view1"),
-        ("view1,0,40,60,0,11,0", "line 2: a_px is 0 px"),
+        ("view1,0,40,60,0,11,0", "line 2: a_px is 0;"),
         ("door,0,40,60,11,11,0", "line 2: camera 'door' is none of view1, view2"),
         ("view1,0,40,60,11,11,0\nview1,0,50,60,11,11,0", "line 3: target 0 is in camera view1 already (line 2)"),
     ):
