@@ -13,6 +13,8 @@ import click
 from occlog.console.details import dry_run, told_to
 from occlog.console.notes import named
 from occlog.console.text import told
+from occlog.errors import UsageError
+from occlog.errors import option as spelled_option
 
 from .input_paths import Input, check_there
 from .setting_options import SettingOption, value_after
@@ -195,16 +197,14 @@ def check_common(ctx: click.Context) -> None:
     """After a command: UsageError where a unit was stated, or a reader named, in vain."""
     reader: Any = ctx.find_root().meta.get(READER_KEY)
     if reader is not None and not reader.used:
-        raise click.UsageError(
-            f"--reader {reader.chosen.plugin.name}: no input has a name that ends in {' or '.join(reader.endings)}; "
-            "outputs were made without it",
-            ctx,
+        raise UsageError(
+            f"{spelled_option('reader')} {reader.chosen.plugin.name}: no input has a name that ends in "
+            f"{' or '.join(reader.endings)}; outputs were made without it"
         )
     stated: Any = ctx.find_root().meta.get(STATED)
     unused = () if stated is None else stated.unused()
     if unused:
-        raise click.UsageError(
-            f"--input-units {','.join(unused)}: no table that was read has such a column without a unit in its name; "
-            "outputs were made without it",
-            ctx,
+        raise UsageError(
+            f"{spelled_option('input_units')} {','.join(unused)}: no table that was read has such a column without a "
+            "unit in its name; outputs were made without it"
         )

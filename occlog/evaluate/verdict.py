@@ -109,7 +109,7 @@ def judge(
     if tracks is None or all(table is None or not len(table) for table in (diagnostics, seen, errors)):
         return None
     found = Evidence(rows=len(tracks))
-    if diagnostics is not None:
+    if diagnostics is not None and len(diagnostics):
         found.rows = 0
         found.fared(diagnostics)
     if seen is not None and scene is not None and len(tracks):

@@ -491,9 +491,10 @@ def test_a_detector_of_others_goes_through_a_run(folder: Path) -> None:
         encoding="utf-8",
     )
     made = list(plan(read_config(config), folder / "out"))
-    assert "--bright-threshold 200" in " ".join(made[0].args)
-    assert made[0].args[made[0].args.index("--output") + 1].endswith("views.parquet")
-    assert made[0].args[made[0].args.index("--bearings") + 1].endswith("bearings.parquet")
+    values = made[0].values
+    assert [v for name, v in values.items() if name.endswith("threshold")] == ["200"]
+    assert str(values["output"]).endswith("views.parquet")
+    assert str(values["bearings"]).endswith("bearings.parquet")
 
 
 def test_methods_of_others_go_through_a_sweep(folder: Path) -> None:

@@ -15,8 +15,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-import click
-
 from occlog import __version__, console
 from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
@@ -263,10 +261,7 @@ def _do(stage: Stage) -> int:
     replacing = replace(stage, values={**stage.values, "overwrite": True})
     with redirect_stdout(io.StringIO()), replacing.context() as context:
         result = stage.command.invoke(context)
-        try:
-            check_common(context)
-        except click.UsageError as error:
-            raise UsageError(error.message) from error
+        check_common(context)
     return int(result) if isinstance(result, int) else ExitCode.DONE
 
 

@@ -84,7 +84,7 @@ def test_the_order_of_fixed_cameras(base, tmp_path):
         (["--select", "fixed", "--select-order", "cam1,cam2"], "2 usable cameras, want 4"),
         (["--select", "fixed", "--count", "2", "--select-order", "cam1,cam1"], "1 usable cameras, want 2"),
         (["--select", "greedy", "--cameras", "cam1,cam2,cam3"], "4 cameras of 3; select fewer"),
-        (["--window", "nan"], "--window nan: must be a number"),
+        (["--window", "nan"], "'--window': nan is not a finite number"),
         (["--select-model", "weak"], "--select; add it"),
         (["--select", "best"], "best"),
         (["--select", "greedy", "--count", "0"], "0"),
