@@ -139,6 +139,7 @@ def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, obj
             found[name] = chosen[0]
     flat: list[tuple[str, type[Settings]]] = [(name, of) for name, of in classes.items() if name not in nested]
     free = form.set_group()
-    owner = form.request.OWNER if free is None else classes[free[0]].OWNER
+    own = form.request.OWNER  # the settings of a plug-in may have no name
+    owner = own if free is None else getattr(classes[free[0]], "OWNER", own)
     chosen = settings_by_class(owner, arguments.get("settings", {}), [("", of) for _, of in flat], names)
     return found | {name: values for (name, _), values in zip(flat, chosen, strict=True) if values}

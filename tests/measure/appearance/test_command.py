@@ -249,4 +249,4 @@ def test_options_of_the_two_kinds_are_kept_apart(folder, capsys):
     assert "--tracks" in capsys.readouterr().err
     named = ["--named", str(folder / "named.parquet")]
     assert learn(folder) == ExitCode.DONE
-    assert label(folder, *named) == refused(capsys, ExitCode.USAGE, "give tracks")
+    assert label(folder, *named) == refused(capsys, ExitCode.USAGE, "give --tracks")
