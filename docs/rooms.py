@@ -15,12 +15,12 @@ import grimp
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "occlog"
 GROUND = ("settings", "array_types", "errors", "request", "runner")
-"""Modules that every room may use: one strip at the bottom of the picture, without lines."""
+"""Modules that are no rooms: one strip at the bottom of the picture, without lines."""
 SIZES = ((36, 9.0), (12, 6.5), (4, 4.5), (1, 2.8))
 """Radius of a dot [px] for at least so many imports. Classes, so that one more import rarely changes the picture."""
 
-WIDTH, GUTTER, PITCH, FLOOR, TOP = 1060, 272, 59, 44, 6
-BOX_W, BOX_H = 68, 28
+GUTTER, PITCH, FLOOR, TOP = 330, 50, 42, 6
+BOX_W, BOX_H = 88, 26
 INK, FAINT, LINE, BAND = "#1c2733", "#5a6876", "#9db0c3", "#f2f5f8"
 ROOM, VERB = "#dbe7f3", "#fbe9cf"
 EDGE = {ROOM: "#4f7ea8", VERB: "#c08a3e"}
@@ -78,19 +78,19 @@ def picture() -> str:
     order = [name for floor in plan.layers for name in floor]
     place = {name: i for i, name in enumerate(order)}
     verbs = {name for name in order if plan.about[name].startswith("Verb")}
-    height = TOP + FLOOR * len(order) + 116
+    width, height = GUTTER + PITCH * len(order) + BOX_W // 2, TOP + FLOOR * len(order) + 116
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         'font-family="Helvetica, Arial, sans-serif">',
         "<title>The rooms of occlog and which of them import which</title>",
-        f'<rect width="{WIDTH}" height="{height}" fill="#ffffff"/>',
+        f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
     ]
-    parts += _bands(plan.layers)
+    parts += _bands(plan.layers, width)
     parts += _lines(plan.imports, place)
     for name in order:
         parts += _room(name, place[name], plan.about[name], VERB if name in verbs else ROOM)
     parts += _dots(plan.imports, place)
-    parts += _foot(TOP + FLOOR * len(order))
+    parts += _foot(TOP + FLOOR * len(order), width)
     return "\n".join([*parts, "</svg>", ""])
 
 
@@ -102,13 +102,13 @@ def _y(row: int) -> float:
     return TOP + FLOOR * (row + 0.5)
 
 
-def _bands(layers: list[list[str]]) -> list[str]:
+def _bands(layers: list[list[str]], width: int) -> list[str]:
     """Every second floor is shaded; rooms of one floor share it."""
     parts, row = [], 0
     for i, floor in enumerate(layers):
         if i % 2 == 0:
             y, h = TOP + FLOOR * row, FLOOR * len(floor)
-            parts.append(f'<rect x="0" y="{y}" width="{WIDTH}" height="{h}" fill="{BAND}"/>')
+            parts.append(f'<rect x="0" y="{y}" width="{width}" height="{h}" fill="{BAND}"/>')
         row += len(floor)
     return parts
 
@@ -134,7 +134,7 @@ def _room(name: str, i: int, about: str, fill: str) -> list[str]:
     parts = [
         f'<rect x="{x - BOX_W / 2:g}" y="{y - BOX_H / 2:g}" width="{BOX_W}" height="{BOX_H}" rx="4" fill="{fill}" '
         f'stroke="{EDGE[fill]}"/>',
-        f'<text x="{x:g}" y="{y + 4.5:g}" font-size="13" font-weight="bold" text-anchor="middle" '
+        f'<text x="{x:g}" y="{y + 4.5:g}" font-size="12" font-weight="bold" text-anchor="middle" '
         f'fill="{INK}">{name}</text>',
     ]
     width = x - BOX_W / 2 - 18
@@ -157,12 +157,12 @@ def _radius(count: int) -> float:
     return next(radius for least, radius in SIZES if count >= least)
 
 
-def _foot(y: float) -> list[str]:
+def _foot(y: float, width: int) -> list[str]:
     """The ground, and how to read the picture."""
-    ground = "settings, array_types, errors: the ground. Every room may use it (no lines drawn)."
+    ground = f"{', '.join(GROUND)}: modules without a room (their lines are not drawn)."
     parts = [
-        f'<rect x="4" y="{y + 6:g}" width="{WIDTH - 8}" height="26" rx="4" fill="#e3e6ea" stroke="#8a949e"/>',
-        _text(WIDTH / 2, y + 23.5, ground, anchor="middle"),
+        f'<rect x="4" y="{y + 6:g}" width="{width - 8}" height="26" rx="4" fill="#e3e6ea" stroke="#8a949e"/>',
+        _text(width / 2, y + 23.5, ground, anchor="middle"),
         _text(10, y + 58, "Follow a room's line to the right: under each dot stands a room that it uses."),
         _text(
             10,

@@ -133,8 +133,8 @@ class Request(Settings):
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read."""
-        return list(self.files(output=False).values())
+        """Every file that is read, each once."""
+        return list(dict.fromkeys(self.files(output=False).values()))
 
     @property
     def outputs(self) -> list[Path]:

@@ -52,10 +52,10 @@ def call(
         done = run(request, quiet=not arguments.get("progress", False))
         found = {name: of(request) for name, of in more.items()}
         said = [inputs.named(text) for text in notes]
-    told, rest = sentences(said)
-    warn(told, done.losses)
+    warnings, notes_left = sentences(said)
+    warn(warnings, done.losses)
     tables = tables_in(home, [path.stem for path in outputs.values()])
-    return result(home.without_paths(done.summary), tables, tuple(done.losses), told, rest, **found)
+    return result(home.without_paths(done.summary), tables, tuple(done.losses), warnings, notes_left, **found)
 
 
 def check_taken(form: Form, given: Mapping[str, object], also: Sequence[str], called: str) -> None:

@@ -60,7 +60,7 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
 
 
 def _variant(verb: Verb, kind: Kind) -> Variant:
-    """What one kind of requests takes beside the fields that all have."""
+    """What one kind of requests takes in addition to the fields that all kinds share."""
     shared = {entry.name for entry in Form(verb.shared).entries()}
 
     def params() -> list[click.Parameter]:

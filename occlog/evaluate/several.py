@@ -84,8 +84,8 @@ def run_evaluate_several(
     begin_work()
     sides = [Paths(tracks=each.tracks, truth=each.truth, scene=paths.scene) for each in recordings]
     if kinds.pop():
-        told = {**given} if frames is None else {**given, "frames": frames}
-        each, whole, unit = *_in_images(sides, chosen.box_overlap, told), "px"
+        parameters = {**given} if frames is None else {**given, "frames": frames}
+        each, whole, unit = *_in_images(sides, chosen.box_overlap, parameters), "px"
     else:
         each, whole, unit = _on_ground(sides, chosen, given, frames)
     combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}

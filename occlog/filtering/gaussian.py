@@ -70,7 +70,7 @@ def log_normal(off: Floats, S: Floats) -> float:
 def rts_smooth(links: Sequence[Link], transition: Transition) -> list[Gaussian]:
     """Smoothed states by the recursion of Rauch, Tung and Striebel (1965), one for each link.
 
-    A link that was initiated anew separates what is before it from what follows.
+    A link that was reinitialised separates what is before it from what follows.
     """
     out: list[Gaussian] = []
     later, ahead = links[-1].after, None

@@ -20,7 +20,7 @@ from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance, hash_file
+from occlog.io.files.provenance import InputDigests, Provenance, hash_file
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.files.times.utc import utc
 from occlog.io.files.untrusted.inputs import check_input
@@ -39,6 +39,7 @@ from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
+from occlog.records.verdicts import Verdict
 
 from .agreement import checked
 from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
@@ -199,16 +200,19 @@ def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
     }
 
 
-def _hashes(plan: IngestPlan) -> tuple[tuple[str, str], ...]:
+def _hashes(plan: IngestPlan) -> InputDigests:
     """Name and SHA-256 of every input; a folder has the hash of the names and hashes of its files."""
     out: list[tuple[str, str]] = []
+    verdicts: list[Verdict] = []
     for path in plan.paths():
         if path.is_dir():
             held = tuple((file.relative_to(path).as_posix(), hash_file(file)) for file in files_in(path))
             out.append((path.name, hashlib.sha256(repr(held).encode()).hexdigest()))
         else:
-            out += hash_inputs([path])
-    return tuple(out)
+            hashed = hash_inputs([path])
+            out += hashed
+            verdicts += hashed.verdicts
+    return InputDigests.of(out, verdicts)
 
 
 def _all_times(

@@ -1,4 +1,4 @@
-"""Verdicts: what a stage checked of its results and what it found, stored with its outputs beside the losses."""
+"""Verdicts: what a stage checked of its results and what it found, stored with its outputs, as the losses are."""
 
 from __future__ import annotations
 

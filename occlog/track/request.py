@@ -210,12 +210,6 @@ class PeopleRequest(Tracking):
         "Everybody in every image, hidden people too (Parquet).", "view_tracks", asked="also"
     )
 
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read, each once."""
-        given = (self.bearings, self.scene, self.doa, self.gallery)
-        return list(dict.fromkeys(p for p in given if p is not None))
-
 
 @dataclass(frozen=True, kw_only=True)
 class SingleViewRequest(Tracking):
@@ -240,12 +234,6 @@ class ReadsRequest(_InWorld):
         "virtual_sensors",
         asked="also",
     )
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read, each once."""
-        given = (self.bearings, self.scene, self.path_loss, self.sights)
-        return list(dict.fromkeys(p for p in given if p is not None))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -277,9 +265,3 @@ class ViewsRequest(Tracking):
         if self.initial is None:
             return "detections"
         return "initial" if self.detections is None else "both"
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read, each once."""
-        given = (self.bearings, self.scene, self.initial, self.detections, self.fundamental)
-        return list(dict.fromkeys(p for p in given if p is not None))

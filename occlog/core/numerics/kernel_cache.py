@@ -3,7 +3,7 @@
 Numba keeps a compiled kernel while the file that defines it is the same.  The kernels of other files that it calls,
 and the constants that it takes from them, are compiled into it: here a kernel is kept while all files are the same that
 its file imports, directly or through others.  Numba unpickles what it finds in its folder, so that a folder counts
-only if nobody else can write into it; the configuration file that numba reads in the current folder is not read.
+only if others cannot write into it; the configuration file that numba reads in the current folder is not read.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def _users() -> Path:
 
 
 class KernelLocator:
-    """The place of a kernel's file: `NUMBA_CACHE_DIR`, beside the program, or in the user's cache folder."""
+    """The place of a kernel's file: `NUMBA_CACHE_DIR`, the folder of the program, or in the user's cache folder."""
 
     def __init__(self, function: Callable[..., Any], base: str, folder: Path) -> None:
         """Keep a function, the top package of which lies in `base`, in `folder`."""

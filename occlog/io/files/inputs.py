@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from occlog.errors import InputError
-from occlog.io.files.provenance import VERDICTS, hash_file, verdicts_in
+from occlog.io.files.provenance import InputDigests, hash_file, verdicts_in
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.tables.parquet import is_ours
 from occlog.io.files.texts.json_file import read_json
@@ -15,16 +15,14 @@ from occlog.io.recording.reader import open_recording
 from occlog.records.verdicts import Verdict
 
 
-def hash_inputs(paths: Iterable[Path]) -> tuple[tuple[str, str], ...]:
-    """(name, SHA-256) of each file; names without folders, so that outputs do not depend on where they lie.
+def hash_inputs(paths: Iterable[Path]) -> InputDigests:
+    """Name and SHA-256 of each file, and the verdicts that the files carry.
 
-    What provenance is made with these inputs carries their verdicts on.
+    Names have no folders, so that outputs do not depend on where the files lie.
     """
-    hashed = tuple((Path(path), hash_file(path)) for path in paths)
-    for path, digest in hashed:
-        if digest not in VERDICTS:
-            VERDICTS[digest] = verdicts_of_file(path)
-    return tuple((path.name, digest) for path, digest in hashed)
+    files = [Path(path) for path in paths]
+    found = [(path.name, hash_file(path)) for path in files]
+    return InputDigests.of(found, (each for path in dict.fromkeys(files) for each in verdicts_of_file(path)))
 
 
 def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:

@@ -21,11 +21,22 @@ from .versions import installed_versions
 PROVENANCE_KEY = "occlog.provenance"
 READERS_USED: dict[str, Mapping[str, object]] = {}
 """By the name of a file that a plug-in has read: the plug-in and its settings."""
-VERDICTS: dict[str, tuple[Verdict, ...]] = {}
-"""Verdicts that a file carries, by the SHA-256 of its bytes; `occlog.io.files.inputs.hash_inputs` reads them.
 
-What is made from a file carries its verdicts on, and no stage can forget that.
-"""
+
+class InputDigests(tuple[tuple[str, str], ...]):
+    """(file name, SHA-256) of each input of a stage, and the verdicts that these files carry.
+
+    What is made from the files carries the verdicts on, and no stage can forget that.
+    """
+
+    verdicts: tuple[Verdict, ...] = ()
+
+    @classmethod
+    def of(cls, files: Iterable[tuple[str, str]], verdicts: Iterable[Verdict]) -> InputDigests:
+        """The digests of files with their verdicts, each verdict once."""
+        made = cls(files)
+        made.verdicts = distinct(verdicts)
+        return made
 
 
 @dataclass(frozen=True)
@@ -42,7 +53,8 @@ class Provenance:
         readers: name of each input that a plug-in has read, with the plug-in and its settings; None: as it was.
         version: of occlog; empty: not known.
         versions: of Python and of the packages that are installed, by name; empty: not known.
-        verdicts: of this stage and of those before it, in their order; None: those of the inputs.
+        verdicts: of this stage and of those before it, in their order; None: those of the inputs, if these are
+            `InputDigests`.
     """
 
     command: str
@@ -58,7 +70,7 @@ class Provenance:
 
     def __post_init__(self) -> None:
         if self.verdicts is None:
-            carried = distinct(each for _, digest in self.inputs for each in VERDICTS.get(digest, ()))
+            carried = self.inputs.verdicts if isinstance(self.inputs, InputDigests) else ()
             object.__setattr__(self, "verdicts", carried)  # frozen for everybody else
         if self.readers is None:
             names = dict.fromkeys(name for name, _ in self.inputs)

@@ -167,7 +167,7 @@ def read_format(path: Path, table: Format, *, ignore_extra: bool = False) -> Ite
     for rows in read_rows(path, table.names, table.what, ignored=table.ignored, ignore_extra=extra):
         missing = [name for name, c in table.columns.items() if c.default is None and not rows.has(name)]
         if missing:
-            told = " and ".join(table.columns[name].names[0] for name in missing)
+            absent = " and ".join(table.columns[name].names[0] for name in missing)
             known = ", ".join(names[0] for names in table.names.values())
-            raise InputError(f"{path}: has no column {told}; add it ({table.what} has {known})")
+            raise InputError(f"{path}: has no column {absent}; add it ({table.what} has {known})")
         yield Part(rows, {name: column.values(rows, name) for name, column in table.columns.items()})
