@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.errors import InputError, UsageError, option
 from occlog.io.boxes.reader import BoxOptions, table_times
-from occlog.io.files.texts.csv_rows import first_line
+from occlog.io.files.texts.registry import Probe, recognise
 from occlog.io.files.times.frame_times import FrameTimes, as_rate
 from occlog.io.frames.video_stream import rate_times
 from occlog.io.open import open_if_ours
@@ -38,10 +38,9 @@ def annotation_format(path: Path) -> str | None:
     if not path.is_file() or not path.stat().st_size or open_if_ours(path) is not None:
         return None
     try:
-        head = [cell.lower() for cell in first_line(path, "true boxes")]
+        return recognise({name: FORMATS[name] for name in COUNTING}, Probe(path, "true boxes"))
     except InputError:  # whoever reads it as another kind of file says what is wrong
         return None
-    return next((name for name in COUNTING if FORMATS[name].detect(head)), None)
 
 
 def read_annotation(path: Path, name: str, camera: str, config: ManyConfig) -> TruthBoxes:

@@ -10,12 +10,12 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.boxes.objects import is_json
-from occlog.io.boxes.reader import box_source
+from occlog.io.boxes.reader import box_source, is_json
 from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.texts.csv_rows import Rows, bad_lines_told_to
 from occlog.io.files.texts.json_file import MAX_JSON_BYTES, parse_json
+from occlog.io.files.texts.registry import Probe
 from occlog.io.files.texts.toml_file import toml_values
 from occlog.io.files.texts.xml_file import parse_xml
 from occlog.io.files.texts.yaml_nodes import yaml_documents
@@ -49,7 +49,7 @@ def look_at_text(path: Path, findings: Findings) -> bool:
         return _structured(path, kind, findings)
     if kind in (".npz", ".npy", ".mat"):
         return _calibration(path, findings)
-    if kind == ".json" or (kind in TEXTS and is_json(path) and kind != ".geojson"):
+    if kind == ".json" or (kind in TEXTS and is_json(Probe(path, "a text")) and kind != ".geojson"):
         return _json(path, findings)
     return kind in TEXTS and _table(path, findings)
 

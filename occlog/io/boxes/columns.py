@@ -42,6 +42,20 @@ SIZE_SLACK_PX = 1.5
 """By how much a size may differ from the edges: some programs count the last pixel, some do not, and some round."""
 
 
+class Wanted(NamedTuple):
+    """What is stated beside a file of boxes.
+
+    Attributes:
+        camera: the camera; None: the file names its cameras.
+        known: names of the cameras of the scene; empty: all cameras of the file.
+        ignore_extra: skip unknown columns instead of refusing them.
+    """
+
+    camera: str | None
+    known: Sequence[str]
+    ignore_extra: bool
+
+
 class BoxSource(NamedTuple):
     """What a file or folder of boxes holds.
 

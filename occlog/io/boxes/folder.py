@@ -22,7 +22,7 @@ from occlog.io.files.names.sensors import natural_sorted
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.untrusted.inputs import check_input
 
-from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxSource, rows_of
+from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxSource, Wanted, rows_of
 
 ROWS_PER_CHUNK = 16_384
 MAX_BYTES = 4 * 2**20
@@ -63,8 +63,9 @@ def label_files(folder: Path) -> list[Path]:
     return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
 
 
-def open_folder(path: Path, camera: str | None) -> BoxSource:
-    """Boxes of a folder; it names its cameras where `camera` is None."""
+def open_folder(path: Path, wanted: Wanted) -> BoxSource:
+    """Boxes of a folder; it names its cameras unless the camera is stated."""
+    camera = wanted.camera
     folders = camera_folders(path)
     if camera is None and None in folders:
         raise InputError(f"{path}: holds the labels of one camera and does not name it; give CAMERA={path.name}")

@@ -13,7 +13,7 @@ from pathlib import Path
 from occlog.errors import InputError
 from occlog.io.files.texts.csv_rows import Rows, text_lines
 
-from .columns import BoxSource, rows_of
+from .columns import BoxSource, Wanted, rows_of
 
 ROWS_PER_CHUNK = 16_384
 COLUMNS = 17
@@ -34,13 +34,13 @@ def is_kitti(head: Sequence[str]) -> bool:
     return True
 
 
-def open_kitti(path: Path, camera: str | None) -> BoxSource:
+def open_kitti(path: Path, wanted: Wanted) -> BoxSource:
     """Boxes of one camera.
 
     Raises:
         InputError: the camera is not named.
     """
-    if camera is None:
+    if wanted.camera is None:
         raise InputError(f"{path}: KITTI's text holds one camera and does not name it; give CAMERA={path.name}")
     return BoxSource(_kitti(path), "KITTI text", first_number=0)
 

@@ -20,10 +20,9 @@ from occlog.errors import InputError
 from occlog.io.files.names.last_number import last_number
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.texts.json_file import check_number, parse_json
-from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.declared.sensors import MAX_FRAMES
 
-from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns, rows_of
+from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, Wanted, check_columns, rows_of
 
 ROWS_PER_CHUNK = 16_384
 MAX_BYTES = 2**31
@@ -33,18 +32,13 @@ MEANING = {alias: name for name, aliases in {**COLUMNS, **CLASS_KEYS}.items() fo
 Record = Mapping[str, Any]
 
 
-def is_json(path: Path) -> bool:
-    """Whether a file begins as a JSON list or object."""
-    with check_input(path, WHAT).open("rb") as file:
-        return file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"[")
-
-
-def open_json(path: Path, camera: str | None, *, ignore_extra: bool) -> BoxSource:
-    """Boxes of a JSON file; it names its cameras where `camera` is None.
+def open_json(path: Path, wanted: Wanted) -> BoxSource:
+    """Boxes of a JSON file; it names its cameras unless the camera is stated.
 
     Raises:
         InputError: it is not JSON, or of no form above.
     """
+    camera, ignore_extra = wanted.camera, wanted.ignore_extra
     value = _load(path)
     if isinstance(value, dict) and isinstance(value.get("images"), list):
         return _coco(path, value, camera)

@@ -1,12 +1,4 @@
-"""Boxes of a person detector, in any format that is known.
-
-    CSV             a header line with frame, camera, left, top, right, bottom, ...; see `columns`
-    MOTChallenge    text without a header, one camera, frames from 1; see `text`
-    YOLO            a folder with one text file a frame, one folder a camera; see `folder`
-    JSON            COCO, or records of supervision and Ultralytics; see `objects`
-    KITTI           text of tracked boxes, one camera; see `kitti`
-    VATIC           text of the annotation tool, as of CAMPUS; see `vatic`
-    WILDTRACK       a folder with one JSON file a frame; see `wildtrack`
+"""Boxes of a person detector, in any format that is known (`FORMATS`).
 
 Every frame from the first to the last one in the files is taken for a frame of each
 camera: where it has no row, the camera looked and saw nobody.  `frames` states another range.
@@ -18,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -30,7 +22,8 @@ from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.names.sensors import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
-from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, first_line, is_header
+from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, is_header
+from occlog.io.files.texts.registry import FileFormat, Probe, by_cells, is_folder, recognise
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.files.times.timestamps import parse_times, time_column
 from occlog.records.declared.sensors import MAX_FRAMES
@@ -46,16 +39,17 @@ from .columns import (
     SHARE_Y,
     WHAT,
     BoxSource,
+    Wanted,
     both_sizes,
     disagree,
 )
 from .folder import open_folder
 from .kitti import is_kitti, open_kitti
-from .objects import is_json, open_json
+from .objects import open_json
 from .rows import BoxRows, check_boxes, check_copies, check_identities, check_range, fill_frames, in_frames, join
 from .text import open_csv, open_mot
 from .vatic import is_vatic, open_vatic
-from .wildtrack import frame_files, open_annotations
+from .wildtrack import is_annotations, open_annotations
 
 
 def note_times(rows: Rows, boxes: BoxRows, cameras: list[str], stamps: dict[str, dict[int, int]]) -> None:
@@ -374,23 +368,32 @@ def box_rows(rows: Rows, cameras: list[str], first_number: int = 0) -> BoxRows:
     return check_boxes(rows, _numbers(rows, camera, cameras, options))
 
 
+def is_json(probe: Probe) -> bool:
+    """Whether a file begins as a JSON list or object."""
+    return not is_folder(probe) and reader_of(probe.path) is None and probe.start[:1] in (b"{", b"[")
+
+
+BoxFormat = FileFormat[Callable[[Path, Wanted], BoxSource]]
+FORMATS: dict[str, BoxFormat] = {
+    "wildtrack": BoxFormat(open_annotations, "WILDTRACK: a folder with one JSON file a frame", is_annotations),
+    "yolo": BoxFormat(open_folder, "YOLO: a folder with one text file a frame, one folder a camera", is_folder),
+    "json": BoxFormat(open_json, "JSON: COCO, or records of supervision and Ultralytics", is_json),
+    "vatic": BoxFormat(open_vatic, "VATIC text (CAMPUS), one camera", by_cells(is_vatic)),
+    "kitti": BoxFormat(open_kitti, "KITTI's text of tracked boxes, one camera", by_cells(is_kitti)),
+    "csv": BoxFormat(open_csv, "a table (CSV) with a header line", by_cells(is_header)),
+    "mot": BoxFormat(open_mot, "MOTChallenge text, one camera", lambda _: True),
+}
+"""Every format of boxes; text of no other one is taken for that of MOTChallenge."""
+
+
 def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource:
     """The file in the format that its content shows."""
-    if file.path.is_dir():
-        if frame_files(file.path):
-            return open_annotations(file.path, known)
-        return open_folder(file.path, file.camera)
-    if reader_of(file.path) is None and is_json(file.path):
-        return open_json(file.path, file.camera, ignore_extra=options.ignore_extra)
-    head = first_line(file.path, WHAT)
-    if is_vatic(" ".join(head)):
-        return open_vatic(file.path, file.camera)
-    if is_kitti(head):
-        return open_kitti(file.path, file.camera)
-    if is_header(head):
-        _check_corner(file.path, {cell.lower() for cell in head})
-        return open_csv(file.path, file.camera, ignore_extra=options.ignore_extra)
-    return open_mot(file.path, file.camera)
+    probe = Probe(file.path, WHAT)
+    name = recognise(FORMATS, probe)
+    assert name is not None
+    if name == "csv":
+        _check_corner(file.path, set(probe.cells))
+    return FORMATS[name].read(file.path, Wanted(file.camera, known, options.ignore_extra))
 
 
 def _check_corner(path: Path, names: set[str]) -> None:

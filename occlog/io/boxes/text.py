@@ -17,16 +17,16 @@ import numpy as np
 from occlog.errors import InputError
 from occlog.io.files.texts.csv_rows import Rows, read_plain, read_rows
 
-from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns
+from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, Wanted, check_columns
 from .mot_classes import WITH_CLASSES
 
 MOT_COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence")
 _EDGE = re.compile(r"['\"](x1|y1|x2|y2|x3)['\"]\s*:\s*([^,}\s]+)")
 
 
-def open_csv(path: Path, camera: str | None, *, ignore_extra: bool) -> BoxSource:
-    """Boxes of a table with a header line; the table names its cameras where `camera` is None."""
-    return BoxSource(_csv(path, camera, ignore_extra), "CSV")
+def open_csv(path: Path, wanted: Wanted) -> BoxSource:
+    """Boxes of a table with a header line; the table names its cameras unless the camera is stated."""
+    return BoxSource(_csv(path, wanted.camera, wanted.ignore_extra), "CSV")
 
 
 def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[Rows]:
@@ -49,9 +49,9 @@ def _split_box(rows: Rows) -> Rows:
     return replace(rows, cells={**rows.cells, **{name: np.array(column) for name, column in cells.items()}})
 
 
-def open_mot(path: Path, camera: str | None) -> BoxSource:
+def open_mot(path: Path, wanted: Wanted) -> BoxSource:
     """Boxes of MOTChallenge text."""
-    if camera is None:
+    if wanted.camera is None:
         raise InputError(f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}")
     return BoxSource(_mot(path), "MOTChallenge text", first_number=1)
 

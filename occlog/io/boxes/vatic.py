@@ -7,31 +7,31 @@ that is lost is outside the view and left out; one that is occluded or interpola
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from occlog.errors import InputError
 from occlog.io.files.texts.csv_rows import Rows
 
-from .columns import BoxSource, rows_of
+from .columns import BoxSource, Wanted, rows_of
 
 ROWS_PER_CHUNK = 16_384
 NAMES = ("id", "left", "top", "right", "bottom", "frame")
 _LINE = re.compile(r'^\s*((?:-?\d+(?:\.\d+)?\s+){6})([01])\s+([01])\s+([01])\s+"([^"]*)"(.*)$')
 
 
-def is_vatic(line: str) -> bool:
+def is_vatic(head: Sequence[str]) -> bool:
     """Whether the first line of a text is of this form."""
-    return _LINE.match(line) is not None
+    return _LINE.match(" ".join(head)) is not None
 
 
-def open_vatic(path: Path, camera: str | None) -> BoxSource:
+def open_vatic(path: Path, wanted: Wanted) -> BoxSource:
     """Boxes of one view.
 
     Raises:
         InputError: the camera is not named.
     """
-    if camera is None:
+    if wanted.camera is None:
         raise InputError(f"{path}: VATIC text holds one camera and does not name it; give CAMERA={path.name}")
     return BoxSource(_chunks(path), "VATIC text", first_number=0)
 

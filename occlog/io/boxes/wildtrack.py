@@ -22,9 +22,10 @@ from occlog.io.files.names.last_number import last_number
 from occlog.io.files.names.sensors import match_sensor, natural_sorted
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.texts.json_file import parse_json
+from occlog.io.files.texts.registry import Probe, is_folder
 from occlog.io.files.untrusted.inputs import check_input
 
-from .columns import BoxSource, rows_of
+from .columns import BoxSource, Wanted, rows_of
 
 ACROSS, ALONG = 480, 1440
 """Points of the grid."""
@@ -56,8 +57,14 @@ def frame_files(folder: Path) -> dict[int, Path]:
     return dict(sorted(found.items()))
 
 
-def open_annotations(path: Path, known: Sequence[str]) -> BoxSource:
-    """The boxes of the views of known cameras, of all where `known` is empty; identities are those of the people."""
+def is_annotations(probe: Probe) -> bool:
+    """Whether a folder holds annotations."""
+    return is_folder(probe) and bool(frame_files(probe.path))
+
+
+def open_annotations(path: Path, wanted: Wanted) -> BoxSource:
+    """The boxes of the views of known cameras, of all if none is known; identities are those of the people."""
+    known = wanted.known
     files = frame_files(path)
     listed = np.array(list(files), dtype=np.int64)
     first = read_people(next(iter(files.values())))

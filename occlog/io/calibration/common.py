@@ -12,8 +12,8 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.names.sensors import safe_name
+from occlog.io.files.texts.registry import Probe
 from occlog.io.files.texts.yaml_nodes import yaml_documents
-from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.scene import FARTHEST, LEAST_FOCAL_PX, MOST_FOCAL_PX, Camera, camera_fov
 
 from .lens import fit_rational
@@ -151,13 +151,7 @@ def yaml_values(text: str, path: Path) -> dict[str, object]:
 
 def read_text(path: Path) -> str:
     """Content of a calibration file; InputError unless it is a text of moderate size."""
-    path = check_input(path, WHAT)
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"{path}: {path.stat().st_size} bytes; {WHAT} was expected, of at most {MAX_BYTES}")
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {WHAT} was expected") from None
+    return Probe(path, WHAT).text
 
 
 def scale_of(options: CalibrationOptions, own: str) -> float:

@@ -1,8 +1,7 @@
 """Camera calibrations of other programs to cameras of a scene.
 
-One file a format; `IMPORTERS` lists them.  A new format needs a module with `detect` and
-`read`, and a line here.  What an importer understood is told by `describe`: units, centres,
-and where the optical axes meet, so that a wrong convention is seen at once.
+One module a format; `IMPORTERS` lists them.  `describe` states what an importer understood: units, centres, and where
+the optical axes meet, so that a wrong convention is seen at once.
 """
 
 from __future__ import annotations
@@ -16,46 +15,41 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
+from occlog.io.files.texts.registry import FileFormat, Probe, by_text, recognise
 from occlog.io.files.untrusted.guard import guarded
 from occlog.records.names import first_double
 from occlog.records.scene import Camera
 
 from . import opencv_storage, opencv_toml, projection, qualisys, tsai
-from .common import WHAT, CalibrationOptions, read_text
+from .common import WHAT, CalibrationOptions
 from .rigs import arrays, colmap, kalibr, pairs, ros
 
-
-class Importer(NamedTuple):
-    """One calibration format."""
-
-    detect: Callable[[str], bool]
-    read: Callable[[list[Path], CalibrationOptions], tuple[Camera, ...]]
-    unit: str
-    doc: str
-
-
+Importer = FileFormat[Callable[[list[Path], CalibrationOptions], tuple[Camera, ...]]]
 IMPORTERS: dict[str, Importer] = {
-    "qualisys": Importer(qualisys.detect, qualisys.read, "mm", "Qualisys Track Manager (.qca.txt)"),
-    "tsai": Importer(tsai.detect, tsai.read, "mm", "Tsai, as in the PETS data sets (XML, one file a camera)"),
-    "opencv-toml": Importer(opencv_toml.detect, opencv_toml.read, "m", "TOML of caliscope, anipose, Pose2Sim"),
-    "kalibr": Importer(kalibr.detect, kalibr.read, "m", "Kalibr (camchain.yaml)"),
+    "arrays": Importer(arrays.read, "arrays P or K, R, t (.npz, .mat up to version 7)", arrays.is_arrays, "m"),
+    "qualisys": Importer(qualisys.read, "Qualisys Track Manager (.qca.txt)", by_text(qualisys.detect), "mm"),
+    "tsai": Importer(tsai.read, "Tsai, as in the PETS data sets (XML, one file a camera)", by_text(tsai.detect), "mm"),
+    "opencv-toml": Importer(opencv_toml.read, "TOML of caliscope, anipose, Pose2Sim", by_text(opencv_toml.detect), "m"),
+    "kalibr": Importer(kalibr.read, "Kalibr (camchain.yaml)", by_text(kalibr.detect), "m"),
     "opencv-pairs": Importer(
-        pairs.detect, pairs.read, "m", "OpenCV in two files a camera, as in WILDTRACK (intr_NAME.xml, extr_NAME.xml)"
+        pairs.read,
+        "OpenCV in two files a camera, as in WILDTRACK (intr_NAME.xml, extr_NAME.xml)",
+        by_text(pairs.detect),
+        "m",
     ),
     "opencv-storage": Importer(
-        opencv_storage.detect, opencv_storage.read, "m", "OpenCV FileStorage (YAML, XML or JSON, one file a camera)"
+        opencv_storage.read,
+        "OpenCV FileStorage (YAML, XML or JSON, one file a camera)",
+        by_text(opencv_storage.detect),
+        "m",
     ),
-    "ros": Importer(ros.detect, ros.read, "m", "ROS camera_info with static transforms (YAML)"),
-    "colmap": Importer(colmap.detect, colmap.read, "m", "COLMAP's text model (cameras.txt, images.txt)"),
-    "arrays": Importer(lambda _: False, arrays.read, "m", "arrays P or K, R, t (.npz, .mat up to version 7)"),
+    "ros": Importer(ros.read, "ROS camera_info with static transforms (YAML)", by_text(ros.detect), "m"),
+    "colmap": Importer(colmap.read, "COLMAP's text model (cameras.txt, images.txt)", by_text(colmap.detect), "m"),
     "projection": Importer(
-        projection.detect, projection.read, "m", "3 x 4 projection matrices (text, one file a camera)"
+        projection.read, "3 x 4 projection matrices (text, one file a camera)", by_text(projection.detect), "m"
     ),
 }
-"""Every format that can be read; the order is that of detection, from the most to the least particular.
-
-`arrays` is known by the names of its files, which are not text.
-"""
+"""Every format that can be read, with its unit of lengths."""
 FAR_M, NEAR_M = 500.0, 0.05
 """Cameras that are farther apart than that, or all nearer to each other, are a sign of another unit."""
 
@@ -88,9 +82,10 @@ def read_calibration(
         raise UsageError(
             f"{where}: a folder without a calibration file; name the file (boxes are an input of their own)"
         )
-    name = _detect(files[0]) if format == "auto" else format
-    if name not in IMPORTERS:
-        raise UsageError(f"calibration format {name!r} is not known; known: auto, {', '.join(IMPORTERS)}")
+    name = recognise(IMPORTERS, Probe(files[0], WHAT), format, "calibration")
+    if name is None:
+        formats = "; ".join(f"{each}: {importer.doc}" for each, importer in IMPORTERS.items())
+        raise InputError(f"{files[0]}: not a calibration of a known format ({formats}); state its format")
     options = options or CalibrationOptions()
     # Numbers beyond all range become infinite, and no camera has such
     with guarded(files[0], WHAT), np.errstate(all="ignore"):
@@ -99,7 +94,7 @@ def read_calibration(
         raise InputError(f"{files[0]}: describes no camera ({IMPORTERS[name].doc})")
     if (double := first_double([c.name for c in cameras])) is not None:
         raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
-    unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].unit)
+    unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].assumed)
     return Calibration(cameras, name, unit, (*options.told, *_doubts(cameras)))
 
 
@@ -120,17 +115,6 @@ def _files(path: Path) -> list[Path]:
                 return files
         return sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     return [path]
-
-
-def _detect(path: Path) -> str:
-    if arrays.is_arrays(path):
-        return "arrays"
-    text = read_text(path)
-    for name, importer in IMPORTERS.items():
-        if importer.detect(text):
-            return name
-    formats = "; ".join(f"{name}: {importer.doc}" for name, importer in IMPORTERS.items())
-    raise InputError(f"{path}: not a calibration of a known format ({formats}); state its format")
 
 
 def describe(calibration: Calibration) -> str:

@@ -16,14 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError
 from occlog.io.files.names.sensors import check_meaning, match_sensor
-from occlog.io.files.texts.csv_rows import first_line
+from occlog.io.files.texts.registry import FileFormat, Probe, by_cells, recognise
 from occlog.io.files.times.frame_times import to_world_time
 from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.losses import Loss
@@ -34,30 +33,20 @@ from .author_formats import looks_like_telemetr, read_frida, read_telemetr
 from .csv_log import AZIMUTHS, WHAT, DoaOptions, DoaRows, read_table
 from .odas import looks_like_odas, read_odas
 
-
-class DoaFormat(NamedTuple):
-    """One format of logs; `convention` is that of its azimuths unless the user says otherwise."""
-
-    detect: Callable[[list[str]], bool]
-    read: Callable[[Path, DoaOptions, list[Loss]], Iterator[DoaRows]]
-    convention: str
-    doc: str
-
-
+DoaFormat = FileFormat[Callable[[Path, DoaOptions, list[Loss]], Iterator[DoaRows]]]
 FORMATS: dict[str, DoaFormat] = {
-    "odas": DoaFormat(looks_like_odas, read_odas, "array", "JSON stream of ODAS, tracked or found sources"),
+    "odas": DoaFormat(read_odas, "JSON stream of ODAS, tracked or found sources", by_cells(looks_like_odas), "array"),
     "frida": DoaFormat(
-        lambda head: "algorithm" in head and "estimate_deg" in head, read_frida, "array", "estimates of FRIDA/Pyramic"
+        read_frida, "estimates of FRIDA/Pyramic", by_cells({"algorithm", "estimate_deg"}.issubset), "array"
     ),
-    "telemetr": DoaFormat(looks_like_telemetr, read_telemetr, "compass", "field log of telemetr (azimuth.dat)"),
+    "telemetr": DoaFormat(
+        read_telemetr, "field log of telemetr (azimuth.dat)", by_cells(looks_like_telemetr), "compass"
+    ),
     "csv": DoaFormat(
-        lambda head: any(cell in AZIMUTHS for cell in head),
-        read_table,
-        "math",
-        "CSV with a header",
+        read_table, "CSV with a header", by_cells(lambda head: any(cell in AZIMUTHS for cell in head)), "math"
     ),
 }
-"""Every format; the order is that of detection."""
+"""Every format, with the convention of its azimuths."""
 
 
 def read_doa(
@@ -83,7 +72,7 @@ def read_doa(
     """
     check_input(path, WHAT)
     entry = FORMATS[_format(path, options)]
-    convention = options.convention or entry.convention
+    convention = options.convention or entry.assumed
     names = [a.name for a in arrays]
     last: dict[str, int] = {}
     first: dict[str, int] = {}
@@ -109,15 +98,12 @@ def read_doa(
 
 
 def _format(path: Path, options: DoaOptions) -> str:
-    if options.format != "auto":
-        if options.format not in FORMATS:
-            raise UsageError(f"DOA format {options.format!r} is not known; known: auto, {', '.join(FORMATS)}")
-        return options.format
-    head = [cell.lower() for cell in first_line(path, WHAT)]
-    for name, entry in FORMATS.items():
-        if entry.detect(head):
-            return name
-    raise InputError(f"{path}: has no column of azimuths (azimuth_deg, azimuth_rad); name the columns in a header line")
+    name = recognise(FORMATS, Probe(path, WHAT), options.format, "DOA")
+    if name is None:
+        raise InputError(
+            f"{path}: has no column of azimuths (azimuth_deg, azimuth_rad); name the columns in a header line"
+        )
+    return name
 
 
 def to_world(azimuth: Floats, convention: str, array_yaw: Floats | float = 0.0) -> Floats:

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from occlog.errors import InputError
-from occlog.io.files.texts.csv_rows import Rows, first_line
+from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.texts.registry import FileFormat, Probe, recognise
 
 from . import geojson, trc, tum
-
-HEAD = 4096
-"""Bytes at the beginning of a file that say its format."""
 
 
 class Trajectories(NamedTuple):
@@ -29,22 +27,37 @@ class Trajectories(NamedTuple):
     read: Callable[[Path], Iterator[Rows]]
 
 
+def _is_geojson(probe: Probe) -> bool:
+    return probe.start.startswith(b"{") and f'"{geojson.COLLECTION}"'.encode() in probe.start
+
+
+def _is_tum(probe: Probe) -> bool:
+    try:
+        return not probe.start.startswith(b"{") and tum.looks_like_tum(probe.cells)
+    except InputError:
+        return False
+
+
+FORMATS: dict[str, FileFormat[Callable[[Path], Trajectories]]] = {
+    "trc": FileFormat(
+        lambda path: Trajectories("TRC", trc.names_of(path), trc.read_trc),
+        "TRC of motion capture",
+        lambda probe: probe.start.startswith(trc.MAGIC.encode()),
+    ),
+    "geojson": FileFormat(
+        lambda _: Trajectories("GeoJSON", geojson.NAMES, geojson.read_geojson),
+        "GeoJSON with times",
+        _is_geojson,
+    ),
+    "tum": FileFormat(lambda _: Trajectories("TUM text", tum.NAMES, tum.read_tum), "text of TUM", _is_tum),
+}
+"""Every format of trajectories."""
+
+
 def find_trajectories(path: Path) -> Trajectories | None:
     """The format of a file, known by its content; None for a file of another kind.
 
-    InputError for one of a known format whose header cannot be read.
+    InputError for one of a known format with a header that cannot be read.
     """
-    with path.open("rb") as file:
-        head = file.read(HEAD).removeprefix(b"\xef\xbb\xbf").lstrip()
-    if head.startswith(trc.MAGIC.encode()):
-        return Trajectories("TRC", trc.names_of(path), trc.read_trc)
-    if head.startswith(b"{"):
-        is_collection = f'"{geojson.COLLECTION}"'.encode() in head
-        return Trajectories("GeoJSON", geojson.NAMES, geojson.read_geojson) if is_collection else None
-    try:
-        cells = first_line(path, tum.WHAT)
-    except InputError:
-        return None
-    if tum.looks_like_tum(cells):
-        return Trajectories("TUM text", tum.NAMES, tum.read_tum)
-    return None
+    name = recognise(FORMATS, Probe(path, tum.WHAT))
+    return None if name is None else FORMATS[name].read(path)

@@ -28,9 +28,10 @@ from occlog.io.boxes.columns import COLUMNS as BOX_COLUMNS
 from occlog.io.boxes.kitti import is_kitti
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.vatic import is_vatic
-from occlog.io.boxes.wildtrack import frame_files, grid_places, read_people
+from occlog.io.boxes.wildtrack import frame_files, grid_places, is_annotations, read_people
 from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain
 from occlog.io.files.texts.formats import IDENTITY, LENGTH, TEXT, WHOLE, Column, Format, Part, read_format
+from occlog.io.files.texts.registry import FileFormat, Probe, by_cells, recognise
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.files.times.timestamps import time_column
 from occlog.io.files.untrusted.guard import naming
@@ -161,44 +162,35 @@ def _mot_positions(rows: Rows, options: TruthOptions) -> Positions | None:
     )
 
 
-class TruthFormat(NamedTuple):
-    """One format of ground truth."""
-
-    detect: Callable[[list[str]], bool]
-    read: Callable[[Path, TruthOptions], Iterator[Truth | TruthBoxes]]
-    doc: str
+TruthFormat = FileFormat[Callable[[Path, TruthOptions], Iterator[Truth | TruthBoxes]]]
 
 
 def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     """Tables of the truth in a file; InputError or UsageError where it cannot be understood."""
-    name = options.format
+    probe = Probe(path, WHAT)
     if path.is_dir():
-        if name not in ("auto", "wildtrack") or not frame_files(path):
+        if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
             raise InputError(f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected")
         return _read_wildtrack(path, options)
     check_input(path, WHAT)
-    if name == "auto":
-        name = _detect(path)
-    if name not in FORMATS:
-        raise UsageError(f"truth format {name!r} is not known; known: auto, {', '.join(FORMATS)}")
-    return FORMATS[name].read(path, options)
+    return FORMATS[_format(probe, options.format)].read(path, options)
 
 
-def _detect(path: Path) -> str:
-    trajectories = find_trajectories(path)
+def _format(probe: Probe, stated: str) -> str:
+    """Name of the format of a file; InputError, with what it may hold, if it shows none."""
+    trajectories = find_trajectories(probe.path) if stated == "auto" else None
     if trajectories is not None:
         raise InputError(
-            f"{path}: is {trajectories.kind}, a format of trajectories; `occlog evaluate --truth` takes it as it is, "
-            "and a recording a table (CSV) with columns of time (or frame), target_id, x and y"
+            f"{probe.path}: is {trajectories.kind}, a format of trajectories; `occlog evaluate --truth` takes it as it "
+            "is, and a recording a table (CSV) with columns of time (or frame), target_id, x and y"
         )
-    head = first_line(path, WHAT)
-    for name, entry in FORMATS.items():
-        if entry.detect([cell.lower() for cell in head]):
-            return name
-    remedy = "name its columns in a header line"
-    if is_header(head):
-        remedy = f"its header is {', '.join(head)[:120]}; time (or t_ns, frame), x and y were expected, and perhaps id"
-    raise InputError(f"{path}: not ground truth of a known format ({', '.join(FORMATS)}); {remedy}")
+    name = recognise(FORMATS, probe, stated, "truth")
+    if name is None:
+        remedy, head = "name its columns in a header line", probe.cells
+        if is_header(head):
+            remedy = f"its header is {', '.join(head)[:120]}; time (or t_ns, frame), x and y were expected, perhaps id"
+        raise InputError(f"{probe.path}: not ground truth of a known format ({', '.join(FORMATS)}); {remedy}")
+    return name
 
 
 def _one_camera(path: Path, options: TruthOptions) -> str:
@@ -262,11 +254,7 @@ def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     return read_xml_boxes(path, camera, options.times, options.boxes)
 
 
-def _read_kitti(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    yield from _read_boxes(path, options, _one_camera(path, options))
-
-
-def _read_vatic(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+def _read_boxes_of_one(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     yield from _read_boxes(path, options, _one_camera(path, options))
 
 
@@ -299,18 +287,28 @@ def _is_table(head: list[str]) -> bool:
     return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *BOX_COLUMNS["left"]))
 
 
+def _is_xml(head: list[str]) -> bool:
+    return bool(head) and head[0].startswith("<")
+
+
 def _read_locata(path: Path, _options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     yield read_source(path)
 
 
 FORMATS: dict[str, TruthFormat] = {
-    "locata": TruthFormat(looks_like_locata, _read_locata, "a source of LOCATA"),
-    "vatic": TruthFormat(lambda head: is_vatic(" ".join(head)), _read_vatic, "VATIC text (CAMPUS)"),
-    "kitti": TruthFormat(is_kitti, _read_kitti, "KITTI's text of tracks"),
-    "wildtrack": TruthFormat(lambda _: False, _read_wildtrack, "a folder of WILDTRACK's annotations"),
-    "xml": TruthFormat(lambda head: head[:1] != [] and head[0].startswith("<"), _read_xml, "frames of boxes (PETS)"),
-    "caliscope": TruthFormat(lambda head: {"sync_index", "x_coord"} <= set(head), _read_caliscope, "board corners"),
-    "csv": TruthFormat(_is_table, _read_csv, "CSV with a header"),
-    "mot": TruthFormat(lambda head: not is_header(head) and 7 <= len(head) <= 10, _read_mot, "MOTChallenge"),
+    "wildtrack": TruthFormat(
+        _read_wildtrack,
+        "a folder of WILDTRACK's annotations",
+        is_annotations,
+    ),
+    "locata": TruthFormat(_read_locata, "a source of LOCATA", by_cells(looks_like_locata)),
+    "vatic": TruthFormat(_read_boxes_of_one, "VATIC text (CAMPUS)", by_cells(is_vatic)),
+    "kitti": TruthFormat(_read_boxes_of_one, "KITTI's text of tracks", by_cells(is_kitti)),
+    "xml": TruthFormat(_read_xml, "frames of boxes (PETS)", by_cells(_is_xml)),
+    "caliscope": TruthFormat(
+        _read_caliscope, "board corners", by_cells(lambda head: {"sync_index", "x_coord"} <= set(head))
+    ),
+    "csv": TruthFormat(_read_csv, "CSV with a header", by_cells(_is_table)),
+    "mot": TruthFormat(_read_mot, "MOTChallenge", by_cells(lambda head: not is_header(head) and 7 <= len(head) <= 10)),
 }
-"""Every format of ground truth; the order is that of detection."""
+"""Every format of ground truth."""

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
+from occlog.io.files.texts.registry import Probe
 from occlog.io.files.untrusted.guard import FAILURES
 from occlog.io.files.untrusted.inputs import check_input
 from occlog.records.scene import Camera
@@ -51,9 +52,9 @@ _FAILURES = (
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-def is_arrays(path: Path) -> bool:
+def is_arrays(probe: Probe) -> bool:
     """Whether a file is named as one of arrays."""
-    return path.suffix.lower() in SUFFIXES
+    return probe.path.suffix.lower() in SUFFIXES
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
