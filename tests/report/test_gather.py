@@ -299,6 +299,13 @@ def test_words_and_figures_are_those_of_the_whole_where_tables_are_empty_or_miss
     assert part.targets == whole.targets
 
 
+def test_without_anything_to_ask_there_is_no_verdict() -> None:
+    data = made_up(steps=30)
+    assert ReportInput(scene=data.scene).figures.judged is None
+    assert ReportInput(tracks=data.tracks).figures.judged is None
+    assert ReportInput(tracks=data.tracks, errors=data.errors).figures.judged is not None
+
+
 def test_the_moments_of_long_tables_have_the_sight_lines_and_the_truth_of_their_own_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -116,8 +116,9 @@ def name_of(person: Any) -> str:
 def _drawn(side: Side, times: Ints, truth: Truth | None) -> ReportInput:
     """What is drawn of a run: its estimates in the common frames, and what it was told of occluders."""
     table: Tracks = side.laid.table(side.tracks, times)
-    shown = dict.fromkeys(("bearings", "errors", "bound", "events", "gathered"))
-    return replace(side.data, tracks=table, truth=truth, **shown)
+    return replace(
+        side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, gathered=None
+    )
 
 
 def _both(a: Floats, b: Floats) -> Floats:
