@@ -202,13 +202,6 @@ def _table(path: Path, name: str, i: Ints, told: Angles, far: Floats, keep: Bool
     )
 
 
-def whole(
-    tracks: Tracks, bearings: Bearings, scene: Scene, diagnostics: Diagnostics | None, window_ns: int = 0
-) -> Compared:
-    """All bearings of finished tracks; see `Sight`."""
-    return Compared(*Sight(scene, window_ns).compare(tracks, bearings, diagnostics))
-
-
 class Compared(NamedTuple):
     """Residuals of the bearings, and what candidates are left."""
 

@@ -13,14 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.consistency.sight import whole
 from occlog.consistency.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, beyond
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
 from occlog.io.files.provenance import Provenance
 from occlog.records.columns import rows_by_label
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Diagnostics, Errors, Tracks
+from occlog.records.tables import Bearings, Errors
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.catalogue import smooths
 
@@ -80,46 +79,6 @@ def used(bearings: Bearings, made: Made, held_out: tuple[str, ...]) -> Bearings:
     if not made.unlabelled:
         use &= bearings.target_id >= 0
     return bearings.take(use)
-
-
-def judge(
-    tracks: Tracks | None,
-    scene: Scene | None,
-    made: Made,
-    *,
-    diagnostics: Diagnostics | None = None,
-    bearings: Bearings | None = None,
-    errors: Errors | None = None,
-    metrics: Mapping[str, object] | None = None,
-    held_out: tuple[str, ...] = (),
-) -> tuple[Check, ...] | None:
-    """What was checked of tracks and what was found; None without tracks, or if there is nothing to ask.
-
-    Args:
-        tracks: estimates in the order of time.
-        scene: the sensors; None: bearings say nothing.
-        made: how the tracks were made.
-        diagnostics: of the tracks.
-        bearings: that they were made from.
-        errors: of the tracks.
-        metrics: figures of the evaluation.
-        held_out: sensors that the tracks were made without.
-    """
-    seen = bearings if scene is not None else None
-    if tracks is None or all(table is None or not len(table) for table in (diagnostics, seen, errors)):
-        return None
-    found = Evidence(rows=len(tracks))
-    if diagnostics is not None and len(diagnostics):
-        found.rows = 0
-        found.fared(diagnostics)
-    if seen is not None and scene is not None and len(tracks):
-        mine = used(seen, made, held_out)
-        found.saw(tracks, whole(tracks, mine, scene, diagnostics, made.window_ns), scene)
-    against = AgainstTruth(made, scene)
-    if errors is not None and not own_identities(metrics or {}):
-        against.update(errors)
-    unknown = bool(np.isnan(tracks.cov_xx).any())
-    return with_truth(found, made, against, unknown=unknown, metrics=metrics or {})
 
 
 def with_truth(

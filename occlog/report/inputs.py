@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from occlog.errors import InputError
 
 if TYPE_CHECKING:
     from occlog.evaluate.verdict import Made
-    from occlog.records.columns import Table
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
-    from occlog.records.tables import Bearings, Hulls, Occluders
     from occlog.records.verdicts import Verdict
     from occlog.report.content.model import ReportInput
-
-    from .long_tables import LongTables
-
-T = TypeVar("T", bound="Table")
 
 
 @dataclass(frozen=True)
@@ -80,49 +75,38 @@ def _has_truth(recording: Path) -> bool:
     return open_recording(recording).has(Truth)
 
 
-def read_input(paths: Paths, title: str) -> ReportInput:
-    """Everything that was named; the scene of the recording with the truth or the bearings if no other is named."""
+def read_input(paths: Paths, title: str, whole: Collection[str] = ()) -> ReportInput:
+    """Everything that was named; the scene of the recording with the truth or the bearings if no other is named.
+
+    Args:
+        paths: what is read.
+        title: of the page.
+        whole: names of tables that are drawn whole, however long they are.
+    """
     from occlog.io.files.texts.json_file import read_json
-    from occlog.records.tables import Bound, Errors, Events, PeopleTracks, Truth
     from occlog.report.content.model import ReportInput
+
+    from .gather import TABLES, gather, in_files
 
     scene = _scene(paths)
     unit = _unit(paths, scene)
     provenance, losses, verdicts = _made(paths, title)
     metrics = read_json(paths.metrics) if paths.metrics is not None else {}
-    shared: dict[str, Any] = {"title": title, "scene": scene, "metrics": metrics, "provenance": provenance}
-    shared |= {"losses": losses, "earlier": verdicts, "made": _made_tracks(paths.tracks), "length_unit": unit}
-    if (long := _long(paths, unit)) is not None:
-        return ReportInput(**shared, **long.read(shared["made"], scene, metrics))
+    made = _made_tracks(paths.tracks)
+    named = {name: path for name in TABLES if (path := getattr(paths, name)) is not None}
+    tables, figures = gather(in_files(named, unit, scene), made, scene, metrics, whole)
     return ReportInput(
-        **shared,
-        tracks=_read(paths.tracks, PeopleTracks, unit),
-        bearings=_read_bearings(paths.bearings, scene),
-        truth=_read(paths.truth, Truth, unit),
-        errors=_read(paths.errors, Errors, unit),
-        bound=_read(paths.bound, Bound, unit),
-        events=_read(paths.events, Events, unit),
-        **read_moving(paths, unit),
+        title=title,
+        scene=scene,
+        metrics=metrics,
+        provenance=provenance,
+        losses=losses,
+        earlier=verdicts,
+        made=made,
+        length_unit=unit,
+        gathered=figures,
+        **tables,
     )
-
-
-def read_moving(paths: Paths, unit: str) -> dict[str, Any]:
-    """What is shown of the moments of tracks besides: diagnostics and occluders, whole; `unit`: of lengths."""
-    from occlog.records.tables import Diagnostics
-
-    return {
-        "diagnostics": _read(paths.diagnostics, Diagnostics, unit),
-        "occluders": _read_occluders(paths.occluders, unit),
-    }
-
-
-def _long(paths: Paths, unit: str) -> LongTables | None:
-    """Tables of which a part is drawn, with lengths in a unit; None where all are short."""
-    from .long_tables import LongTables
-
-    names = {f.name for f in fields(LongTables)} & {f.name for f in fields(paths)}
-    found = LongTables(**{name: getattr(paths, name) for name in names}, unit=unit)
-    return found if found.are_long else None
 
 
 def _made_tracks(tracks: Path | None) -> Made:
@@ -141,40 +125,6 @@ def _scene(paths: Paths) -> Scene | None:
         return load_scene(paths.scene, None, paths.scene)
     opened = (open_input(path) for path in (paths.truth, paths.bearings) if path is not None)
     return next((each.scene for each in opened if each.recording is not None), None)
-
-
-def _read(path: Path | None, table: type[T], unit: str) -> T | None:
-    """All rows of a table in a Parquet file or a recording, lengths in a unit; None for a recording that has none."""
-    from occlog.io.open import open_in_unit
-
-    opened = None if path is None else open_in_unit(path, unit)
-    if opened is None or (opened.recording is not None and not opened.has(table)):
-        return None
-    return opened.read(table)
-
-
-def _read_bearings(path: Path | None, scene: Scene | None) -> Bearings | None:
-    """All bearings, with the directions of arrival of a recording as `occlog track` uses them."""
-    from occlog.evaluate.sources import streamed_bearings
-    from occlog.io.open import open_input
-    from occlog.records.tables import Bearings as Rows
-    from occlog.records.tables import Doa
-
-    opened = None if path is None else open_input(path)
-    if scene is not None and opened is not None and opened.recording is not None and opened.has(Doa):
-        heard = streamed_bearings(path, None, False, scene)
-        return None if heard is None else Rows.concat(heard())
-    return None if opened is None or (opened.recording is not None and not opened.has(Rows)) else opened.read(Rows)
-
-
-def _read_occluders(path: Path | None, unit: str) -> Occluders | Hulls | None:
-    """Gaussians, or the polygons of visual hulls."""
-    from occlog.io.open import open_input
-    from occlog.records.tables import Hulls, Occluders
-
-    if path is not None and open_input(path).has(Hulls):
-        return _read(path, Hulls, unit)
-    return _read(path, Occluders, unit)
 
 
 def _unit(paths: Paths, scene: Scene | None) -> str:

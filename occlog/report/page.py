@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from occlog.records.tables import UNLABELLED
-from occlog.report.content.beside_bound import rms
+from occlog.report.content.looks import MOST_SENSORS, MOST_TARGETS
 from occlog.report.content.metrics_in_words import groups, number
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing.html import script, template
@@ -27,7 +27,7 @@ from occlog.report.plots.peopleplot import draw_crowd, draw_seen_by
 from occlog.report.plots.selectionplot import cameras_of, draw_selection
 from occlog.report.plots.sensortable import sensor_rows
 from occlog.report.plots.sightplot import draw_sight
-from occlog.report.plots.visibility import MOST_ROWS, MOST_TARGETS, draw_visibility, sensors, watched
+from occlog.report.plots.visibility import draw_visibility, sensors, watched
 from occlog.report.replay.build import Replay, replay
 from occlog.report.replay.thumbnails import Thumbnails
 
@@ -97,7 +97,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
     words = [f"{number(float(f'{people.mean:.3g}'))} people at a time, {number(people.most)} at most"]
     words.append(f"probability that they are there: {number(round(people.existence, 3))} on average")
     if data.events is not None:
-        words.append(", ".join(plural(data.happened(kind), kind) for kind in ("birth", "death", "doubt")))
+        words.append(", ".join(plural(data.figures.events.get(kind, 0), kind) for kind in ("birth", "death", "doubt")))
     caption = "; ".join(words) + "."
     if drawn < people.identities:
         caption += f" The {drawn} identities that are there longest are drawn, of {number(people.identities)}."
@@ -108,9 +108,9 @@ def _everybody(data: ReportInput) -> list[Plot]:
     if not names:
         return [who]
     caption = f"In {number(round(100.0 * people.several, 1))} % of the estimates several cameras see the person."
-    if len(names) > MOST_ROWS:
-        caption += f" The first {MOST_ROWS} of {len(names)} cameras are drawn."
-    size = (WIDTH, 1.15 + 0.27 * min(len(names), MOST_ROWS))
+    if len(names) > MOST_SENSORS:
+        caption += f" The first {MOST_SENSORS} of {len(names)} cameras are drawn."
+    size = (WIDTH, 1.15 + 0.27 * min(len(names), MOST_SENSORS))
     seen = plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, people))
     return [who, seen]
 
@@ -127,12 +127,10 @@ def _whose(data: ReportInput, target: int) -> str:
 
 def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     errors = data.errors
-    if errors is None or not (rows := errors.target_id == target).any():
+    if errors is None or not (errors.target_id == target).any():
         return []
-    unit, of_all = label(data.unit), data.errors_so_far
-    rmse = rms(errors.error[rows]) if of_all is None else of_all.rmse(target)
-    worst = float(errors.error[rows].max()) if of_all is None else of_all.worst(target)
-    caption = f"RMSE {number(rmse)} {unit}, largest error {number(worst)} {unit}"
+    unit, found = label(data.unit), data.figures.errors
+    caption = f"RMSE {number(found.rmse(target))} {unit}, largest error {number(found.worst(target))} {unit}"
     if data.bound is not None:
         _, bound = data.beside_bound(target)
         caption += f"; the posterior Cramér–Rao bound on the RMSE is {number(bound)} {unit}" if bound > 0 else ""
@@ -176,7 +174,7 @@ def _sight(data: ReportInput, target: int) -> list[Plot]:
 def _visibility(data: ReportInput, target: int) -> Plot:
     looked = data.looked
     assert looked is not None  # `watched` names no target without bearings
-    rows = min(len(sensors(data)), MOST_ROWS)
+    rows = min(len(sensors(data)), MOST_SENSORS)
     caption = "A bar is blue as far up as the target was seen in the frames of that time."
     if len(sensors(data)) > rows:
         caption += f" The first {rows} of {len(sensors(data))} sensors are drawn."
@@ -194,7 +192,7 @@ def _selection(data: ReportInput, target: int) -> Plot:
     )
     if len(own.chosen) < own.count:
         caption += f" Drawn: one selection in {data.whole['diagnostics'].every}; figures are of all."
-    size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, own)), MOST_ROWS))
+    size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, own)), MOST_SENSORS))
     heading = f"Selected cameras{_whose(data, target)}"
     return plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, own))
 
@@ -210,7 +208,7 @@ def _filter(data: ReportInput) -> list[Plot]:
         lowest = number(round(fared.lowest, 1))
         caption = f"Lowest effective sample size {lowest}; {plural(fallbacks, 'fallback')} in {steps}."
     elif data.tracks is not None and len(data.tracks):
-        heading, median, drawn = "Certainty", number(data.deviation), "tracks"
+        heading, median, drawn = "Certainty", number(data.figures.deviation), "tracks"
         caption = f"Median standard deviation of the position {median} {data.unit}; {fallbacks} of {steps} flagged."
     else:
         return []

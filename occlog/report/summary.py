@@ -6,13 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from occlog.console.text import noun
 from occlog.evaluate.mot.headline import own_identities
-from occlog.records.tables import Errors
 from occlog.records.verdicts import Check, Verdict, all_plausible, made_checks
-from occlog.report.content.beside_bound import rms
 from occlog.report.content.metrics_in_words import Figure, number
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.content.people import People
@@ -56,18 +52,16 @@ def _accuracy(data: ReportInput) -> list[Figure]:
     """RMSE, bound and their ratio over all targets; without truth, the distance from the sight lines."""
     if own_identities(data.metrics):
         return _pairs(data)
-    of_all = data.errors_so_far
     if data.errors is None or not len(data.errors):
         return _sight(data)
-    rmse = rms(data.errors.error) if of_all is None else of_all.rmse()
-    out = [Figure("RMSE", number(rmse), data.unit, "estimate to truth")]
+    out = [Figure("RMSE", number(data.figures.errors.rmse()), data.unit, "estimate to truth")]
     if data.bound is not None and len(data.bound):
         rmse, bound = data.beside_bound()
         if bound > 0:
             who = "smoother" if data.smoothed else "filter"
             out.append(Figure("bound", number(bound), data.unit, f"no {who} can do better"))
             out.append(Figure("RMSE / bound", number(round(rmse / bound, 3)), "", "1 is the best possible"))
-    return out + _in_space(data, data.errors)
+    return out + _in_space(data)
 
 
 def _pairs(data: ReportInput) -> list[Figure]:
@@ -86,15 +80,13 @@ def _pairs(data: ReportInput) -> list[Figure]:
     return [Figure(name, number(value[key]), of, note) for name, key, of, note in shown if key in value]
 
 
-def _in_space(data: ReportInput, errors: Errors) -> list[Figure]:
+def _in_space(data: ReportInput) -> list[Figure]:
     """RMSE in space and over its bound, where heights are known."""
-    high = errors.error_space[np.isfinite(errors.error_space)]
-    if not len(high):
+    whole = data.figures.errors.rmse_in_space()
+    if math.isnan(whole):
         return []
     rmse, bound = (math.nan, math.nan) if data.bound is None else data.beside_bound(where="_space")
     note = f"{number(round(rmse / bound, 3))} × bound" if bound > 0 else "heights included"
-    of_all = data.errors_so_far
-    whole = rms(high) if of_all is None else of_all.rmse_in_space()
     return [Figure("RMSE in space", number(whole), data.unit, note)]
 
 
@@ -110,15 +102,14 @@ def row_counts(data: ReportInput) -> list[Figure]:
     """How many rows each table has, and the time it covers."""
     out = []
     for name in ("truth", "bearings", "tracks", "diagnostics", "events", "errors", "bound"):
-        table = getattr(data, name)
-        if table is None:
+        if getattr(data, name) is None:
             continue
         if not data.rows(name):
             out.append(Figure(name, "0", "rows", "empty"))
             continue
-        lasted = TimeAxis(*data.span_ns(name)).told
-        moments = data.whole[name].times if name in data.whole else len(np.unique(table.t_ns))
-        out.append(Figure(name, number(data.rows(name)), "rows", f"{lasted}, {plural(moments, 'time')}"))
+        lasted = TimeAxis(*data.whole[name].span_ns).told
+        moments = plural(data.whole[name].times, "time")
+        out.append(Figure(name, number(data.rows(name)), "rows", f"{lasted}, {moments}"))
     return out
 
 

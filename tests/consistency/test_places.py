@@ -10,7 +10,7 @@ from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.array_types import Floats
 from occlog.consistency.places import Places, meetings
-from occlog.consistency.sight import whole
+from occlog.consistency.sight import Compared, Sight
 from occlog.consistency.verdict import DOUBTED, FEWEST, Evidence
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
@@ -52,7 +52,7 @@ def residuals_of(tracks: Tracks, true: Floats, cameras: tuple[Camera, ...] = CAM
                 **dict.fromkeys(("u_px", "sigma_px", "score"), np.full(n, np.nan)),
             )
         )
-    return whole(tracks, Bearings.merge(rows), Scene(cameras), None).residuals
+    return Sight(Scene(cameras)).compare(tracks, Bearings.merge(rows), None)[0]
 
 
 def estimates(xy: Floats, sigma: float = 0.02) -> Tracks:
@@ -160,7 +160,7 @@ def test_a_pillar_that_is_not_there_makes_a_wrong_track_and_the_verdict_says_so(
     tracks, diagnostics = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
     found = Evidence()
     found.fared(diagnostics)
-    found.saw(tracks, whole(tracks, bearings, scene, diagnostics), scene)
+    found.saw(tracks, Compared(*Sight(scene).compare(tracks, bearings, diagnostics)), scene)
     rmse = np.sqrt(np.mean(np.sum((np.column_stack([tracks.x, tracks.y]) - path)[10:] ** 2, axis=1)))
     codes = {f.id for f in findings(found.checks(one_target=True))}
     assert codes == ({"through-wall"} if standing_there else set())

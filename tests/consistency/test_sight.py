@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS, Floats
-from occlog.consistency.sight import GATE, Sight, Witness, at_estimates, whole
+from occlog.consistency.sight import GATE, Compared, Sight, Witness, at_estimates
 from occlog.core.sight.camera import azimuth_to_u
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
 
 F = 200.0
+
+
+def whole(
+    tracks: Tracks, bearings: Bearings, scene: Scene, diagnostics: Diagnostics | None, window_ns: int = 0
+) -> Compared:
+    return Compared(*Sight(scene, window_ns).compare(tracks, bearings, diagnostics))
 
 
 def camera(name: str, x: float, y: float, yaw_deg: float, **noise: float) -> Camera:

@@ -6,20 +6,15 @@ import numpy as np
 import pytest
 
 from occlog.consistency.agreement import Agreements
-from occlog.consistency.verdict import FEWEST
+from occlog.consistency.verdict import FEWEST, Evidence
 from occlog.core.metrics.consistency import Ratio
 from occlog.core.metrics.errors import CHI2_95_2D
-from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, Made, judge
+from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, AgainstTruth, Made, with_truth
 from occlog.io.files.provenance import Provenance
-from occlog.records.tables import Errors, Tracks
-from occlog.records.verdicts import findings
+from occlog.records.tables import Errors
+from occlog.records.verdicts import Check, findings
 
 N = 1000
-
-
-def tracks(n: int = N) -> Tracks:
-    zeros = dict.fromkeys(("x", "y", "vx", "vy", "cov_xy"), np.zeros(n))
-    return Tracks.of(t_ns=np.arange(n), target_id=np.zeros(n, np.int32), cov_xx=np.ones(n), cov_yy=np.ones(n), **zeros)
 
 
 def errors(nees: np.ndarray) -> Errors:
@@ -34,18 +29,19 @@ def chi_square(factor: float = 1.0, n: int = N) -> np.ndarray:
     return factor * np.random.default_rng(0).permutation(-2.0 * np.log((np.arange(n) + 0.5) / n))
 
 
+def judge(nees: np.ndarray, metrics: dict[str, float] | None = None) -> tuple[Check, ...]:
+    """The verdict on tracks with errors of these normalised squares."""
+    against = AgainstTruth(Made(), None)
+    against.update(errors(nees))
+    return with_truth(Evidence(rows=N), Made(), against, unknown=False, metrics=metrics or {})
+
+
 def codes(nees: np.ndarray | None = None, **metrics: float) -> list[str]:
-    table = errors(chi_square() if nees is None else nees)
-    found = judge(tracks(), None, Made(), errors=table, metrics=metrics)
-    assert found is not None
-    return [f.id for f in findings(found)]
+    return [f.id for f in findings(judge(chi_square() if nees is None else nees, metrics))]
 
 
-def test_without_anything_to_ask_there_is_no_verdict() -> None:
-    assert judge(None, None, Made()) is None
-    assert judge(tracks(), None, Made()) is None
-    made = judge(tracks(), None, Made(), errors=errors(chi_square()))
-    assert made is not None
+def test_what_cannot_be_asked_is_not_applicable() -> None:
+    made = judge(chi_square())
     assert not findings(made)
     status = {check.name: check.status for check in made}
     assert status["covariances against the truth (NEES)"] == "passed"
@@ -58,8 +54,7 @@ def test_covariances_that_are_about_right_pass(factor: float, said: list[str]) -
 
 
 def test_covariances_that_are_too_small_are_said_with_the_numbers() -> None:
-    found = judge(tracks(), None, Made(), errors=errors(chi_square(1.2 * NEES_HIGH)))
-    assert found is not None
+    found = judge(chi_square(1.2 * NEES_HIGH))
     (only,) = findings(found)
     assert (only.id, only.severity) == ("nees-large", "warning")
     assert "mean NEES 4.8, expected 2, allowed up to 4" in only.text
@@ -110,7 +105,7 @@ def test_bearings_that_agree_with_the_tracks_and_not_with_the_truth_are_of_somet
 ) -> None:
     monkeypatch.setattr(Agreements, "nis", Ratio(own, 0.1))
     monkeypatch.setattr(Agreements, "doubted", 0.0)
-    found = judge(tracks(), None, Made(), errors=errors(chi_square(nees)), metrics={"bearing_nis": there})
+    found = judge(chi_square(nees), {"bearing_nis": there})
     assert ("something-else" in {f.id for f in found}) == said
 
 

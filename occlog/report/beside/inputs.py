@@ -11,15 +11,19 @@ from typing import NamedTuple
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.header import describe
 from occlog.io.files.untrusted.content import Content, content_of
-from occlog.io.open import check_unit, open_in_unit, open_input
-from occlog.records.tables import PeopleTracks, Tracks, Truth
+from occlog.io.open import check_unit, open_input
+from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import ReportInput
-from occlog.report.inputs import Paths, from_folder, read_input, read_moving
+from occlog.report.inputs import Paths, from_folder, read_input
 
 from .stage import same_room, same_rows
 
 MOST_ROWS = 1_000_000
 """Estimates of one run that are laid beside another: they are in memory as a whole."""
+
+
+WHOLE = ("tracks", "diagnostics", "occluders")
+"""Tables of which everything is laid beside another run's, or shown at its moments."""
 
 
 class Run(NamedTuple):
@@ -63,11 +67,8 @@ def open_run(name: str, paths: Paths) -> Run:
     assert file is not None
     opened = open_input(file)
     rows = describe(file)["rows"] if opened.recording is None and opened.foreign is None else 0
-    data = read_input(paths, name) if rows <= MOST_ROWS else None
+    data = read_input(paths, name, whole=WHOLE) if rows <= MOST_ROWS else None
     tracks = None if data is None else data.tracks
-    if data is not None and data.whole:
-        # Long tables are read in part for a report
-        tracks, data = open_in_unit(file, data.unit).read(PeopleTracks), replace(data, **read_moving(paths, data.unit))
     if data is None or tracks is None or len(tracks) > MOST_ROWS:
         raise InputError(
             f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MOST_ROWS:,} at most are "

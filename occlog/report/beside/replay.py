@@ -1,7 +1,7 @@
 """What the script of a page of two runs is given: both plans in the same moments, and who is whom.
 
 The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MOST_MOMENTS` of them,
-`MOST_ROWS` estimates of both runs together and as many true places are left; beside them those that the page leads to.
+`MOST_SHOWN` estimates of both runs together and as many true places are left; beside them those that the page leads to.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ import numpy as np
 from occlog.array_types import NS, Floats, Ints
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import ReportInput
+from occlog.report.content.thinned import MOST_MOMENTS, MOST_SHOWN
 from occlog.report.plots.floorplan import plan_limits
 from occlog.report.replay.build import MOST_BOXES, MOST_EVENTS, Layer, plan_values, safe_json
-from occlog.report.replay.moments import MOST_MOMENTS, MOST_ROWS, Moments
+from occlog.report.replay.moments import Moments
 from occlog.report.replay.pack import NONE, packed
 
 from .model import Beside, Side
@@ -76,7 +77,7 @@ def beside_replay(found: Beside, led_to: list[int]) -> BesideReplay | None:
     truth = found.a.data.truth
     rows = len(found.a.laid.frame) + len(found.b.laid.frame)
     true = 0 if truth is None else len(truth)
-    every = max(1, -(-len(times) // MOST_MOMENTS), -(-rows // MOST_ROWS), -(-true // MOST_ROWS))
+    every = max(1, -(-len(times) // MOST_MOMENTS), -(-rows // MOST_SHOWN), -(-true // MOST_SHOWN))
     kept = np.union1d(times[::every], times[np.isin(times, led_to)])
     if len(kept) < 2:
         return None
@@ -116,7 +117,7 @@ def _drawn(side: Side, times: Ints, truth: Truth | None) -> ReportInput:
     """What is drawn of a run: its estimates in the common frames, and what it was told of occluders."""
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
-        side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, of_all=None
+        side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, gathered=None
     )
 
 

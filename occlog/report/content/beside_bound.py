@@ -14,20 +14,6 @@ WHERE = ("", "_space")
 KINDS = ("bound", "smoothed")
 
 
-def with_bound(errors: Errors, bound: Bound, where: str = "", *, smoothed: bool = False) -> tuple[float, float]:
-    """RMSE and root mean square bound over the times and targets that have both; NaN where none has.
-
-    On the ground; `where` "_space": in space.  `smoothed`: the bound of smoothing, where the table has it.
-    """
-    kind = "smoothed" if smoothed and np.isfinite(getattr(bound, f"smoothed{where}")).any() else "bound"
-    found, least = [np.empty(0)], [np.empty(0)]
-    for target in np.unique(bound.target_id).tolist():
-        e, b = _both(errors, bound, target, kind, where)
-        found.append(e)
-        least.append(b)
-    return rms(np.concatenate(found)), rms(np.concatenate(least))
-
-
 def _both(errors: Errors, bound: Bound, target: int, kind: str, where: str) -> tuple[Floats, Floats]:
     """Errors and bounds of a target at the times that have both."""
     error, least = getattr(errors, f"error{where}"), getattr(bound, f"{kind}{where}")
@@ -35,11 +21,6 @@ def _both(errors: Errors, bound: Bound, target: int, kind: str, where: str) -> t
     its = (bound.target_id == target) & np.isfinite(least)
     _, e, b = np.intersect1d(errors.t_ns[mine], bound.t_ns[its], return_indices=True)
     return error[mine][e], least[its][b]
-
-
-def rms(values: Floats) -> float:
-    """Root mean square; NaN of nothing."""
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
 @dataclass
@@ -97,7 +78,13 @@ class BesideBound:
         sums.told = sums.told or bool(np.isfinite(getattr(bound, f"{kind}{where}")[rows]).any())
 
     def figures(self, target: int | None = None, where: str = "", *, smoothed: bool = False) -> tuple[float, float]:
-        """As `with_bound`, of one target or of all of them."""
+        """RMSE and root mean square bound over the times and targets that have both; NaN where none has.
+
+        Args:
+            target: of which they are; None: of all.
+            where: "_space": in space; empty: on the ground.
+            smoothed: the bound of smoothing, where it is known.
+        """
         mine = {key: sums for key, sums in self._sums.items() if key[2] == where and target in (None, key[0])}
         later = smoothed and any(sums.told for (_, kind, _), sums in mine.items() if kind == "smoothed")
         own = [sums for (_, kind, _), sums in mine.items() if kind == ("smoothed" if later else "bound")]

@@ -58,13 +58,6 @@ class Fared:
     doubtful: int
     doubts: tuple[str, ...]
 
-    @classmethod
-    def of(cls, diagnostics: Diagnostics) -> Fared:
-        """That of a whole table."""
-        gathered = FaredStreams()
-        gathered.add(diagnostics)
-        return gathered.finish()
-
 
 class FaredStreams:
     """Gathers how the filter fared while diagnostics stream by."""

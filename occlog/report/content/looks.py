@@ -10,6 +10,7 @@ import numpy as np
 from occlog.array_types import Bools, Ints, Strings
 from occlog.core.metrics.sums import group_medians
 from occlog.io.files.put_aside.blocks import Blocks, Records
+from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings
 
 CELLS = 500
@@ -17,6 +18,14 @@ LOOK = np.dtype([("pair", "i8"), ("t_ns", "i8"), ("step", "f8"), ("seen", "?")])
 """A look of a sensor for one label: the number of both, its time, that since the look before, whether it saw it."""
 Pair = tuple[str, int]
 """A sensor and a label of bearings."""
+MOST_SENSORS, MOST_TARGETS = 60, 6
+"""Sensors in a figure; targets that have a figure of their own."""
+
+
+def known_first(scene: Scene | None, found: Iterable[str]) -> tuple[str, ...]:
+    """Names of the sensors of a scene, in its order, then others of those found."""
+    known = [] if scene is None else [c.name for c in scene.cameras] + [a.name for a in scene.arrays]
+    return (*known, *(n for n in found if n not in known))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,28 +51,6 @@ class Sightings:
         """Share of the frames that saw the target; NaN without frames."""
         frames = int(self.looked.sum())
         return float(self.seen.sum()) / frames if frames else float("nan")
-
-
-def sightings(bearings: Bearings, sensor: str, target: int) -> Sightings:
-    """Frames of one sensor, one cell a frame or, over long recordings, `CELLS` cells of equal time.
-
-    A sensor that names no target has its candidates counted, as a filter is offered them.
-    """
-    own = bearings.sensor == sensor
-    rows = own & (bearings.target_id == target)
-    free = target != UNLABELLED and not (own & (bearings.target_id != UNLABELLED)).any()
-    rows = own & (bearings.target_id == UNLABELLED) if free else rows
-    # Several candidates of one frame are one look
-    times, frame = np.unique(bearings.t_ns[rows], return_inverse=True)
-    seen = np.bincount(frame, bearings.seen[rows], len(times)) > 0
-    if not len(times):
-        return _nothing(sensor)
-    period = int(np.median(np.diff(times))) if len(times) > 1 else 0
-    if len(times) <= CELLS:
-        return Sightings(sensor, *_frame_cells(times, seen, max(period, 1)), free)
-    cells = _Cells(int(times[0]), int(times[-1]) + max(period, 1))
-    cells.add(times, seen)
-    return Sightings(sensor, cells.edges, cells.looked, cells.seen, free)
 
 
 def _nothing(sensor: str) -> Sightings:
@@ -103,7 +90,6 @@ class Looked:
         seen: how many of them saw something.
         sensors: rows of each sensor, and those that saw something, by rising name.
         labels: targets that they are labelled with, ascending.
-        table: the bearings; None where `found` has what is asked of them.
         found: sightings of a sensor and a target.
     """
 
@@ -111,15 +97,7 @@ class Looked:
     seen: int
     sensors: Mapping[str, tuple[int, int]]
     labels: tuple[int, ...]
-    table: Bearings | None = None
     found: Mapping[Pair, Sightings] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, bearings: Bearings) -> Looked:
-        """That of a whole table."""
-        labels = tuple(int(i) for i in np.unique(bearings.target_id))
-        by_sensor = _by_sensor(*np.unique(bearings.sensor, return_inverse=True), bearings.seen)
-        return cls(len(bearings), int(bearings.seen.sum()), by_sensor, labels, bearings)
 
     @property
     def watched(self) -> tuple[int, ...]:
@@ -128,8 +106,6 @@ class Looked:
 
     def sightings(self, sensor: str, target: int) -> Sightings:
         """Frames of one sensor that were to see a target."""
-        if self.table is not None:
-            return sightings(self.table, sensor, target)
         return self.found.get((sensor, target)) or _nothing(sensor)
 
 
@@ -210,7 +186,7 @@ class LookStreams:
             for (sensor, target), (number, free) in wanted.items()
         }
         by_name = dict(sorted(self._sensors.items()))
-        return Looked(self.rows, self._seen, by_name, self.labels, found=told)
+        return Looked(self.rows, self._seen, by_name, self.labels, told)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
         """Edges, looks and sightings of pairs."""

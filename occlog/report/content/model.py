@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
-from occlog.evaluate.verdict import Made, judge
+from occlog.evaluate.verdict import Made
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import (
@@ -27,16 +27,15 @@ from occlog.records.tables import (
     Truth,
 )
 from occlog.records.verdicts import Check, Verdict, all_plausible, found_by_stage
+from occlog.report.gather import TABLES, Figures, gather, in_memory
 
-from .beside_bound import with_bound
-from .fared import Fared, deviation
+from .fared import Fared
 from .followed import followers, relabelled
 from .looks import Looked
-from .of_all import OfAll
 from .off_sight import Distances, Residual
 from .people import People
-from .selections import Selections, selections
-from .thinned import ErrorsSoFar, Whole
+from .selections import Selections
+from .thinned import Whole
 
 TIME_LABEL = "time since start"
 CALENDAR_FROM_NS = 365 * 86_400 * NS
@@ -109,7 +108,7 @@ class ReportInput:
         made: how the tracks were made.
         length_unit: unit of lengths where there is no scene to say it.
         earlier: verdicts of the stages that made the inputs.
-        of_all: what is known of all rows, where a table is too long to be drawn whole; None: everything is here.
+        gathered: figures of all rows, of which the tables may be a part; None: the tables are whole.
     """
 
     title: str = "Tracking report"
@@ -128,21 +127,29 @@ class ReportInput:
     made: Made = field(default_factory=Made)
     length_unit: str = "m"
     earlier: tuple[Verdict, ...] = ()
-    of_all: OfAll | None = None
+    gathered: Figures | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError where there is nothing to draw."""
         if self.scene is None and self.tracks is None:
             raise InputError("report: neither a scene nor tracks are given; give at least one of them")
 
+    @cached_property
+    def figures(self) -> Figures:
+        """Figures of all rows."""
+        if self.gathered is not None:
+            return self.gathered
+        tables = {name: table for name in TABLES if (table := getattr(self, name)) is not None}
+        return gather(in_memory(tables), self.made, self.scene, self.metrics, whole=TABLES)[1]
+
     @property
     def whole(self) -> Mapping[str, Whole]:
-        """Of each table what is known of all rows, by its name, where one is too long to be drawn whole."""
-        return {} if self.of_all is None else self.of_all.whole
+        """What is known of all rows of each table that is given, by its name."""
+        return self.figures.whole
 
     def rows(self, name: str) -> int:
         """How many rows a table has that is given, drawn or not."""
-        return self.whole[name].rows if name in self.whole else len(getattr(self, name))
+        return self.whole[name].rows
 
     def drawn(self, *names: str) -> str:
         """A sentence on what is drawn of the tables of these names; empty: all of them."""
@@ -163,26 +170,17 @@ class ReportInput:
     @property
     def everybody(self) -> PeopleTracks | None:
         """The tracks if they are of everybody, with probabilities of existence; None: they are not."""
-        tracks = self.tracks
-        if not isinstance(tracks, PeopleTracks):
-            return None
-        some = np.isfinite(tracks.existence).any() if self.of_all is None else self.of_all.people is not None
-        return tracks if some else None
+        return self.tracks if isinstance(self.tracks, PeopleTracks) and self.people is not None else None
 
     @property
     def labelled(self) -> Bearings | None:
         """The bearings if their labels are identities of the tracks, which those of everybody are not."""
         return self.bearings if self.everybody is None else None
 
-    @property
-    def errors_so_far(self) -> ErrorsSoFar | None:
-        """Figures of all errors, where a part of them is drawn; None: all are."""
-        return None if self.of_all is None else self.of_all.errors
-
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Verdicts of the stages before, and that of the report where its tables say something of the tracks."""
-        own = self._judged if self.of_all is None else self.of_all.judged
+        own = self.figures.judged
         return self.earlier if own is None else (*self.earlier, Verdict.of("report", own))
 
     @property
@@ -195,34 +193,12 @@ class ReportInput:
         """Whether no stage found anything that speaks against the tracks; None: none has judged."""
         return all_plausible(self.verdicts)
 
-    @property
-    def _judged(self) -> tuple[Check, ...] | None:
-        """What was checked of whole tables; None without tracks."""
-        if self.tracks is None:
-            return None
-        return judge(
-            self.tracks,
-            self.scene,
-            self.made,
-            diagnostics=self.diagnostics,
-            bearings=self.labelled,
-            errors=self.errors,
-            metrics=self.metrics,
-        )
-
     @cached_property
     def time(self) -> TimeAxis:
         """Common time axis of all tables."""
         names = ("tracks", "bearings", "errors", "bound", "diagnostics", "truth")
-        spans = [self.span_ns(name) for name in names if getattr(self, name) is not None and self.rows(name)]
+        spans = [self.whole[name].span_ns for name in names if getattr(self, name) is not None and self.rows(name)]
         return TimeAxis(min(s for s, _ in spans), max(e for _, e in spans)) if spans else TimeAxis(0, 0)
-
-    def span_ns(self, name: str) -> tuple[int, int]:
-        """First and last time of a table that has rows."""
-        if name in self.whole:
-            return self.whole[name].span_ns
-        t_ns = getattr(self, name).t_ns
-        return int(t_ns[0]), int(t_ns[-1])
 
     @cached_property
     def followers(self) -> Mapping[int, int | None]:
@@ -268,30 +244,20 @@ class ReportInput:
             tracked = [self.truth.target_id[self.truth.role == "target"]]
         return tuple(int(i) for i in np.unique(np.concatenate(tracked))) if tracked else ()
 
-    @cached_property
+    @property
     def sight(self) -> Mapping[int, Distances]:
-        """Distances of each target's track from where its sight lines meet; without any where they cannot."""
-        if self.of_all is not None:
-            return self.of_all.sight
-        if self.tracks is None or self.labelled is None or self.scene is None:
-            return {}
-        return {target: Distances.of(self.tracks, self.labelled, self.scene, target) for target in self.targets}
+        """Distances of each track without errors from where its sight lines meet; without any where they cannot."""
+        return self.figures.sight
 
-    @cached_property
+    @property
     def residuals(self) -> Mapping[int, Residual]:
         """What each target's track leaves of the directions it was seen in."""
-        if self.of_all is not None:
-            return self.of_all.residuals
-        if self.tracks is None or self.labelled is None or self.scene is None:
-            return {}
-        return {target: Residual.of(self.tracks, self.labelled, self.scene, target) for target in self.targets}
+        return self.figures.residuals
 
-    @cached_property
+    @property
     def looked(self) -> Looked | None:
         """What bearings tell; None without bearings."""
-        if self.bearings is None:
-            return None
-        return Looked.of(self.bearings) if self.of_all is None else self.of_all.looked
+        return self.figures.looked
 
     @property
     def strangers(self) -> tuple[str, ...]:
@@ -301,49 +267,21 @@ class ReportInput:
         known = {sensor.name for sensor in self.scene.sensors}
         return tuple(name for name in self.looked.sensors if name not in known)
 
-    @cached_property
+    @property
     def people(self) -> People | None:
         """What tracks of everybody tell; None: they are not of everybody."""
-        if self.of_all is not None:
-            return self.of_all.people
-        return None if self.everybody is None else People.of(self.everybody)
-
-    @cached_property
-    def fared(self) -> Fared | None:
-        """What diagnostics tell; None without any."""
-        if self.diagnostics is None or not self.rows("diagnostics"):
-            return None
-        return Fared.of(self.diagnostics) if self.of_all is None else self.of_all.fared
+        return self.figures.people
 
     @property
-    def deviation(self) -> float:
-        """Median standard deviation of the position of a track."""
-        if self.of_all is not None or self.tracks is None:
-            return float("nan") if self.of_all is None else self.of_all.deviation
-        return float(np.median(deviation(self.tracks)))
+    def fared(self) -> Fared | None:
+        """What diagnostics tell; None without any."""
+        return self.figures.fared
 
-    @cached_property
+    @property
     def selections(self) -> Mapping[int, Selections]:
         """Selections of cameras, by target."""
-        if self.of_all is not None:
-            return self.of_all.selections
-        if self.diagnostics is None:
-            return {}
-        return selections(self.diagnostics, (None if self.relabelled else self.errors, self.tracks))
-
-    def happened(self, kind: str) -> int:
-        """How many events there are of a kind."""
-        if self.of_all is not None:
-            return self.of_all.events.get(kind, 0)
-        return 0 if self.events is None else int(np.count_nonzero(self.events.kind == kind))
+        return self.figures.selections
 
     def beside_bound(self, target: int | None = None, where: str = "") -> tuple[float, float]:
-        """RMSE and bound over the times that have both, of a target or of all; see `with_bound`."""
-        if self.of_all is not None and self.of_all.bound is not None:
-            return self.of_all.bound.figures(target, where, smoothed=self.smoothed)
-        errors, bound = self.errors, self.bound
-        if errors is None or bound is None:
-            return float("nan"), float("nan")
-        if target is not None:
-            errors, bound = errors.take(errors.target_id == target), bound.take(bound.target_id == target)
-        return with_bound(errors, bound, where, smoothed=self.smoothed)
+        """RMSE and bound over the times that have both, of a target or of all; see `BesideBound.figures`."""
+        return self.figures.bound.figures(target, where, smoothed=self.smoothed)

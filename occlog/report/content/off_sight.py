@@ -1,4 +1,4 @@
-"""How far tracks are from sight lines, and from where these meet: of whole tables, and while they stream by."""
+"""How far tracks are from sight lines, and from where these meet, gathered while both stream by."""
 
 from __future__ import annotations
 
@@ -13,19 +13,15 @@ from occlog.evaluate.errors.sums import quantiles_of
 from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
-from occlog.report.drawing.thin import running_rms
 
-from .beside_bound import rms
 from .plane_of_sight import (
     Residuals,
     SightLines,
-    distances,
     label_of,
     meet,
     off_lines,
     places,
     positions_at,
-    residuals,
     scans,
     sight_lines,
 )
@@ -47,17 +43,6 @@ class Residual:
     rows: Mapping[str, int]
     squares: Mapping[str, Floats]
     every: int = 1
-
-    @classmethod
-    def of(cls, tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> Residual:
-        """That of whole tables."""
-        found = residuals(tracks, bearings, scene, target)
-        rows, squares = {}, {}
-        for i, name in enumerate(found.names):
-            own = found.sensor == i
-            rows[name] = int(np.count_nonzero(own))
-            squares[name] = _squares(found.residual[own], found.sigma[own])
-        return cls(found, rows, squares)
 
     @property
     def any(self) -> bool:
@@ -90,13 +75,6 @@ class Distances:
     rms: float
     high: float
     every: int = 1
-
-    @classmethod
-    def of(cls, tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> Distances:
-        """Those of whole tables."""
-        t_ns, found = distances(tracks, bearings, scene, target)
-        high = float(np.percentile(found, 95)) if len(found) else float("nan")
-        return cls(t_ns, found, running_rms(found), len(found), rms(found), high)
 
 
 @dataclass

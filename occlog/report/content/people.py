@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -43,27 +43,16 @@ def crowd(tracks: PeopleTracks) -> Crowd:
     return Crowd(times, *(c.astype(np.float64) for c in counts))
 
 
-def true_people(truth: Truth | None, at: Ints | None = None) -> tuple[Ints, Floats]:
+def true_people(truth: Truth, at: Ints) -> tuple[Ints, Floats]:
     """Times of true targets, of those `at` which all rows are there, and how many there are."""
-    own = np.zeros(0, np.int64) if truth is None else truth.t_ns[truth.role == "target"]
-    times, number = np.unique(own if at is None else own[np.isin(own, at)], return_counts=True)
+    own = truth.t_ns[truth.role == "target"]
+    times, number = np.unique(own[np.isin(own, at)], return_counts=True)
     return times, number.astype(np.float64)
-
-
-def drawn_people(tracks: PeopleTracks) -> Ints:
-    """Identities that have a row of their own, in the order of their births."""
-    ids, first, rows = np.unique(tracks.target_id.astype(np.int64), return_index=True, return_counts=True)
-    return _longest(ids, first, rows)
 
 
 def _longest(ids: Ints, first: Ints, rows: Ints) -> Ints:
     longest = np.argsort(-rows, kind="stable")[:MOST_PEOPLE]
     return ids[longest[np.argsort(first[longest], kind="stable")]].astype(np.int64)
-
-
-def seeing(tracks: PeopleTracks) -> tuple[str, ...]:
-    """Names of the cameras that have a box of anybody."""
-    return tuple(sorted(_names(tracks)))
 
 
 def _names(tracks: PeopleTracks) -> set[str]:
@@ -105,13 +94,6 @@ class _Seen:
         return Sightings(name, self._edges, self._looked, self._seen[name])
 
 
-def _sightings(tracks: PeopleTracks, name: str) -> Sightings:
-    step = usual_step(tracks.t_ns)
-    seen = _Seen(int(tracks.t_ns[0]), int(tracks.t_ns[-1]) + step, step)
-    seen.add(tracks, (name,))
-    return seen.sightings(name)
-
-
 @dataclass(frozen=True, eq=False)
 class People:
     """What all estimates of everybody tell together.
@@ -127,7 +109,6 @@ class People:
         drawn: those that have a row of their own, in the order of their births.
         cameras: names of those that have a box of anybody.
         crowd: how many there are at each time, or at those that are drawn.
-        table: the estimates; None where `found` has what is asked of them.
         found: sightings of each camera.
     """
 
@@ -141,19 +122,11 @@ class People:
     drawn: Ints
     cameras: tuple[str, ...]
     crowd: Crowd
-    table: PeopleTracks | None = None
     found: Mapping[str, Sightings] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, tracks: PeopleTracks) -> People:
-        """That of a whole table."""
-        gathered = PeopleStreams()
-        gathered.add(tracks)
-        return replace(gathered.finish(crowd(tracks)), table=tracks)
 
     def sightings(self, name: str) -> Sightings:
         """People there, and those of them of whom a camera has a box, in cells of equal time."""
-        return self.found[name] if self.table is None else _sightings(self.table, name)
+        return self.found[name]
 
 
 class PeopleStreams:

@@ -113,25 +113,6 @@ def label_of(target: int, labels: Collection[int]) -> int:
     return target if target in labels else UNLABELLED
 
 
-def residuals(tracks: Tracks, bearings: Bearings, scene: Scene, target: int, label: int | None = None) -> Residuals:
-    """How far a track is from the sight lines of the sensors that saw its target.
-
-    Sightings outside the track's time and those of sensors without a pose are left out.
-    Where no bearing is labelled with the target, the candidate nearest to the track is
-    taken from each frame that has any.
-
-    Args:
-        tracks: estimates.
-        bearings: all of them, or those of a stretch of time.
-        scene: the sensors.
-        target: whose track.
-        label: of its bearings; None: as these say.
-    """
-    label = label_of(target, set(bearings.target_id.tolist())) if label is None else label
-    lines = sight_lines(bearings, scene, (label,))[label]
-    return off_lines(lines, positions_at(tracks, target, lines.t_ns), scene, nearest=label == UNLABELLED)
-
-
 def off_lines(lines: SightLines, estimate: Floats, scene: Scene, *, nearest: bool) -> Residuals:
     """How far (N, 2) estimates are from sight lines; `nearest`: the nearest line of each time and sensor alone."""
     known = places(scene)
@@ -165,30 +146,10 @@ def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
     return numbers[inverse] if len(unique) else np.empty(0, np.int64)
 
 
-def meeting_points(bearings: Bearings, scene: Scene, target: int) -> tuple[Ints, Floats]:
-    """Times (N,) and most likely points (N, 2) where the sight lines of at least two sensors meet.
-
-    Scans whose sight lines are all but parallel or do not meet are left out; a line that
-    misses the others counts for less (Huber's loss).
-    """
-    lines = sight_lines(bearings, scene, (target,))[target]
-    together = int(np.count_nonzero(share_times(lines.t_ns)))
-    period = None if together >= 0.5 * len(lines.t_ns) else usual_period(lines)
-    rows, scan = scans(lines, period, int(lines.t_ns[0]) if len(lines.t_ns) else 0)
-    first, xy = meet(lines, rows, scan, scene)
-    return lines.t_ns[first], xy
-
-
 def share_times(t_ns: Ints) -> Bools:
     """(N,) which of the times, in their order, are there more than once."""
     same = np.diff(t_ns) == 0
     return np.append(False, same) | np.append(same, False) if len(t_ns) else np.zeros(0, np.bool_)
-
-
-def usual_period(lines: SightLines) -> int:
-    """The usual time between two sightings of a sensor [ns], at least 1."""
-    every = [lines.t_ns[lines.sensor == s] for s in np.unique(lines.sensor)]
-    return period_of([float(np.median(np.diff(own))) for own in every if len(own) > 1])
 
 
 def period_of(steps: Sequence[float]) -> int:
@@ -222,11 +183,3 @@ def meet(lines: SightLines, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints,
     meeting = sight_lines_meet(origins, lines.bearing[rows], lines.sigma[rows], starts=starts, loss="huber")
     met = meeting.status == MET
     return rows[first][met], meeting.xy[met]
-
-
-def distances(tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> tuple[Ints, Floats]:
-    """Times and distances between a track and the point where the sight lines of a scan meet."""
-    t_ns, meeting = meeting_points(bearings, scene, target)
-    distance = np.hypot(*(positions_at(tracks, target, t_ns) - meeting).T)
-    ok = np.isfinite(distance)
-    return t_ns[ok], distance[ok]

@@ -2,37 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Ints
 from occlog.core.metrics.sums import Sum
 from occlog.records.tables import Diagnostics, Errors, Tracks
 
 Cameras = frozenset[str]
-
-
-def selected_targets(diagnostics: Diagnostics | None) -> tuple[int, ...]:
-    """Targets for which cameras were selected."""
-    if diagnostics is None:
-        return ()
-    rows = np.isfinite(diagnostics.predicted_mse)
-    return tuple(int(t) for t in np.unique(diagnostics.target_id[rows]))
-
-
-def spans(diagnostics: Diagnostics, target: int) -> tuple[Ints, list[Cameras], Floats]:
-    """Selections of one target.
-
-    Returns:
-        (n + 1,) times of the selections and the last scan [ns]; the cameras of each; (n,) expected RMSE.
-    """
-    own = diagnostics.take(diagnostics.target_id == target)
-    rows = np.flatnonzero(np.isfinite(own.predicted_mse))
-    times = np.append(own.t_ns[rows], own.t_ns[-1:])
-    names = [frozenset(own.selected[r].split(",")) for r in rows.tolist()]
-    return times, names, np.sqrt(own.predicted_mse[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,13 +126,3 @@ def _finished(own: _Target) -> Selections:
         found=found,
         what=what,
     )
-
-
-def selections(diagnostics: Diagnostics, beside: Iterable[Errors | Tracks | None]) -> dict[int, Selections]:
-    """Selections of a whole table, with what errors and tracks say beside them."""
-    gathered = SelectionStreams()
-    gathered.add(diagnostics)
-    for table in beside:
-        if table is not None and len(table):
-            gathered.came_out(diagnostics, table)
-    return gathered.finish()

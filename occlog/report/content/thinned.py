@@ -1,4 +1,4 @@
-"""Long tables for a page: every so manieth time is drawn, and what is said in numbers is of all rows.
+"""What is drawn of tables: of long ones every so manieth time; what is said in numbers is of all rows.
 
 The rule: of a table of more than `MOST_ROWS` rows those of every k-th time are kept, with the smallest k by which not
 more than so many are left, if all times have as many; beside them the first and the last row of each target, of
@@ -24,6 +24,12 @@ from occlog.records.tables import Errors
 T = TypeVar("T", bound=Table)
 MOST_ROWS = 200_000
 """Rows of a table that are drawn whole."""
+MOST_MOMENTS = 10_000
+"""Moments of a replay."""
+MOST_SHOWN = 45_000
+"""Estimates, and true positions, of all moments of a replay."""
+MOST_MOVING = 40
+"""Moving objects that are no targets and are drawn."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +123,27 @@ def with_rows(found: Thinned[T], chunks: Iterable[T], pick: Callable[[T], Ints])
         count += len(chunk)
     table, kept = _in_place(type(found.table), parts, numbers)
     return Thinned(table, kept, found.whole)
+
+
+def chosen(times: int, rows: Iterable[int]) -> int:
+    """Each so manieth time is shown of so many, of tables of so many rows."""
+    return max(1, -(-times // MOST_MOMENTS), *(-(-n // MOST_SHOWN) for n in rows))
+
+
+def shortly_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
+    """Rows at a moment that is kept or since the time before it, and the moment of each.
+
+    Args:
+        kept: (M,) moments.
+        period_ns: the usual time between two times.
+        t_ns: (N,) times of rows.
+    """
+    if not len(kept):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    moment = np.searchsorted(kept, t_ns)
+    inside = np.minimum(moment, len(kept) - 1)
+    rows = np.flatnonzero((moment < len(kept)) & (kept[inside] - t_ns < period_ns))
+    return rows, moment[rows]
 
 
 def fewer(counts: Ints, most: int) -> int:

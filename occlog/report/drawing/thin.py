@@ -81,11 +81,6 @@ def broken(t_ns: Ints, keep: Ints, *series: Floats) -> tuple[Floats, ...]:
     return tuple(np.insert(np.asarray(s, dtype=np.float64)[keep], at, np.nan) for s in series)
 
 
-def running_rms(values: Floats) -> Floats:
-    """(N,) root mean square of all values up to each one."""
-    return np.asarray(np.sqrt(np.cumsum(values**2) / np.arange(1, len(values) + 1)))
-
-
 def sensible_top(*series: Floats) -> float:
     """Upper limit of an axis that shows nearly everything, whatever a few outliers do.
 

@@ -12,7 +12,7 @@ from occlog.array_types import Floats, Ints
 from occlog.records.tables import Bound, Errors, Tracks
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing.style import COLOURS, label, target_colour
-from occlog.report.drawing.thin import broken, envelope, extremes, gaps, running_rms, sensible_top
+from occlog.report.drawing.thin import broken, envelope, extremes, gaps, sensible_top
 
 T = TypeVar("T", Errors, Bound, Tracks)
 BUCKETS, FEWEST = 350, 80
@@ -30,21 +30,8 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     track = data.followers.get(target, target)
     tracks = None if data.tracks is None or track is None else of_target(data.tracks, track)
     colour = COLOURS["ink"] if track is None else target_colour(data.targets.index(track))
-    so_far = None
-    if data.of_all is not None and data.of_all.errors_so_far is not None:
-        so_far = data.of_all.errors_so_far[all_errors.target_id == target]
-    least, buckets = _bounds_so_far(data, target), max(FEWEST, min(BUCKETS, OF_ALL // len(data.targets)))
-    draw_distance(
-        total,
-        data.time,
-        errors=errors,
-        bound=bound,
-        colour=colour,
-        unit=data.unit,
-        so_far=so_far,
-        least=least,
-        buckets=buckets,
-    )
+    buckets = max(FEWEST, min(BUCKETS, OF_ALL // len(data.targets)))
+    _distance(total, data, target, errors=errors, bound=bound, colour=colour, buckets=buckets)
     for axes, name in zip(rest, names, strict=True):
         _axis_error(axes, data, errors=errors, bound=bound, tracks=tracks, name=name, colour=colour, buckets=buckets)
     rest[-1].set_xlabel(data.time.label)
@@ -52,14 +39,6 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     handles, labels = total.get_legend_handles_labels()
     more_handles, more_labels = rest[0].get_legend_handles_labels()
     figure.legend(handles + more_handles, labels + more_labels, loc="outside lower center", ncols=3)
-
-
-def _bounds_so_far(data: ReportInput, target: int) -> tuple[Floats, Floats | None] | None:
-    """Bound, and that of smoothing if it is known all the time, on the RMSE up to each row of a target's bound."""
-    if data.bound is None or data.of_all is None or data.of_all.bound is None or data.of_all.bound_so_far is None:
-        return None
-    own = data.of_all.bound_so_far[data.bound.target_id == target]
-    return own[:, 0], own[:, 1] if data.of_all.bound.smooths(target) else None
 
 
 def of_target(table: T, target: int) -> T:
@@ -73,29 +52,18 @@ def axes_of(errors: Errors) -> str:
     return "xyz" if np.isfinite(errors.error_z).any() else "xy"
 
 
-def draw_distance(
-    axes: Axes,
-    time: TimeAxis,
-    errors: Errors,
-    bound: Bound | None,
-    colour: str,
-    unit: str,
-    so_far: Floats | None = None,
-    least: tuple[Floats, Floats | None] | None = None,
-    buckets: int = BUCKETS,
+def _distance(
+    axes: Axes, data: ReportInput, target: int, errors: Errors, bound: Bound | None, colour: str, buckets: int
 ) -> None:
-    """Distance between estimate and truth, its running RMSE, and the bound.
-
-    `so_far` is the RMSE up to each error, where these are not all that there are, and `least` the bound on it and that
-    of smoothing up to each row of the bound, likewise.
-    """
+    """Distance between estimate and truth, its running RMSE, and the bound on both, that of smoothing too."""
+    time, figures = data.time, data.figures
+    assert data.errors is not None
     line(axes, time, errors.t_ns, errors.error, buckets, color=colour, linewidth=0.8, alpha=0.65, label="error")
-    rms = running_rms(errors.error) if so_far is None else so_far
+    rms = figures.errors_so_far[data.errors.target_id == target]
     line(axes, time, errors.t_ns, rms, buckets, color=colour, linewidth=2.0, label="RMSE so far")
     shown = [errors.error, rms]
-    if bound is not None and len(bound):
-        smoothed = running_rms(bound.smoothed) if np.isfinite(bound.smoothed).all() else None
-        on_rmse, smoothed = (running_rms(bound.bound), smoothed) if least is None else least
+    if data.bound is not None and bound is not None and len(bound):
+        on_rmse, smoothed = figures.bound_so_far[data.bound.target_id == target].T
         line(axes, time, bound.t_ns, bound.bound, buckets, color=COLOURS["bound"], linewidth=0.8, label="bound")
         line(
             axes,
@@ -109,13 +77,14 @@ def draw_distance(
             label="bound on the RMSE so far",
         )
         shown += [bound.bound, on_rmse]
-        if smoothed is not None:
+        if figures.bound.smooths(target):
             style = {"color": COLOURS["bound"], "linewidth": 1.6, "linestyle": (0, (1, 1.5))}
             line(axes, time, bound.t_ns, smoothed, buckets, label="the same of smoothing", **style)
-    axes.set_ylabel(f"error [{label(unit)}]")
+    axes.set_ylabel(f"error [{label(data.unit)}]")
     top = sensible_top(*shown)
     axes.set_ylim(0.0, top)
-    mark_clipped(axes, time, t_ns=errors.t_ns, values=errors.error, top=top, unit=unit, all_there=so_far is None)
+    all_there = data.whole["errors"].every == 1
+    mark_clipped(axes, time, t_ns=errors.t_ns, values=errors.error, top=top, unit=data.unit, all_there=all_there)
 
 
 def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = BUCKETS, **style: object) -> None:

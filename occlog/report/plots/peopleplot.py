@@ -11,12 +11,13 @@ from matplotlib.ticker import MaxNLocator
 
 from occlog.array_types import Ints
 from occlog.records.tables import Events, PeopleTracks
+from occlog.report.content.looks import MOST_SENSORS
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.content.people import Crowd, People, true_people, usual_step
 from occlog.report.drawing.style import COLOURS, label
 
 from .accuracy import line
-from .visibility import HEIGHT, MOST_ROWS, draw_rows
+from .visibility import HEIGHT, draw_rows
 
 LONGEST_GAP = 1.5
 """A row of a track lasts until the next one, but at most so many usual periods."""
@@ -45,7 +46,7 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, foun
 
 def draw_seen_by(figure: FigureBase, data: ReportInput, found: People) -> None:
     """Draw for each camera, over time, the share of the people there of whom it has a box."""
-    names = found.cameras[:MOST_ROWS]
+    names = found.cameras[:MOST_SENSORS]
     axes = figure.add_subplot()
     rows = [found.sightings(name) for name in names]
     draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
@@ -59,8 +60,8 @@ def draw_seen_by(figure: FigureBase, data: ReportInput, found: People) -> None:
 
 
 def _counts(axes: Axes, data: ReportInput, found: Crowd) -> None:
-    times, number = true_people(data.truth, data.whole["truth"].at if "truth" in data.whole else None)
-    if len(times):
+    if data.truth is not None:
+        times, number = true_people(data.truth, data.whole["truth"].at)
         line(axes, data.time, times, number, color=COLOURS["muted"], linewidth=2.6, alpha=0.5)
     line(axes, data.time, found.t_ns, found.people, color=COLOURS["ink"], linewidth=1.1)
     line(axes, data.time, found.t_ns, found.seen, color=COLOURS[SEEN], linewidth=0.9)

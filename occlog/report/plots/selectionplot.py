@@ -7,11 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
 from occlog.array_types import Bools, Ints
+from occlog.report.content.looks import MOST_SENSORS
 from occlog.report.content.model import ReportInput
 from occlog.report.content.selections import Selections
 from occlog.report.drawing.style import COLOURS, label
 
-from .visibility import MOST_ROWS, label_rows
+from .visibility import label_rows
 
 HEIGHT = 0.72
 
@@ -25,7 +26,7 @@ def cameras_of(data: ReportInput, found: Selections) -> tuple[str, ...]:
 def draw_selection(figure: FigureBase, data: ReportInput, found: Selections) -> None:
     """Draw a row for every camera, filled while it was selected, and the share of the time on the right."""
     axes = figure.add_subplot()
-    names = cameras_of(data, found)[:MOST_ROWS]
+    names = cameras_of(data, found)[:MOST_SENSORS]
     shares = []
     for row, name in enumerate(names):
         on = np.array([name in cameras for cameras in found.chosen], dtype=np.bool_)

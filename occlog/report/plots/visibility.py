@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +11,10 @@ from matplotlib.figure import FigureBase
 from matplotlib.patches import Patch
 
 from occlog.array_types import Floats, Ints
-from occlog.records.scene import Scene
-from occlog.report.content.looks import Looked, Sightings
+from occlog.report.content.looks import MOST_SENSORS, MOST_TARGETS, Looked, Sightings, known_first
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing.style import COLOURS, label
 
-MOST_ROWS, MOST_TARGETS = 60, 6
-"""Sensors in a figure; targets that have a figure of their own."""
 CELLS_OF_ALL, FEWEST_CELLS = 4800, 60
 """Cells of all sensors and targets together, so that a page of many stays small; those of each one, at least."""
 HEIGHT = 0.72
@@ -33,13 +30,9 @@ def sensors(data: ReportInput) -> tuple[str, ...]:
     return known_first(data.scene, [] if data.looked is None else data.looked.sensors)
 
 
-def known_first(scene: Scene | None, found: Iterable[str]) -> tuple[str, ...]:
-    """Names of the sensors of a scene, in its order, then others of those found."""
-    known = [] if scene is None else [c.name for c in scene.cameras] + [a.name for a in scene.arrays]
-    return (*known, *(n for n in found if n not in known))
-
-
-def draw_visibility(figure: FigureBase, data: ReportInput, looked: Looked, target: int, most: int = MOST_ROWS) -> None:
+def draw_visibility(
+    figure: FigureBase, data: ReportInput, looked: Looked, target: int, most: int = MOST_SENSORS
+) -> None:
     """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]

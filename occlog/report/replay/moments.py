@@ -1,7 +1,7 @@
 """Which moments of a run can be shown, and what was at each of them.
 
 The rule: of the times of the tracks (of the truth, where there are none) every k-th is kept, with the smallest k by
-which not more than `MOST_ROWS` estimates and as many true places are left; where a part of a table is drawn, that
+which not more than `MOST_SHOWN` estimates and as many true places are left; where a part of a table is drawn, that
 part is chosen with these times (`chosen`).  Sight lines are those of the latest look
 of each sensor since the time before; where more than `MOST_LOOKS` would be left, those of every j-th kept moment, with
 the smallest such j.
@@ -9,7 +9,6 @@ the smallest such j.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,41 +19,17 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.records.tables import Bearings, Errors, Hulls, Occluders, PeopleTracks, Tracks, Truth
 from occlog.report.content.model import ReportInput
+from occlog.report.content.thinned import MOST_MOVING, Whole, shortly_before
 
 from .pack import MOST_UINT16, NONE, Packed, Words, packed, placed, starts
 
 Texts = np.ndarray[Any, Any]
-MOST_MOMENTS = 10_000
-MOST_ROWS = 45_000
 MOST_LOOKS = 30_000
 MOST_PRIORS = 20_000
-MOST_MOVING = 40
-"""Moving objects that are no targets and are drawn."""
 CORNERS = 12
 """Of a Gaussian prior that is drawn."""
 TRUE_FROM = 40_000
 """Numbers of true targets that are not tracked by their own identity begin here."""
-
-
-def chosen(times: int, rows: Iterable[int]) -> int:
-    """Each so manieth time is shown of so many, of tables of so many rows."""
-    return max(1, -(-times // MOST_MOMENTS), *(-(-n // MOST_ROWS) for n in rows))
-
-
-def shortly_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
-    """Rows at a moment that is kept or since the time before it, and the moment of each.
-
-    Args:
-        kept: (M,) moments.
-        period_ns: the usual time between two times.
-        t_ns: (N,) times of rows.
-    """
-    if not len(kept):
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    moment = np.searchsorted(kept, t_ns)
-    inside = np.minimum(moment, len(kept) - 1)
-    rows = np.flatnonzero((moment < len(kept)) & (kept[inside] - t_ns < period_ns))
-    return rows, moment[rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,40 +44,30 @@ class Moments:
     data: ReportInput
     limits: Floats
 
-    @cached_property
-    def times(self) -> Ints:
-        """(T,) all times of what moves, of tables that are drawn whole."""
-        table = self.data.tracks if self.data.tracks is not None else self.data.truth
-        return np.zeros(0, np.int64) if table is None else np.unique(table.t_ns)
+    @property
+    def _leading(self) -> Whole | None:
+        """What is known of the table that says the moments: the tracks, or the truth without them."""
+        return self.data.whole.get("truth" if self.data.tracks is None else "tracks")
 
     @property
     def count(self) -> int:
         """How many times there are, those that are not drawn, too."""
-        whole = self.data.whole.get("truth" if self.data.tracks is None else "tracks")
-        return len(self.times) if whole is None else whole.times
+        return 0 if self._leading is None else self._leading.times
 
-    @cached_property
+    @property
     def every(self) -> int:
         """Each so manieth time is kept."""
-        if self.data.of_all is not None:
-            return self.data.of_all.every
-        rows = [len(t) for t in (self.data.tracks, self._truth) if t is not None]
-        return chosen(len(self.times), rows)
+        return self.data.figures.every
 
     @cached_property
     def kept(self) -> Ints:
         """(M,) the times that are kept."""
-        if self.data.of_all is not None:
-            return np.zeros(0, np.int64) if self.data.of_all.moments is None else self.data.of_all.moments
-        return self.times[:: self.every]
+        return self.data.figures.moments
 
-    @cached_property
+    @property
     def period_ns(self) -> float:
         """The usual time between two times."""
-        whole = self.data.whole.get("truth" if self.data.tracks is None else "tracks")
-        if whole is not None:
-            return whole.step_ns
-        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else float(NS)
+        return float(NS) if self._leading is None else self._leading.step_ns
 
     @cached_property
     def step(self) -> float:
@@ -235,7 +200,7 @@ class Moments:
         if bearings is None or not len(bearings) or not len(self.kept):
             return {}, 1
         rows, moment, number = self._looks(bearings, sensors)
-        every = max(-(-len(rows) // MOST_LOOKS), 1) * (1 if self.data.of_all is None else self.data.of_all.sight_every)
+        every = max(-(-len(rows) // MOST_LOOKS), 1) * self.data.figures.sight_every
         some = moment % every == 0
         rows, moment, number = rows[some], moment[some], number[some]
         targets = np.array(self.data.targets, dtype=np.int64)
@@ -283,9 +248,7 @@ class Moments:
         if hulls is None or not len(self.kept):
             return {}, 1
         rows, moment = self.at(hulls.t_ns)
-        every = max(-(-len(rows) // MOST_PRIORS), 1) * (
-            1 if self.data.of_all is None else self.data.of_all.priors_every
-        )
+        every = max(-(-len(rows) // MOST_PRIORS), 1) * self.data.figures.priors_every
         rows, moment = rows[moment % every == 0], moment[moment % every == 0]
         corner = np.minimum(hulls.corner[rows], 255)
         table = {"first": starts(moment, len(self.kept)), "corner": packed("u1", corner), **self.place(hulls, rows)}

@@ -23,7 +23,7 @@ from occlog.report.beside.model import Beside
 from occlog.report.beside.page import build_page
 from occlog.report.beside.run import lay
 from occlog.report.content.model import ReportInput
-from occlog.report.replay.moments import MOST_ROWS
+from occlog.report.content.thinned import MOST_SHOWN
 from occlog.report.replay.pack import KINDS, NONE
 
 EVIL = "</script><script>window.evil=1</script>\"'><img src=x onerror=window.evil=2>"
@@ -96,7 +96,7 @@ def test_long_runs_are_thinned_but_keep_the_moments_that_the_page_leads_to() -> 
     page = build_page(found)
     data = data_of(page)
     times = packed(data["times"])
-    every = -(-2 * 3 * frames // MOST_ROWS)
+    every = -(-2 * 3 * frames // MOST_SHOWN)
     assert every == 2
     assert len(times) == len(range(0, frames, every)) + 1
     k = int(np.searchsorted(times, 700.1 - 1e-9))

@@ -9,7 +9,7 @@ from made_up import run
 from occlog.io.files.put_aside.blocks import Blocks
 from occlog.records.pieces import whole_times
 from occlog.records.tables import Bearings
-from occlog.report.content.looks import CELLS, LOOK, Looked, LookStreams, sightings
+from occlog.report.content.looks import CELLS, LOOK, LookStreams
 
 
 def mixed() -> Bearings:
@@ -26,21 +26,22 @@ def mixed() -> Bearings:
 
 @pytest.mark.parametrize("rows", [1, 37, 10**6])
 @pytest.mark.parametrize("block", [7, 10**4])
-def test_looks_of_pieces_are_those_of_the_whole_table(rows: int, block: int) -> None:
+def test_looks_are_the_same_in_chunks_of_any_length(rows: int, block: int) -> None:
     table = mixed()
-    streams = LookStreams(Blocks(LOOK, block, in_memory=200))
+    streams, at_once = LookStreams(Blocks(LOOK, block, in_memory=200)), LookStreams()
+    at_once.add(table)
     for piece in whole_times(table.take(slice(s, s + rows)) for s in range(0, len(table), rows)):
         streams.add(piece)
     names = ("camera 1", "camera 2", "camera 3", "camera 4", "nobody")
-    found, whole = streams.finish(names, (0, 1, -1)), Looked.of(table)
-    assert (found.rows, found.seen) == (whole.rows, whole.seen) == (len(table), int(table.seen.sum()))
-    assert found.sensors == whole.sensors
-    assert found.labels == whole.labels == (-1, 0, 1)
-    assert found.watched == whole.watched == (0, 1)
+    found, whole = (each.finish(names, (0, 1, -1)) for each in (streams, at_once))
+    assert (found.rows, found.seen) == (len(table), int(table.seen.sum()))
+    own = {name: table.sensor == name for name in np.unique(table.sensor).tolist()}
+    assert found.sensors == {name: (rows.sum(), (rows & table.seen).sum()) for name, rows in own.items()}
+    assert (found.labels, found.watched) == ((-1, 0, 1), (0, 1))
     frames = set()
     for name in names:
         for target in (0, 1, -1):
-            got, wanted = found.sightings(name, target), sightings(table, name, target)
+            got, wanted = found.sightings(name, target), whole.sightings(name, target)
             assert (got.sensor, got.any_object) == (name, wanted.any_object)
             for column in ("edges", "looked", "seen"):
                 np.testing.assert_array_equal(getattr(got, column), getattr(wanted, column))

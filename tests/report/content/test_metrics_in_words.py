@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_up import run
 
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
-from occlog.report.content.beside_bound import rms, with_bound
 from occlog.report.content.metrics_in_words import WORDS, groups, number
 
 MINUS = "\N{MINUS SIGN}"
@@ -101,7 +102,8 @@ def test_no_word_twice() -> None:
 def test_headline_agrees_with_evaluate() -> None:
     data = run(steps=120, targets=2, cameras=4)
     found = evaluate(data.tracks, data.truth, data.bearings, data.scene, EvaluateConfig())
-    rmse, bound = with_bound(found.errors, found.bound)
-    assert rms(found.errors.error) == pytest.approx(found.metrics["rmse_m"], rel=1e-12)
+    shown = replace(data, errors=found.errors, bound=found.bound)
+    rmse, bound = shown.beside_bound()
+    assert shown.figures.errors.rmse() == pytest.approx(found.metrics["rmse_m"], rel=1e-12)
     assert bound == pytest.approx(found.metrics["bound_rmse_m"], rel=1e-12)
     assert rmse / bound == pytest.approx(found.metrics["bound_ratio"], rel=1e-12)

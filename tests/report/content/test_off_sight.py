@@ -1,4 +1,4 @@
-"""Tracks against sight lines: residuals and distances of pieces are those of whole tables."""
+"""Tracks against sight lines: residuals and distances are the same in chunks of any length."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from bearing_scenes import CASES, Case
 from occlog.consistency.verdict import Evidence
 from occlog.evaluate.verdict import Made
 from occlog.records.tables import Bearings
-from occlog.report.content import thinned as rule
-from occlog.report.content.off_sight import Distances, Residual
-from occlog.report.long_bearings import Beside, Found, Posts, bearings_of
+from occlog.report.gather_bearings import Beside, Found, Posts, bearings_of
 
 
 def labels(case: Case, kind: str) -> Case:
@@ -26,7 +24,7 @@ def labels(case: Case, kind: str) -> Case:
     return case._replace(bearings=Bearings.of(**columns).sorted())
 
 
-def streamed(case: Case, rows: int) -> Found:
+def streamed(case: Case, rows: int = 10**6, most: int = 10**6) -> Found:
     """What is gathered of chunks of so many rows."""
 
     def chunks(table, count):
@@ -38,24 +36,24 @@ def streamed(case: Case, rows: int) -> Found:
     targets = tuple(np.unique(case.tracks.target_id).tolist())
     beside = Beside(lambda: chunks(case.tracks, rows), None, posts, Evidence(), Made(), frozenset(targets))
     moments = np.unique(case.tracks.t_ns)[::3]
-    return bearings_of(lambda: chunks(case.bearings, rows + 1), case.place, targets, (moments, 2.5e8), beside)
+    return bearings_of(lambda: chunks(case.bearings, rows + 1), case.place, targets, (moments, 2.5e8), beside, most)
 
 
 @pytest.mark.parametrize("what", CASES)
 @pytest.mark.parametrize("kind", ["labelled", "nobody's", "apart"])
-@pytest.mark.parametrize("rows", [3, 50, 10**6])
-def test_figures_of_pieces_are_those_of_whole_tables(what: str, kind: str, rows: int) -> None:
+@pytest.mark.parametrize("rows", [3, 50])
+def test_figures_are_the_same_in_chunks_of_any_length(what: str, kind: str, rows: int) -> None:
     case = labels(CASES[what](5), kind)
-    found = streamed(case, rows)
+    found, whole = streamed(case, rows), streamed(case)
     for target in np.unique(case.tracks.target_id).tolist():
-        got, wanted = found.residuals[target], Residual.of(case.tracks, case.bearings, case.place, target)
+        got, wanted = found.residuals[target], whole.residuals[target]
         assert got.rows == wanted.rows
         for name, squares in wanted.squares.items():
             np.testing.assert_allclose(got.squares[name], squares, rtol=1e-8)
         for column in ("t_ns", "sensor"):
             np.testing.assert_array_equal(getattr(got.drawn, column), getattr(wanted.drawn, column))
         np.testing.assert_allclose(got.drawn.residual, wanted.drawn.residual, rtol=1e-8, atol=1e-9)
-        near, far = found.sight[target], Distances.of(case.tracks, case.bearings, case.place, target)
+        near, far = found.sight[target], whole.sight[target]
         assert near.rows == far.rows
         np.testing.assert_array_equal(near.t_ns, far.t_ns)
         np.testing.assert_allclose(near.distance, far.distance, rtol=1e-7, atol=1e-9)
@@ -67,22 +65,20 @@ def test_figures_of_pieces_are_those_of_whole_tables(what: str, kind: str, rows:
     np.testing.assert_array_equal(found.table.t_ns, case.bearings.t_ns)
 
 
-def test_of_long_tables_a_part_is_drawn_with_the_largest_and_figures_are_of_all(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_of_long_tables_a_part_is_drawn_with_the_largest_and_figures_are_of_all() -> None:
     case = CASES["simulated"](5)
-    monkeypatch.setattr(rule, "MOST_ROWS", len(case.bearings) // 5)
-    found = streamed(case, 40)
+    most = len(case.bearings) // 5
+    found, whole = streamed(case, 40, most), streamed(case)
     assert found.whole.every == 5
     target = int(case.tracks.target_id[0])
-    got, wanted = found.residuals[target], Residual.of(case.tracks, case.bearings, case.place, target)
+    got, wanted = found.residuals[target], whole.residuals[target]
     assert got.rows == wanted.rows
     assert len(got.drawn.t_ns) < 0.6 * len(wanted.drawn.t_ns)
     for sensor in range(len(case.place.cameras)):
         every = wanted.drawn.residual[wanted.drawn.sensor == sensor]
         drawn = got.drawn.residual[got.drawn.sensor == sensor]
         assert np.abs(drawn).max() == pytest.approx(np.abs(every).max(), rel=1e-8)
-    near, far = found.sight[target], Distances.of(case.tracks, case.bearings, case.place, target)
+    near, far = found.sight[target], whole.sight[target]
     assert near.rows == far.rows > len(near.t_ns)
     assert near.distance.max() == pytest.approx(far.distance.max(), rel=1e-8)
     np.testing.assert_allclose(near.so_far, far.so_far[np.isin(far.t_ns, near.t_ns)], rtol=1e-8)
@@ -92,7 +88,7 @@ def test_of_long_tables_a_part_is_drawn_with_the_largest_and_figures_are_of_all(
     assert set(np.unique(found.table.t_ns).tolist()) <= set(np.unique(case.bearings.t_ns).tolist())
     shown = case.bearings.take(np.isin(case.bearings.t_ns, moments))
     assert np.isin(shown.t_ns, found.table.t_ns).all()
-    assert len(found.table) <= rule.MOST_ROWS
+    assert len(found.table) <= most
 
 
 def test_places_are_interpolated_over_gaps_of_any_width() -> None:
@@ -102,7 +98,7 @@ def test_places_are_interpolated_over_gaps_of_any_width() -> None:
     seconds = (case.tracks.t_ns - begin) / 1e9
     gap = case._replace(tracks=case.tracks.take((seconds < 4) | (seconds > 124)))
     got = streamed(gap, 7).residuals[target]
-    wanted = Residual.of(gap.tracks, gap.bearings, gap.place, target)
+    wanted = streamed(gap).residuals[target]
     between = (wanted.drawn.t_ns > begin + 5 * 10**9) & (wanted.drawn.t_ns < begin + 123 * 10**9)
     assert between.sum() > 20
     np.testing.assert_array_equal(got.drawn.t_ns, wanted.drawn.t_ns)

@@ -10,7 +10,7 @@ from people_in_groups import walk
 
 from occlog.records.pieces import whole_times
 from occlog.records.tables import PeopleTracks
-from occlog.report.content.people import MOST_PEOPLE, People, PeopleStreams, crowd, usual_step
+from occlog.report.content.people import MOST_PEOPLE, PeopleStreams, crowd, usual_step
 
 
 def hall(seed: int) -> PeopleTracks:
@@ -26,7 +26,7 @@ def hall(seed: int) -> PeopleTracks:
 
 
 @pytest.mark.parametrize("rows", [1, 41, 10**6])
-def test_figures_of_pieces_are_those_of_the_whole_table(rows: int) -> None:
+def test_figures_are_the_same_in_chunks_of_any_length(rows: int) -> None:
     tracks = hall(3)
     chunks = [tracks.take(slice(s, s + rows)) for s in range(0, len(tracks), rows)]
     streams = PeopleStreams()
@@ -36,21 +36,20 @@ def test_figures_of_pieces_are_those_of_the_whole_table(rows: int) -> None:
     streams.begin_cells((int(tracks.t_ns[0]), int(tracks.t_ns[-1])), float(usual_step(tracks.t_ns)))
     for chunk in chunks:
         streams.see(chunk, 3)
-    found, whole = streams.finish(crowd(tracks)), People.of(tracks)
+    found = streams.finish(crowd(tracks))
     per_time = np.unique(tracks.t_ns, return_counts=True)[1]
     assert (found.mean, found.most) == (pytest.approx(per_time.mean()), per_time.max())
     assert found.existence == pytest.approx(np.nanmean(tracks.existence), rel=1e-12)
     assert found.several == pytest.approx(np.mean(np.isin(tracks.seen_by, ["a,b", "a,c"])), rel=1e-12)
     assert found.unseen == pytest.approx(np.mean(tracks.seen_by == ""), rel=1e-12)
-    for name in ("rows", "mean", "most", "unseen", "existence", "several", "identities"):
-        assert getattr(found, name) == pytest.approx(getattr(whole, name), rel=1e-12)
-    assert found.cameras == whole.cameras == ("a", "ab", "b", "c")
-    np.testing.assert_array_equal(found.drawn, whole.drawn)
-    assert len(found.drawn) == MOST_PEOPLE < found.identities
+    assert (found.rows, found.identities) == (len(tracks), MOST_PEOPLE + 20)
+    assert found.cameras == ("a", "ab", "b", "c")
+    ids, first, rows = np.unique(tracks.target_id, return_index=True, return_counts=True)
+    longest = sorted(range(len(ids)), key=lambda k: -rows[k])[:MOST_PEOPLE]
+    np.testing.assert_array_equal(found.drawn, ids[sorted(longest, key=lambda k: first[k])])
     for camera in ("a", "ab", "b"):
-        got, wanted = found.sightings(camera), whole.sightings(camera)
-        for column in ("edges", "looked", "seen"):
-            np.testing.assert_array_equal(getattr(got, column), getattr(wanted, column))
+        got = found.sightings(camera)
+        assert got.looked.sum() == len(tracks)
         assert got.share == pytest.approx(np.mean([camera in text.split(",") for text in tracks.seen_by.tolist()]))
 
 

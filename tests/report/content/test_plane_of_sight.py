@@ -1,19 +1,15 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_up import ring_scene, run
 
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.tables import Bearings
-from occlog.report.content.plane_of_sight import (
-    distances,
-    edges_of,
-    meeting_points,
-    positions_at,
-    residuals,
-    visible_area,
-)
+from occlog.report.content.model import ReportInput
+from occlog.report.content.plane_of_sight import edges_of, positions_at, visible_area
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 6.0], [0.0, 6.0]])
 
@@ -57,36 +53,32 @@ def test_positions_between_estimates_and_outside_the_track() -> None:
     assert np.isnan(positions_at(data.tracks, 7, t_ns)).all()
 
 
+def truly(data: ReportInput) -> ReportInput:
+    """The run with tracks that are the truth, of which no errors are known."""
+    return replace(data, tracks=replace(data.tracks, x=data.truth.x, y=data.truth.y), errors=None)
+
+
 def test_sight_lines_meet_at_the_truth_and_residuals_have_the_stated_noise() -> None:
     data = run(steps=600, cameras=6, targets=2)
+    true = truly(data)
     for target in (0, 1):
-        t_ns, points = meeting_points(data.bearings, data.scene, target)
-        rows = data.truth.target_id == target
-        true = np.column_stack([data.truth.x[rows], data.truth.y[rows]])
-        index = np.searchsorted(data.truth.t_ns[rows], t_ns)
-        error = np.hypot(*(points - true[index]).T)
-        assert len(t_ns) > 300
+        assert true.sight[target].rows > 300
         # Noise of 0.01 rad at about 50 m: half a metre across, more where lines cross at small angles.
-        assert np.median(error) < 1.0
-    true_tracks = data.tracks.of(
-        **{c.name: getattr(data.tracks, c.name) for c in data.tracks.columns()} | {"x": data.truth.x, "y": data.truth.y}
-    )
-    found = residuals(true_tracks, data.bearings, data.scene, 0)
+        assert np.median(true.sight[target].distance) < 1.0
+    found = true.residuals[0].drawn
     assert len(found.residual) > 1000
     # 1000 draws or more: the deviation is known to 5 % (two standard errors)
     assert np.std(found.residual / found.sigma) == pytest.approx(1.0, abs=0.06)
 
 
 def test_distances_need_two_sensors() -> None:
-    data = run(steps=100, cameras=1)
-    t_ns, distance = distances(data.tracks, data.bearings, data.scene, 0)
-    assert len(t_ns) == len(distance) == 0
+    found = run(steps=100, cameras=1, errors=None).sight[0]
+    assert found.rows == len(found.t_ns) == len(found.distance) == 0
 
 
 def test_sensors_without_pose_are_left_out() -> None:
     data = run(steps=100, cameras=3)
-    scene = ring_scene(2)
-    found = residuals(data.tracks, data.bearings, scene, 0)
+    found = replace(data, scene=ring_scene(2)).residuals[0].drawn
     assert set(np.unique(found.sensor)) <= {0, 1}
     assert found.names == ("camera 1", "camera 2")
 
@@ -100,24 +92,22 @@ def test_sensors_that_do_not_share_their_times_still_meet() -> None:
     data = run(steps=200, cameras=4)
     _, number = np.unique(data.bearings.sensor, return_inverse=True)
     apart = moved(data.bearings, t_ns=np.sort(data.bearings.t_ns + number * 1_000_000))
-    together, _ = meeting_points(data.bearings, data.scene, 0)
-    found, points = meeting_points(apart, data.scene, 0)
-    assert len(found) == pytest.approx(len(together), abs=10)
-    true = np.column_stack([data.truth.x, data.truth.y])[np.searchsorted(data.truth.t_ns, found, side="right") - 1]
+    together, found = truly(data).sight[0], truly(replace(data, bearings=apart)).sight[0]
+    assert found.rows == pytest.approx(together.rows, abs=10)
     # The target moves by up to 1.2 m a frame.
-    assert np.median(np.hypot(*(points - true).T)) < 1.5
+    assert np.median(found.distance) < 1.5
 
 
 def test_the_nearest_candidate_is_taken_where_none_is_labelled() -> None:
-    data = run(steps=100, cameras=2)
+    data = run(steps=100, cameras=2, errors=None)
     own = moved(data.bearings, target_id=np.full(len(data.bearings), -1))
     away = np.where(own.seen, wrap_angle(own.bearing + 0.7), np.nan)
     both = Bearings.merge([own, moved(own, bearing=away)])
-    want = residuals(data.tracks, data.bearings, data.scene, 0)
-    found = residuals(data.tracks, both, data.scene, 0)
+    nobody = replace(data, bearings=both)
+    want, found = data.residuals[0].drawn, nobody.residuals[0].drawn
     np.testing.assert_array_equal(found.residual, want.residual)
     np.testing.assert_array_equal(found.t_ns, want.t_ns)
-    assert len(meeting_points(both, data.scene, 0)[0]) == 0
+    assert nobody.sight[0].rows == 0
 
 
 @pytest.mark.parametrize(("fov", "sensor"), [(2 * np.pi, False), (7.0, False), (2 * np.pi - 1e-6, True)])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from occlog.report.drawing.thin import broken, envelope, extremes, gaps, running_rms, sensible_top, thin_path
+from occlog.report.drawing.thin import broken, envelope, extremes, gaps, sensible_top, thin_path
 
 VALUES = npst.arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6))
 
@@ -70,12 +70,6 @@ def test_no_break_without_gap() -> None:
     t_ns = np.arange(50, dtype=np.int64) * 10
     (v,) = broken(t_ns, np.arange(50), np.arange(50.0))
     assert not np.isnan(v).any()
-
-
-def test_running_rms_against_its_definition() -> None:
-    values = np.random.default_rng(1).normal(size=30)
-    want = [np.sqrt(np.mean(values[: k + 1] ** 2)) for k in range(30)]
-    np.testing.assert_allclose(running_rms(values), want, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

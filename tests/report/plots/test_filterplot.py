@@ -5,7 +5,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Diagnostics
-from occlog.report.content.fared import deviation, has_particles
+from occlog.report.content.fared import deviation
 from occlog.report.content.model import ReportInput
 from occlog.report.drawing.style import new_figure
 from occlog.report.page import build_page
@@ -31,7 +31,8 @@ def test_a_method_without_particles_shows_how_well_it_knows_the_position(batch: 
     diagnostics, tracks = batch.diagnostics, batch.tracks
     assert diagnostics is not None
     assert tracks is not None
-    assert not has_particles(diagnostics)
+    assert batch.fared is not None
+    assert not batch.fared.particles
     figure = new_figure(8.4, 2.7)
     draw_filter(figure, batch, diagnostics)
     axes = figure.axes[0]
@@ -58,6 +59,6 @@ def test_the_page_of_a_method_without_particles(batch: ReportInput) -> None:
 
 def test_a_filter_with_particles_shows_their_number() -> None:
     data = run()
-    assert data.diagnostics is not None
-    assert has_particles(data.diagnostics)
+    assert data.fared is not None
+    assert data.fared.particles
     assert "Lowest effective sample size" in build_page(data)

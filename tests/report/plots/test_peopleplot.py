@@ -11,7 +11,7 @@ from people_in_groups import walk
 
 from occlog.records.tables import Events, PeopleTracks, Tracks
 from occlog.report.content.model import ReportInput
-from occlog.report.content.people import MOST_PEOPLE, crowd, drawn_people, seeing, sees
+from occlog.report.content.people import MOST_PEOPLE, People, crowd, sees
 from occlog.report.page import build_page
 
 TIMES = np.arange(30) / 10
@@ -22,6 +22,12 @@ def hall() -> PeopleTracks:
     first, second = walk(3, TIMES, (0, 0), (1, 0), camera="cam1,cam2"), walk(8, TIMES[10:], (0, 4), (1, 0))
     hidden = replace(second, seen_by=np.where(second.t_ns > 2_500_000_000, "", "cam2"))
     return PeopleTracks.merge([first, hidden])
+
+
+def people(tracks: PeopleTracks) -> People:
+    found = ReportInput(tracks=tracks).people
+    assert found is not None
+    return found
 
 
 def headings(page: str) -> list[str]:
@@ -37,7 +43,7 @@ def test_people_are_counted_at_each_time() -> None:
 
 def test_a_camera_whose_name_begins_anothers_sees_only_its_own() -> None:
     tracks = walk(0, TIMES, (0, 0), (1, 0), camera="cam12,cam3")
-    assert seeing(tracks) == ("cam12", "cam3")
+    assert people(tracks).cameras == ("cam12", "cam3")
     assert not sees(tracks, "cam1").any()
     assert sees(tracks, "cam12").all()
 
@@ -45,7 +51,7 @@ def test_a_camera_whose_name_begins_anothers_sees_only_its_own() -> None:
 def test_the_people_who_are_there_longest_have_rows_in_the_order_of_their_births() -> None:
     short = [walk(i, TIMES[:5], (i, 0), (1, 0)) for i in range(MOST_PEOPLE)]
     long = walk(900, TIMES[3:], (0, 9), (1, 0))
-    drawn = drawn_people(PeopleTracks.merge([*short, long])).tolist()
+    drawn = people(PeopleTracks.merge([*short, long])).drawn.tolist()
     assert len(drawn) == MOST_PEOPLE
     assert drawn[-1] == 900
     assert MOST_PEOPLE - 1 not in drawn

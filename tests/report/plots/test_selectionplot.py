@@ -7,7 +7,6 @@ import pytest
 
 from occlog.records.tables import Diagnostics, Errors, Tracks
 from occlog.report.content.model import ReportInput
-from occlog.report.content.selections import selected_targets, selections, spans
 from occlog.report.page import build_page
 from occlog.report.plots.selectionplot import cameras_of
 
@@ -46,17 +45,21 @@ def tracks(n):
     )
 
 
+def selections(table, errors=None):
+    return ReportInput(tracks=tracks(5), diagnostics=table, errors=errors).selections
+
+
 MADE = diagnostics([4.0, np.nan, np.nan, 16.0, np.nan], ["a,b", "a,b", "a,b", "b,c", "b,c"])
 
 
 def test_selections_last_until_the_next_one():
-    times, chosen, expected = spans(MADE, 0)
-    assert (times // 10**9).tolist() == [0, 3, 4]
-    assert chosen == [{"a", "b"}, {"b", "c"}]
-    assert expected.tolist() == [2.0, 4.0]
-    assert selected_targets(MADE) == (0,)
-    assert selected_targets(diagnostics([np.nan], [""])) == ()
-    assert selected_targets(None) == ()
+    found = selections(MADE)
+    assert list(found) == [0]
+    assert (found[0].times // 10**9).tolist() == [0, 3, 4]
+    assert found[0].chosen == ({"a", "b"}, {"b", "c"})
+    assert found[0].expected == pytest.approx(np.sqrt((4.0 + 16.0) / 2))
+    assert selections(diagnostics([np.nan], [""])) == {}
+    assert ReportInput(tracks=tracks(5)).selections == {}
 
 
 def test_what_was_expected_is_compared_with_what_came_out_at_the_same_times():
@@ -64,11 +67,11 @@ def test_what_was_expected_is_compared_with_what_came_out_at_the_same_times():
     zero = np.zeros(5)
     error = np.array([1.0, 50.0, 50.0, 7.0, 50.0])
     errors = Errors(t, np.zeros(5, dtype=np.int32), zero, zero, zero, zero, error, zero, error, zero)
-    both, spread = selections(MADE, (errors, tracks(5)))[0], selections(MADE, (None, tracks(5)))[0]
+    both, spread = selections(MADE, errors)[0], selections(MADE)[0]
     assert both.expected == pytest.approx(np.sqrt(10.0))
     assert (both.found, both.what) == (5.0, "error")
     assert (spread.found, spread.what) == (2.0, "stated spread")
-    assert np.isnan(selections(MADE, ())[0].found)
+    assert np.isnan(ReportInput(tracks=tracks(0), diagnostics=MADE).selections[0].found)
 
 
 def test_the_page_shows_selected_cameras():

@@ -7,7 +7,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Bearings
-from occlog.report.content.looks import CELLS, Sightings, sightings
+from occlog.report.content.looks import CELLS, LookStreams, Sightings
 from occlog.report.plots.visibility import coarser, sensors, watched
 
 
@@ -26,6 +26,12 @@ def looks(t_ns: list[int], seen: list[bool], sensor: str = "a", target: int = 0)
         sigma_px=nan,
         score=nan,
     )
+
+
+def sightings(table: Bearings, sensor: str, target: int) -> Sightings:
+    streams = LookStreams()
+    streams.add(table)
+    return streams.finish([sensor], [target]).sightings(sensor, target)
 
 
 def test_each_frame_lasts_to_the_next_and_a_gap_is_no_frame() -> None:

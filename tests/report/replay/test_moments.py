@@ -14,6 +14,7 @@ from made_up import STEP_NS, ring_scene, run
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Diagnostics, Hulls, Occluders, Tracks, Truth
+from occlog.report.content import thinned
 from occlog.report.content.model import ReportInput
 from occlog.report.replay import moments as rule
 from occlog.report.replay.build import replay
@@ -89,7 +90,7 @@ def test_sensors_that_look_at_other_times_are_shown_at_the_next_moment() -> None
 
 @pytest.mark.parametrize(("most", "every"), [(400, 1), (399, 2), (200, 2), (199, 3)])
 def test_moments_are_thinned_by_the_rule(monkeypatch: pytest.MonkeyPatch, most: int, every: int) -> None:
-    monkeypatch.setattr(rule, "MOST_ROWS", most)
+    monkeypatch.setattr(thinned, "MOST_SHOWN", most)
     data = run(steps=200, targets=2, cameras=1)
     found = replay(data)
     assert found is not None
@@ -211,7 +212,7 @@ def test_nothing_is_shown_of_what_does_not_move() -> None:
 
 
 def test_truth_of_many_moving_objects_is_left_to_targets() -> None:
-    count = rule.MOST_MOVING
+    count = thinned.MOST_MOVING
     for others, rows in ((count, count + 1), (count + 1, 1)):
         roles = ["target"] + ["occluder"] * others
         size = len(roles)

@@ -1,7 +1,8 @@
-"""Bearings that are too long to be drawn whole: gone through alone, then beside the tracks."""
+"""Goes through the bearings of a report: alone, then beside the tracks."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,14 +21,10 @@ from occlog.io.files.put_aside.spool import Spool
 from occlog.records.pieces import LAST, Limits, Side, in_step, whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
-from occlog.report.content import thinned as rule
-from occlog.report.content.looks import Looked, LookStreams
+from occlog.report.content.looks import MOST_SENSORS, MOST_TARGETS, Looked, LookStreams, known_first
 from occlog.report.content.off_sight import Distances, OffSightStreams, Residual
 from occlog.report.content.plane_of_sight import period_of, places, share_times, sight_lines
-from occlog.report.content.thinned import Whole
-from occlog.report.plots.visibility import MOST_ROWS as MOST_SENSORS
-from occlog.report.plots.visibility import MOST_TARGETS, known_first
-from occlog.report.replay.moments import shortly_before
+from occlog.report.content.thinned import Whole, fewer, shortly_before
 
 STEP = np.dtype([("group", "i8"), ("step", "f8")])
 """The time between two sightings of a target by a sensor: the number of both, and nanoseconds."""
@@ -153,8 +150,9 @@ def bearings_of(
     stream: Callable[[], Iterator[Bearings]],
     scene: Scene | None,
     targets: tuple[int, ...],
-    moments: tuple[Ints | None, float],
+    moments: tuple[Ints, float],
     beside: Beside | None,
+    most: int = sys.maxsize,
 ) -> Found:
     """Go through all bearings twice.
 
@@ -164,9 +162,10 @@ def bearings_of(
         targets: that are tracked.
         moments: times that the replay shows, and the usual time between two of all times [ns].
         beside: what they are compared with; None: nothing.
+        most: how many of them are drawn, about.
     """
     looks, steps, times, span = LookStreams(), Spool(), 0, (0, 0)
-    kept, step_ns = (np.zeros(0, np.int64) if moments[0] is None else moments[0]), moments[1]
+    kept, step_ns = moments
     counts = np.zeros(len(kept), np.int64)
     periods = None if beside is None or scene is None else _Periods(scene, beside.without)
     for piece in whole_times(stream()):
@@ -178,9 +177,9 @@ def bearings_of(
         counts += np.bincount(shortly_before(kept, step_ns, piece.t_ns)[1], minlength=len(kept))
         if periods is not None:
             periods.add(piece)
-    every = max(-(-looks.rows // rule.MOST_ROWS), 1)
-    fewer = 1 if every == 1 else rule.fewer(counts, rule.MOST_ROWS)
-    shown, parts = kept[::fewer], [Bearings.empty()]
+    every = max(-(-looks.rows // most), 1)
+    step = 1 if every == 1 else fewer(counts, most)
+    shown, parts = kept[::step], [Bearings.empty()]
 
     def keep(part: Bearings) -> None:
         parts.append(part if every == 1 else part.take(shortly_before(shown, step_ns, part.t_ns)[0]))
@@ -199,7 +198,7 @@ def bearings_of(
     watched = tuple(i for i in looks.labels if i != UNLABELLED) or looks.labels
     looked = looks.finish(named, dict.fromkeys((*watched[:MOST_TARGETS], *targets[:1])))
     whole = Whole(looks.rows, times, every, shown, median_of(steps) if steps.count else float(NS), span)
-    return Found(Bearings.concat(parts), whole, looked, fewer, residuals, sight)
+    return Found(Bearings.concat(parts), whole, looked, step, residuals, sight)
 
 
 def _beside(

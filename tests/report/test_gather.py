@@ -18,6 +18,7 @@ from people_in_groups import walk
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.evaluate import sources
 from occlog.evaluate.verdict import Made
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
@@ -25,12 +26,12 @@ from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
+from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occluders, PeopleTracks, Tracks, Truth
 from occlog.report.content import thinned as rule
 from occlog.report.content.model import ReportInput
 from occlog.report.content.thinned import ErrorsSoFar, Whole, fewer, thinned, with_rows
-from occlog.report.drawing.thin import running_rms
-from occlog.report.long_tables import LongTables
+from occlog.report.gather import gather, in_files
 from occlog.report.markdown import build_markdown
 from occlog.report.plots.floorplan import plan_limits
 from occlog.report.replay.build import replay
@@ -103,7 +104,8 @@ def test_figures_up_to_each_row_are_those_of_all_rows() -> None:
     so_far = np.concatenate([found.add(part) for part in chunks(errors, 13)])
     for target in (3, 8):
         own = errors.target_id == target
-        np.testing.assert_allclose(so_far[own], running_rms(errors.error[own]), rtol=1e-12)
+        running = np.sqrt(np.cumsum(errors.error[own] ** 2) / np.arange(1, own.sum() + 1))
+        np.testing.assert_allclose(so_far[own], running, rtol=1e-12)
         assert found.rmse(target) == pytest.approx(float(so_far[own][-1]), rel=1e-12)
         assert found.worst(target) == errors.error[own].max()
     assert found.rmse() == pytest.approx(float(np.sqrt(np.mean(errors.error**2))), rel=1e-12)
@@ -150,6 +152,7 @@ def pages(
     for most, rows in ((10**6, 10**6), (100, 37)):
         monkeypatch.setattr(rule, "MOST_ROWS", most)
         monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
+        monkeypatch.setattr(sources, "AT_ONCE", rows)
         page = folder / f"{most}.html"
         assert run([*args, "--overwrite", "--json", "-o", str(page)]) == ExitCode.DONE
         said.append(words(page))
@@ -190,7 +193,7 @@ def test_a_page_of_long_tables_has_the_numbers_of_the_whole(
     assert any("covariances are too small" in text for text in whole)
 
 
-def in_files(folder: Path, data: ReportInput) -> Bearings:
+def placed(folder: Path, data: ReportInput) -> Bearings:
     """Write the scene, with names that a file may have; the bearings with the same names."""
     assert data.scene is not None
     assert data.bearings is not None
@@ -221,7 +224,7 @@ def test_a_page_with_bearings_bound_and_diagnostics_has_the_numbers_of_the_whole
 ) -> None:
     data = made_up(steps=600, targets=2, cameras=4)
     assert data.diagnostics is not None
-    bearings = in_files(tmp_path, data)
+    bearings = placed(tmp_path, data)
     if labels == "nobody's":
         bearings = replace(bearings, target_id=np.full(len(bearings), -1, dtype=np.int32))
     names = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics")
@@ -268,6 +271,14 @@ def test_errors_say_nothing_of_cameras_that_were_selected_for_tracks_with_names_
 NAMES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics")
 
 
+def read(folder: Path, given: dict[str, Table], scene: Scene | None) -> ReportInput:
+    """What a report shows of tables that are written."""
+    written(folder, **given)
+    files = in_files({name: folder / f"{name}.parquet" for name in given}, None, scene)
+    tables, figures = gather(files, Made(), scene, {})
+    return ReportInput(scene=scene, gathered=figures, **tables)
+
+
 @pytest.mark.parametrize("given", [NAMES, ("bearings",), ("bearings", "truth"), ("truth", "errors", "bound")])
 @pytest.mark.parametrize("empty", ["", *NAMES])
 def test_words_and_figures_are_those_of_the_whole_where_tables_are_empty_or_missing(
@@ -276,12 +287,11 @@ def test_words_and_figures_are_those_of_the_whole_where_tables_are_empty_or_miss
     data = made_up(steps=120, targets=2, cameras=3)
     tables = {name: getattr(data, name) for name in given}
     tables |= {empty: type(tables[empty]).empty()} if empty in given else {}
-    written(tmp_path, **tables)
     monkeypatch.setattr(rule, "MOST_ROWS", 50)
     monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=31))
-    long = LongTables(**{name: tmp_path / f"{name}.parquet" for name in given})
-    assert long.are_long == any(len(table) > 50 for table in tables.values())
-    part = ReportInput(scene=data.scene, **long.read(Made(), data.scene, {}))
+    monkeypatch.setattr(sources, "AT_ONCE", 31)
+    part = read(tmp_path, tables, data.scene)
+    assert any(each.every > 1 for each in part.whole.values()) == any(len(table) > 50 for table in tables.values())
     whole = ReportInput(scene=data.scene, **tables)
     assert build_markdown(part) == build_markdown(whole)
     assert (replay(part) is None) == (replay(whole) is None)
@@ -289,24 +299,26 @@ def test_words_and_figures_are_those_of_the_whole_where_tables_are_empty_or_miss
     assert part.targets == whole.targets
 
 
+def test_without_anything_to_ask_there_is_no_verdict() -> None:
+    data = made_up(steps=30)
+    assert ReportInput(scene=data.scene).figures.judged is None
+    assert ReportInput(tracks=data.tracks).figures.judged is None
+    assert ReportInput(tracks=data.tracks, errors=data.errors).figures.judged is not None
+
+
 def test_the_moments_of_long_tables_have_the_sight_lines_and_the_truth_of_their_own_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = made_up(steps=600, targets=2, cameras=4)
     given = {name: getattr(data, name) for name in ("tracks", "bearings", "truth", "diagnostics")}
-    paths = {name: tmp_path / f"{name}.parquet" for name in given}
-    written(tmp_path, **given)
     monkeypatch.setattr(rule, "MOST_ROWS", 300)
-    long = LongTables(**paths)
-    assert long.are_long
-    part = ReportInput(scene=data.scene, **long.read(Made(), data.scene, {}))
+    part = read(tmp_path, given, data.scene)
     few, all_of = Moments(part, plan_limits(part)), Moments(data, plan_limits(data))
-    assert part.of_all is not None
-    step = part.of_all.every
+    step = part.figures.every
     assert step > 1
     np.testing.assert_array_equal(few.kept, all_of.kept[::step])
-    assert few.count == len(all_of.times)
-    every = part.of_all.sight_every
+    assert few.count == all_of.count == 600
+    every = part.figures.sight_every
     assert every > 1
     bearings = part.bearings
     assert bearings is not None
@@ -331,7 +343,7 @@ def test_a_page_of_everybody_has_the_numbers_of_the_whole(
         happened += [(int(one.t_ns[0]), "birth", k, -1, 0.9), (int(one.t_ns[-1]), "death", k, -1, 0.1)]
         happened += [(int(one.t_ns[5]), "doubt", k, (k + 1) % 70, 0.4)] * (k % 3 == 0)
     tracks = PeopleTracks.merge(people)
-    bearings = in_files(tmp_path, made_up(steps=200, cameras=2))
+    bearings = placed(tmp_path, made_up(steps=200, cameras=2))
     role, z = np.full(len(tracks), "target"), np.zeros(len(tracks))
     truth = Truth.of(t_ns=tracks.t_ns, target_id=tracks.target_id, role=role, x=tracks.x, y=tracks.y + 0.1, z=z)
     _, first = np.unique(tracks.t_ns, return_index=True)
