@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from occlog import console
-from occlog.request import Entry, Form, Kind, Request, Verb
+from occlog.request import Entry, Form, Kind, Request, Verb, Verbs
 from occlog.settings import Settings, declaration, kind_of, plain_kind
 
 from . import options
@@ -17,8 +17,13 @@ from .setting_options import CHOSEN, SettingOption, SettingsCommand, Variant, Va
 from .values import NumberOrFile, parse_setting
 
 
-def command_of(verb: type[Request] | Verb, name: str, short_help: str) -> SettingsCommand:
+def command_of(verb: type[Request] | Verb | Verbs, name: str, short_help: str) -> click.Command:
     """The command of a verb; its help is the docstring of the class of its requests."""
+    if isinstance(verb, Verbs):
+        commands: dict[str, click.Command] = {
+            each: _one(request, each, line) for each, (request, line) in verb.verbs.items()
+        }
+        return click.Group(name, commands, help=verb.help, short_help=short_help)
     return _one(verb, name, short_help) if isinstance(verb, type) else _several(verb, name, short_help)
 
 
@@ -103,7 +108,7 @@ def _do(
 
     done = run(request, overwrite=overwrite, quiet=quiet)
     code = console.finish(done.summary, done.losses, as_json)
-    return console.strict_code(code, done.summary.get("plausible"), strict)
+    return console.strict_code(code, done.summary.get(form.request.VERDICT), strict)
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
@@ -126,14 +131,15 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
         return SettingOption(entry.owner, entry.of, f"{under}_" if under else "", under, names)
     path: click.ParamType[Any] = options.PATH if of.output or not of.there else options.INPUT
     kind = path if of.number is None else NumberOrFile(of.number)
+    several = plain_kind(kind_of(entry.owner, entry.of.name)) is tuple
     if of.argument:
-        return click.Argument([entry.of.name], type=kind)
+        return click.Argument([entry.of.name], type=kind, nargs=-1 if several else 1, required=True)
     flags = (of.option or f"--{entry.of.name.replace('_', '-')}").split("/")
     return click.Option(
         [*flags, entry.of.name],
         type=kind,
         required=entry.required,
-        multiple=plain_kind(kind_of(entry.owner, entry.of.name)) is tuple,
+        multiple=several,
         default=None,
         metavar=of.metavar,
         help=of.help,
@@ -141,7 +147,8 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
 
 
 def _strict(request: type[Request]) -> list[click.Option]:
-    return [click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP)] if request.JUDGED else []
+    help_text = f"Exit code 6 {request.STRICT}"
+    return [click.Option(["--strict"], is_flag=True, help=help_text)] if request.JUDGED else []
 
 
 def _common(example: str) -> list[click.Option]:
