@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from occlog.errors import UsageError, option
-from occlog.settings import Settings, declaration, declared, kind_of, read_value
+from occlog.settings import Declaration, Settings, declaration, declared, kind_of, read_value
 
 S = TypeVar("S", bound=Settings)
 SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of stations."
@@ -30,14 +30,16 @@ class File:
         table: output: name of the table in it; empty: it is no table, or the run decides.
         result: output: its name in the result of the Python function; empty: that of the field, or of the table of the
             main output.
-        asked: output: the Python function asks for it: `always`, `also` (by its argument `also`), or where the
-            argument of that name is given.
+        asked: output: the Python function asks for it: `always`, `also` (by its argument `also`), `never`, or where
+            the argument of that name is given.
         option: as click writes it (`-o/--output`); None: the field's name.
         metavar: how the option's value is called.
         argument: it is an argument without a name.
+        together: of a field of several files so many are given at a time.
         number: a number from this on may stand in the place of the file; None: no number may.
         scene: a scene is read from it.
         there: click looks whether it is there, and `-` is standard input.
+        kinds: kinds of input that it is for, where the request is of several (`Request.KIND`); empty: all.
     """
 
     help: str
@@ -48,9 +50,11 @@ class File:
     option: str | None = None
     metavar: str | None = None
     argument: bool = False
+    together: int = 1
     number: float | None = None
     scene: bool = False
     there: bool = True
+    kinds: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,9 +78,32 @@ class Group:
     nested: bool = False
 
 
-def source(help: str, *, required: bool = False, **declared_of: Any) -> Any:
-    """Declare a field that names a file to read; an argument is required, all else where it is said."""
-    return _file(File(help, **declared_of), required)
+@dataclass(frozen=True)
+class Plugged:
+    """What is declared of a field that holds plug-ins that were chosen, with their settings.
+
+    Attributes:
+        kind: of the plug-ins.
+        help: one sentence or more.
+        option: as click writes it; it may be repeated.
+        kinds: kinds of input that they are for; see `File`.
+    """
+
+    kind: str
+    help: str
+    option: str
+    kinds: tuple[str, ...] = ()
+
+
+def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> Any:
+    """Declare a field that holds plug-ins that were chosen, a tuple of `occlog.plugins.chosen.Chosen`."""
+    return field(default=(), metadata={"plugged": Plugged(kind, help, option, kinds)})
+
+
+def source(help: str, *, required: bool | None = None, **declared_of: Any) -> Any:
+    """Declare a field that names a file to read; an argument is required unless it is said, all else where it is."""
+    of = File(help, **declared_of)
+    return _file(of, of.argument if required is None else required)
 
 
 def sink(help: str, table: str = "", *, required: bool = False, **declared_of: Any) -> Any:
@@ -86,7 +113,7 @@ def sink(help: str, table: str = "", *, required: bool = False, **declared_of: A
 
 def _file(of: File, required: bool) -> Any:
     metadata = {"file": of}
-    return field(metadata=metadata) if required or of.argument else field(default=None, metadata=metadata)
+    return field(metadata=metadata) if required else field(default=None, metadata=metadata)
 
 
 def output_file(help: str, table: str = "", result: str = "") -> Any:
@@ -110,12 +137,16 @@ class Request(Settings):
 
     `RUN` is module and name of the function that does it: from the request and a `Job` to a summary and losses.
     `JUDGED`: the summary has the figure `VERDICT`, whether all is well; `STRICT` says what false means.
+    `KIND` is module and name of the function that says of which kind of input a request is, and `KINDS` are words for
+    these kinds; without any a request takes all that it declares.
     """
 
     RUN: ClassVar[str]
     JUDGED: ClassVar[bool] = False
     VERDICT: ClassVar[str] = "plausible"
     STRICT: ClassVar[str] = "if warnings say that the estimates are not plausible. Outputs are written all the same."
+    KIND: ClassVar[str] = ""
+    KINDS: ClassVar[Mapping[str, str]] = {}
 
     def files(self, *, output: bool) -> dict[str, Path]:
         """Files to read, or to write, by the names of fields, in the order of declaration; those of a tuple apart."""
@@ -123,8 +154,7 @@ class Request(Settings):
         for f in fields(self):
             value, of = getattr(self, f.name), f.metadata.get("file")
             if of is not None and of.output == output:
-                each = value if isinstance(value, tuple) else (value,)
-                paths = [path for path in each if isinstance(path, Path)]
+                paths = [path for path in _flat(value) if isinstance(path, Path)]
                 found |= {f"{f.name}[{n}]" if n else f.name: path for n, path in enumerate(paths)}
         return found
 
@@ -132,6 +162,24 @@ class Request(Settings):
         """The name of the table that an output is; empty: it is none."""
         found: File = type(self).__dataclass_fields__[field_name].metadata["file"]
         return found.table
+
+    def kind(self) -> str:
+        """The kind of its input; empty: it has none."""
+        return str(load(self.KIND)(self)) if self.KIND else ""
+
+    def unfit(self, kind: str) -> Iterator[Entry]:
+        """What was given that is not for a kind of input."""
+        for entry in Form(type(self)).entries():
+            value = getattr(self, entry.field)
+            value = value.get(entry.of.name) if entry.group is not None else value
+            if entry.kinds and kind not in entry.kinds and value is not None and value is not False and value != ():
+                yield entry
+
+    def check_kind(self, kind: str) -> None:
+        """UsageError for what was given and is not for a kind of input; it names the kinds that have it."""
+        for entry in self.unfit(kind):
+            wanted = ", or ".join(self.KINDS[each] for each in entry.kinds)
+            raise UsageError(f"{option(entry.key)} is for {wanted}; not for {self.KINDS[kind]}")
 
     @property
     def inputs(self) -> list[Path]:
@@ -166,6 +214,17 @@ class Entry(NamedTuple):
         """What is declared of a file."""
         found: File | None = self.of.metadata.get("file")
         return found
+
+    @property
+    def plugged(self) -> Plugged | None:
+        """What is declared of plug-ins."""
+        found: Plugged | None = self.of.metadata.get("plugged")
+        return found
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of input that it is for; empty: all."""
+        return (self.file or self.plugged or declaration(self.of)).kinds
 
     @property
     def required(self) -> bool:
@@ -323,11 +382,20 @@ class Verb:
         return self.kinds[name] if name in self.kinds else self.more().get(name)
 
 
+def _flat(value: object) -> Iterator[object]:
+    """The items of tuples in tuples, or the value itself."""
+    if isinstance(value, tuple):
+        for each in value:
+            yield from _flat(each)
+    else:
+        yield value
+
+
 def _key(f: Field[Any]) -> str:
     """The name of a field: that of its option, or its own."""
-    of: File | None = f.metadata.get("file")
-    option = of.option if of is not None else declaration(f).option
-    if option is None or (of is not None and of.argument):
+    of: File | Plugged | Declaration = f.metadata.get("file") or f.metadata.get("plugged") or declaration(f)
+    option = of.option
+    if option is None or getattr(of, "argument", False):
         return f.name
     long = next(flag for flag in option.split("/") if flag.startswith("--"))
     return long.removeprefix("--").replace("-", "_")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
@@ -21,10 +21,21 @@ T = TypeVar("T")
 
 
 class Done(NamedTuple):
-    """What came of a request: figures for the user, and input that was lost."""
+    """What came of a request.
+
+    Attributes:
+        summary: figures for the user.
+        losses: input that was lost.
+        earlier: input that was lost when the inputs were made.
+        failed: conditions that the user gave and that are met, each in words.
+        shown: what is printed in the place of the summary: as JSON, or for a person; None: the summary.
+    """
 
     summary: dict[str, Any]
-    losses: Sequence[Loss]
+    losses: Sequence[Loss] = ()
+    earlier: Sequence[Loss] = ()
+    failed: Sequence[str] = ()
+    shown: Callable[[bool], str] | None = None
 
 
 def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Done:
@@ -40,8 +51,10 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Do
         UsageError: an output is an input too, or values contradict each other.
         InputError: an input is missing, damaged, or says something that cannot be.
     """
+    kind = request.kind()
+    request.check_kind(kind)
     check_outputs(request.inputs, request.outputs, overwrite)
-    return Done(*load(request.RUN)(request, Job(request, overwrite, quiet)))
+    return Done(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
 
 
 @dataclass(frozen=True)
@@ -52,11 +65,13 @@ class Job:
         request: what is asked for.
         overwrite: outputs that exist are replaced.
         quiet: no progress and no notes.
+        kind: of the input, for requests that have several.
     """
 
     request: Request
     overwrite: bool
     quiet: bool
+    kind: str = ""
 
     def progress(self, items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
         """The items, with a bar on a terminal."""

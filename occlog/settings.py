@@ -68,6 +68,7 @@ class Declaration:
         repeat: the option may be repeated; each time it adds names, separated by commas.
         whole: with `repeat`: each time the option adds one text, commas and all.
         apart: the option takes the numbers of a tuple one after the other, not with commas.
+        frames: the option takes two whole numbers, as A:B with A < B.
         kinds: kinds of input that the setting is for, where the command has several; empty: all.
     """
 
@@ -90,6 +91,7 @@ class Declaration:
     repeat: bool = False
     apart: bool = False
     whole: bool = False
+    frames: bool = False
     kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:

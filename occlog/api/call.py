@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from occlog import console
+from occlog.cli.plugged import wanted
 from occlog.errors import UsageError
+from occlog.plugins.chosen import Chosen
 from occlog.request import Entry, File, Form, Request
 from occlog.runner import run
 from occlog.settings import Settings, declaration, kind_of
@@ -49,13 +52,15 @@ def call(
         plain = (entry for entry in form.entries() if entry.group is None)
         given = {entry.name: _value(entry, arguments, inputs, called or {}) for entry in plain}
         request = form.build({**given, **outputs}, _groups(form, arguments))
+        request = _fitting(request, outputs)
         done = run(request, quiet=not arguments.get("progress", False))
         found = {name: of(request) for name, of in more.items()}
         said = [inputs.named(text) for text in notes]
     warnings, notes_left = sentences(said)
-    warn(warnings, done.losses)
+    losses = tuple(dict.fromkeys((*done.earlier, *done.losses)))
+    warn(warnings, losses)
     tables = tables_in(home, [path.stem for path in outputs.values()])
-    return result(home.without_paths(done.summary), tables, tuple(done.losses), warnings, notes_left, **found)
+    return result(home.without_paths(done.summary), tables, losses, warnings, notes_left, **found)
 
 
 def check_taken(form: Form, given: Mapping[str, object], also: Sequence[str], called: str) -> None:
@@ -90,6 +95,12 @@ def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str
     return found
 
 
+def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
+    """The request without outputs that are always asked for and that its kind of input does not have."""
+    unfit = (entry for entry in request.unfit(request.kind()) if entry.name in outputs)
+    return replace(request, **{entry.field: None for entry in unfit if entry.file and entry.file.asked == "always"})
+
+
 def _asked(entry: Entry, of: File, arguments: Mapping[str, Any]) -> bool:
     if of.asked == "also":
         return entry.field in arguments.get("also", ())
@@ -101,6 +112,8 @@ def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs, called: M
     value, of, name = arguments.get(entry.field), entry.file, entry.field
     if value is None or (of is not None and of.output):
         return None
+    if (plugged := entry.plugged) is not None:
+        return _plugged(value, plugged.kind, name)
     if of is None:
         kind = kind_of(entry.owner, entry.of.name)
         if kind == tuple[str, ...]:
@@ -114,6 +127,17 @@ def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs, called: M
         names = (f"{name}[{n}]" for n in range(len(value)))
         return tuple(_named(inputs, each, called.get(key, key)) for each, key in zip(value, names, strict=True))
     return _named(inputs, value, called[name]) if name in called else inputs.rows(value, name)
+
+
+def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, name: str) -> tuple[Chosen, ...]:
+    """Plug-ins of a kind by their names, or by these their settings."""
+    given = value if isinstance(value, Mapping) else {each: {} for each in value}
+    found = []
+    for each, values in given.items():
+        plugin = wanted(each, kind, name)
+        (config,) = settings_by_class(f"{kind} {each}", dict(values), [("", plugin.load().settings)], ())
+        found.append(Chosen(plugin, config))
+    return tuple(found)
 
 
 def _text(value: object) -> str:

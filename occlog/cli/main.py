@@ -64,7 +64,9 @@ COMMANDS = {
     ),
     "plan": Command("occlog.plan.request:PlanRequest", "Expected errors of sensors, and what one more would help."),
     "evaluate": Command("occlog.evaluate.command", "Compare tracks with the truth and with the Cramer-Rao bound."),
-    "compare": Command("occlog.evaluate.compare.command", "Say whether runs on the same recordings differ."),
+    "compare": Command(
+        "occlog.evaluate.compare.request:CompareRequest", "Say whether runs on the same recordings differ."
+    ),
     "report": Command("occlog.report.command", "Show a run as one offline page and a picture."),
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
     "batch": Command("occlog.pipeline.batch.command", "Do the stages of a run for each of many recordings."),

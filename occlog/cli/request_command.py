@@ -9,10 +9,12 @@ from typing import Any
 import click
 
 from occlog import console
+from occlog.errors import ExitCode
 from occlog.request import Entry, Form, Kind, Request, Verb, Verbs
 from occlog.settings import Settings, declaration, kind_of, plain_kind
 
 from . import options
+from .plugged import PluggedCommand, chosen_in
 from .setting_options import CHOSEN, SettingOption, SettingsCommand, Variant, VariantCommand, in_own_unit, value_after
 from .values import NumberOrFile, parse_setting
 
@@ -30,14 +32,16 @@ def command_of(verb: type[Request] | Verb | Verbs, name: str, short_help: str) -
 def _one(request: type[Request], name: str, short_help: str) -> SettingsCommand:
     form = Form(request)
     free = form.set_group()
-    return SettingsCommand(
-        name=name,
-        params=[*map(_param, form.entries()), *_strict(request), *_common("" if free is None else free[1])],
-        callback=partial(_do, form),
-        help=request.__doc__,
-        short_help=short_help,
-        settings=None if free is None else partial(_settings_of, form, free[0]),
-    )
+    taken: dict[str, Any] = {
+        "name": name,
+        "params": [*map(_param, form.entries()), *_strict(request), *_common("" if free is None else free[1])],
+        "callback": partial(_do, form),
+        "help": request.__doc__,
+        "short_help": short_help,
+        "settings": None if free is None else partial(_settings_of, form, free[0]),
+    }
+    of = next((entry.plugged for entry in form.entries() if entry.plugged is not None), None)
+    return SettingsCommand(**taken) if of is None else PluggedCommand(flag=of.option, kind=of.kind, **taken)
 
 
 def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
@@ -107,16 +111,29 @@ def _do(
     from occlog.runner import run
 
     done = run(request, overwrite=overwrite, quiet=quiet)
-    code = console.finish(done.summary, done.losses, as_json)
+    for loss in done.earlier:
+        console.note(f"lost earlier: {loss}", quiet)
+    code: int = ExitCode.DONE
+    if done.shown is None:
+        code = console.finish(done.summary, done.losses, as_json)
+    else:
+        click.echo(done.shown(as_json))
+    for line in done.failed:
+        click.echo(f"occlog: --fail-if {line}", err=True)
+        code = ExitCode.THRESHOLD
+    for path in request.outputs if done.shown is not None else ():
+        console.note(f"wrote {path}", quiet)
     return console.strict_code(code, done.summary.get(form.request.VERDICT), strict)
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
     """The request of the values of a command's parameters, and of the texts of `--set`."""
-    given = {}
+    given: dict[str, Any] = {}
     for entry in form.entries():
         value = values.get(entry.name)
-        if value not in (None, ()):
+        if entry.plugged is not None:
+            given[entry.name] = chosen_in(click.get_current_context(), values)
+        elif value not in (None, ()):
             given[entry.name] = value if entry.file is not None else in_own_unit(value, declaration(entry.of))
     free = form.set_group()
     return form.build(given, {} if free is None else {free[0]: dict(parse_setting(text) for text in settings)})
@@ -125,6 +142,8 @@ def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = 
 def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
     """The parameter of a command for one thing that a request takes."""
     of = entry.file
+    if (plugged := entry.plugged) is not None:
+        return click.Option([plugged.option, entry.of.name], multiple=True, metavar="NAME", help=plugged.help)
     if of is None:
         under = "" if entry.group is None else entry.group.under
         names = tuple(verb.kinds) if verb is not None and verb.by == entry.key else ()
@@ -133,13 +152,14 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
     kind = path if of.number is None else NumberOrFile(of.number)
     several = plain_kind(kind_of(entry.owner, entry.of.name)) is tuple
     if of.argument:
-        return click.Argument([entry.of.name], type=kind, nargs=-1 if several else 1, required=True)
+        return click.Argument([entry.of.name], type=kind, required=entry.required, nargs=-1 if several else 1)
     flags = (of.option or f"--{entry.of.name.replace('_', '-')}").split("/")
     return click.Option(
         [*flags, entry.of.name],
         type=kind,
         required=entry.required,
         multiple=several,
+        nargs=of.together,
         default=None,
         metavar=of.metavar,
         help=of.help,

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-import click
-
 from occlog.cli.setting_options import given
+from occlog.cli.values import FRAMES as FRAMES
+from occlog.cli.values import SIZE as SIZE
 from occlog.errors import UsageError, did_you_mean
 from occlog.records.names import first_double
 from occlog.settings import Settings, setting
@@ -20,26 +20,6 @@ from .offsets import offsets_of
 
 T = TypeVar("T")
 _NAME = re.compile(r"^[^\s,/=:]{1,64}$")
-
-
-class _Pattern(click.ParamType):  # type: ignore[type-arg,unused-ignore]
-    """Two whole numbers in a pattern."""
-
-    def __init__(self, name: str, pattern: str, example: str, check: Callable[[int, int], bool]) -> None:
-        self.name, self._pattern, self._example, self._check = name, re.compile(pattern), example, check
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """The two numbers; a usage error for anything else."""
-        if isinstance(value, tuple):
-            return value
-        found = self._pattern.match(str(value).strip())
-        if found is None or not self._check(int(found[1] or 0), int(found[2])):
-            self.fail(f"{value!r}: want {self._example}", param, ctx)
-        return int(found[1] or 0), int(found[2])
-
-
-FRAMES = _Pattern("range", r"^(\d{0,9}):(\d{1,9})$", "A:B with A < B, for example 0:400", lambda a, b: a < b)
-SIZE = _Pattern("size", r"^(\d{1,5})[xX](\d{1,5})$", "WIDTHxHEIGHT, for example 1920x1080", lambda a, b: a > 0 < b)
 
 
 CALIBRATIONS = (

@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.console.details import begin_work
+from occlog.console.text import as_bytes
 from occlog.core.metrics.mot.frame_pairs import of_points
 from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
 from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, Difference, compare
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
+from occlog.io.files.atomic import write_bytes
 from occlog.io.open import check_unit, common_unit, losses_of, open_if_ours, open_in_unit, open_input
-from occlog.records.losses import Loss
 from occlog.records.tables import Tracks, Truth
+from occlog.runner import Done, Job
 from occlog.settings import METRES
 
+from . import text
 from .inputs import Run, paired
+from .model import Comparison, Condition, Row
+from .request import CompareRequest
 
 ALPHA = 0.01
 """Chance of a false alarm of `--fail-if`."""
@@ -36,72 +40,42 @@ MATCH_M = 1.0
 CONDITION = re.compile(r"\s*(\w+)\s+worse(?:\s+by\s+(\S+))?\s*")
 
 
-class Condition(NamedTuple):
-    """The comparison fails if the figure of a later method is worse than that of the first by more than a margin."""
-
-    figure: str
-    margin: float = 0.0
-
-    def __str__(self) -> str:
-        """As it is given."""
-        return f"{self.figure} worse" + (f" by {self.margin:g}" if self.margin else "")
-
-
-@dataclass(frozen=True)
-class Row:
-    """One method against the first one in one figure.
-
-    Attributes:
-        method: place among those that were given, from 1.
-        figure: name.
-        found: what was found.
-        holm: p, with all rows of a comparison looked at together (Holm 1979).
-        verdict: `better`, `worse`, `no difference shown` or `not decided`, for the later method.
-    """
-
-    method: int
-    figure: str
-    found: Difference
-    holm: float
-    verdict: str
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """All of it.
-
-    Attributes:
-        rows: by method and figure.
-        recordings: names.
-        frames: how many there are in all.
-        unit: of lengths.
-        failed: one sentence for each condition that is met.
-        losses: what was lost when tracks and truth were made.
-    """
-
-    rows: tuple[Row, ...]
-    recordings: tuple[str, ...]
-    frames: int
-    unit: str
-    failed: tuple[str, ...]
-    losses: tuple[Loss, ...]
-
-
-def parse_condition(text: str) -> Condition:
-    """A condition from text such as `idf1 worse by 0.01`; UsageError for any other text."""
-    found = CONDITION.fullmatch(text)
+def parse_condition(condition: str) -> Condition:
+    """A condition such as `idf1 worse by 0.01`; UsageError for any other text."""
+    found = CONDITION.fullmatch(condition)
     try:
         margin = float(found[2] or 0.0) if found else np.nan
     except ValueError:
         margin = np.nan
     if not found or not (np.isfinite(margin) and margin >= 0):
-        raise UsageError(f"--fail-if {text!r}: must be 'FIGURE worse' or 'FIGURE worse by NUMBER', as in 'idf1 worse'")
+        raise UsageError(
+            f"{option('fail_if')} {condition!r}: must be 'FIGURE worse' or 'FIGURE worse by NUMBER', as in 'idf1 worse'"
+        )
     if found[1] not in FIGURES:
-        raise UsageError(f"--fail-if {text!r}: there is no figure {found[1]!r}; there are {', '.join(FIGURES)}")
+        raise UsageError(
+            f"{option('fail_if')} {condition!r}: there is no figure {found[1]!r}; there are {', '.join(FIGURES)}"
+        )
     return Condition(found[1], margin)
 
 
-def run_compare(
+def run_compare(request: CompareRequest, job: Job) -> Done:
+    """Compare, and write the table as Markdown."""
+    methods = request.methods
+    if len(methods) < 2:
+        raise UsageError("name two methods at least: the one that others are compared with comes first")
+    conditions = [parse_condition(each) for each in request.fail_if]
+    found = compare_runs(methods, request.truth, request.figures, conditions, request.match_distance, request.seed)
+    if request.markdown is not None:
+        write_bytes(request.markdown, as_bytes(text.markdown(found, methods)), job.overwrite)
+    summary = text.as_dict(found, methods)
+
+    def shown(as_json: bool) -> str:
+        return json.dumps(summary, indent=2) if as_json else text.table(found, methods)
+
+    return Done(summary, earlier=found.losses, failed=found.failed, shown=shown)
+
+
+def compare_runs(
     methods: Sequence[Path],
     truth: Path | None,
     figures: Sequence[str],
@@ -121,11 +95,13 @@ def run_compare(
     """
     for name in figures:
         if name not in FIGURES:
-            raise UsageError(f"--figure {name}: there is no such figure; there are {', '.join(FIGURES)}")
+            raise UsageError(f"{option('figure')} {name}: there is no such figure; there are {', '.join(FIGURES)}")
     names, runs = paired(methods, truth)
     unit = _unit([run for own in runs for run in own.values()])
     if match_distance is None and unit not in METRES:
-        raise UsageError(f"lengths are in {unit!r}: give --match-distance, how near a track is that meets a target")
+        raise UsageError(
+            f"lengths are in {unit!r}: give {option('match_distance')}, how near a track is that meets a target"
+        )
     limit = MATCH_M / METRES[unit] if match_distance is None else match_distance
     begin_work()
     sums = [[_sums(runs[m][name], runs[0][name], limit, unit) for name in names] for m in range(len(methods))]

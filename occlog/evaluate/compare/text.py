@@ -8,7 +8,7 @@ from pathlib import Path
 
 from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS
 
-from .run import Comparison, Row
+from .model import Comparison, Row
 
 HEAD = ("figure", "first", "this", "difference", "95 % interval", "p", "verdict")
 LEVEL = "p has all rows together in view (Holm); a verdict needs p < 0.05"

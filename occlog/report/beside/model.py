@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from occlog.array_types import Ints
 from occlog.errors import UsageError
-from occlog.evaluate.compare.run import Comparison
+from occlog.evaluate.compare.model import Comparison
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks
 from occlog.report.content.model import ReportInput, TimeAxis

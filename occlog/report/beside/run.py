@@ -8,7 +8,7 @@ from pathlib import Path
 from occlog.array_types import NS
 from occlog.console.details import begin_work
 from occlog.console.text import as_bytes
-from occlog.evaluate.compare.run import run_compare
+from occlog.evaluate.compare.run import compare_runs
 from occlog.io.files.atomic import Together, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
@@ -100,7 +100,7 @@ def lay(a: Run, b: Run, truth: tuple[Path, Truth] | None, config: BesideConfig, 
     against = None
     if truth is not None:
         path, table = truth
-        comparison = run_compare((a.file, b.file), path, (), (), near, seed)
+        comparison = compare_runs((a.file, b.file), path, (), (), near, seed)
         of_a, of_b, switches, errors = followed_by_truth(a.tracks, b.tracks, table, near, a.data.unit, lasting)
         against = AgainstTruth(comparison, of_a, of_b, switches, errors)
         sides = [replace(side, data=replace(side.data, truth=table)) for side in sides]

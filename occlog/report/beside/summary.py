@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from occlog.array_types import NS
-from occlog.evaluate.compare.run import Row
+from occlog.evaluate.compare.model import Row
 from occlog.records.verdicts import all_plausible
 from occlog.records.verdicts import summary_of as verdict_summary
 

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.console.text import counted
 from occlog.evaluate.compare import text
-from occlog.evaluate.compare.run import Row
+from occlog.evaluate.compare.model import Row
 from occlog.report.content.metrics_in_words import groups, number
 from occlog.report.summary import verdict_heading
 

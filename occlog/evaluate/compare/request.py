@@ -1,0 +1,71 @@
+"""What `occlog compare` takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Request, sink, source
+from occlog.settings import setting
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareRequest(Request):
+    """Compare METHODS, each a table of tracks, a run folder or a folder of run folders, with the first of them.
+
+    Tracks are on the ground, of one target or of many, and are compared with the truth and with each other in the same
+    frames.  Verdicts and confidence intervals are of an exact test, which exchanges recordings of the runs where there
+    are eight or more, and else stretches of time.
+
+    \b
+      occlog compare run/old run/new --truth hall.mcap
+      occlog compare results/jipda results/feet --truth recordings/ --fail-if 'idf1 worse' --markdown compare.md
+    """
+
+    OWNER: ClassVar[str] = "compare"
+    RUN: ClassVar[str] = "occlog.evaluate.compare.run:run_compare"
+
+    methods: tuple[Path, ...] = source(
+        "Tables of tracks, run folders, or folders of run folders.", argument=True, there=False
+    )
+    truth: Path | None = source(
+        "True positions: a recording or a table; a folder of such, by the names of run folders. "
+        "[default: recording.mcap of each run folder]",
+        there=False,
+    )
+    figures: tuple[str, ...] = setting(
+        (),
+        "Only this figure, such as idf1; may be repeated; a wrong name lists all.",
+        option="--figure",
+        metavar="NAME",
+        repeat=True,
+        shown="all",
+    )
+    fail_if: tuple[str, ...] = setting(
+        (),
+        "Exit with 6 if a later method is worse than the first, e.g. 'idf1 worse' or 'idf1 worse by 0.01', "
+        "or if that cannot be decided; may be repeated.",
+        option="--fail-if",
+        metavar="CONDITION",
+        repeat=True,
+        whole=True,
+        shown="",
+    )
+    match_distance: float | None = setting(
+        None,
+        "A track meets a target this near.",
+        unit="length",
+        above=0,
+        at_most=1e9,
+        option="--match-distance",
+        metavar="LENGTH",
+        shown="1 m",
+    )
+    markdown: Path | None = sink("Also write the table as Markdown.")
+    seed: int = setting(0, "Of what is drawn at random.", at_least=0, option="--seed")
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is named; what lies in folders is not."""
+        return [path for path in super().inputs if path.is_file()]
