@@ -129,6 +129,13 @@ def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, caps
     assert all_plausible(verdicts_of_file(out / "runs.parquet")) is False
 
 
+def test_info_says_that_tracks_are_not_plausible(done: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(done / "tracks.parquet")]) == ExitCode.DONE
+    said = capfd.readouterr().out
+    assert "plausible no (track: camera-leans b" in said
+    assert "warning: track: " in said
+
+
 def test_compare_says_of_which_method_the_tracks_are_not_plausible(
     folder: Path, done: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
