@@ -69,6 +69,7 @@ class Declaration:
         whole: with `repeat`: each time the option adds one text, commas and all.
         apart: the option takes the numbers of a tuple one after the other, not with commas.
         frames: the option takes two whole numbers, as A:B with A < B.
+        size: the option takes two whole numbers above 0, as WIDTHxHEIGHT.
         kinds: kinds of input that the setting is for, where the command has several; empty: all.
     """
 
@@ -92,6 +93,7 @@ class Declaration:
     apart: bool = False
     whole: bool = False
     frames: bool = False
+    size: bool = False
     kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:
