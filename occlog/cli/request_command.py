@@ -44,11 +44,11 @@ def _one(request: type[Request], name: str, short_help: str) -> SettingsCommand:
 
 
 def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
-    flag = f"--{verb.by.replace('_', '-')}"
+    flags = {f"--{key.replace('_', '-')}": choose for key, choose in verb.by.items()}
 
     def choose(args: Iterable[str]) -> str | None:
-        value = value_after(list(args), flag)
-        return None if value is None else verb.choose(value)
+        given = ((of, value_after(list(args), flag)) for flag, of in flags.items())
+        return next((of(value) for of, value in given if value is not None), None)
 
     command = VariantCommand(
         name=name,
@@ -142,9 +142,8 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
     if (plugged := entry.plugged) is not None:
         return click.Option([plugged.option, entry.of.name], multiple=True, metavar="NAME", help=plugged.help)
     if of is None:
-        under = "" if entry.group is None else entry.group.under
-        names = tuple(verb.kinds) if verb is not None and verb.by == entry.key else ()
-        return SettingOption(entry.owner, entry.of, f"{under}_" if under else "", under, names)
+        names = tuple(verb.kinds) if verb is not None and entry.key in verb.by else ()
+        return SettingOption(entry.owner, entry.of, entry.name.removesuffix(entry.of.name), entry.under, names)
     path: click.ParamType[Any] = options.PATH if of.output or not of.there else options.INPUT
     kind = path if of.number is None else NumberOrFile(of.number)
     several = plain_kind(kind_of(entry.owner, entry.of.name)) is tuple
