@@ -11,7 +11,6 @@ from typing import Any
 
 from occlog import console
 from occlog.cli.input_paths import standard_input
-from occlog.cli.values import parse_setting
 from occlog.errors import UsageError, did_you_mean, option
 from occlog.io.files.texts.by_reader import NamedReader, named_reader
 from occlog.io.files.untrusted.inputs import STANDARD_INPUT
@@ -153,7 +152,11 @@ class RequestStage:
         given = self.values.get(SET) or {}
         if isinstance(given, Mapping):
             return {str(name): ",".join(map(str, listed(value))) for name, value in given.items()}
-        return dict(parse_setting(str(text)) for text in listed(given))
+        parts = [str(text).partition("=") for text in listed(given)]
+        for name, equals, _ in parts:
+            if not equals:
+                raise UsageError(f"{option(SET)}: {name}: want NAME=VALUE")
+        return {name.strip(): value for name, _, value in parts}
 
     def _free(self) -> list[type[Settings]]:
         """Classes of the settings that `set` gives."""
