@@ -64,7 +64,8 @@ def exit_code(request: Request, done: Done, *, strict: bool) -> int:
     if done.failed:
         return ExitCode.THRESHOLD
     code = ExitCode.LOSSY if done.losses else ExitCode.DONE
-    return console.strict_code(code, done.summary.get(request.VERDICT), strict)
+    always = request.JUDGED and not request.STRICT
+    return console.strict_code(code, done.summary.get(request.VERDICT), strict or always)
 
 
 @dataclass(frozen=True)

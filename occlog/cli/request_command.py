@@ -164,7 +164,7 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
 
 def _strict(request: type[Request]) -> list[click.Option]:
     help_text = f"Exit code 6 {request.STRICT}"
-    return [click.Option(["--strict"], is_flag=True, help=help_text)] if request.JUDGED else []
+    return [click.Option(["--strict"], is_flag=True, help=help_text)] if request.JUDGED and request.STRICT else []
 
 
 def _common(example: str) -> list[click.Option]:

@@ -60,7 +60,7 @@ class RequestStage:
             UsageError: a key names a plug-in that is not there.
         """
         settings = () if self.form.set_group() is None else (SET,)
-        strict = (STRICT,) if self.form.request.JUDGED else ()
+        strict = (STRICT,) if self.form.request.JUDGED and self.form.request.STRICT else ()
         return [*(entry.key for entry in self._entries()), READS, *settings, *strict]
 
     def without_key(self, name: str) -> bool:
