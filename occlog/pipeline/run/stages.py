@@ -372,7 +372,8 @@ def _stage(
     with refused_in(config, name):
         form = form_of(load(where), source, values)
         names = tuple(str(path) for path in outputs.values())
-        given = {entry.key: arguments[0] for entry in form.entries() if entry.file is not None and entry.file.argument}
+        keys = [entry.key for entry in form.entries() if entry.file is not None and entry.file.argument]
+        given = dict(zip(keys, arguments, strict=False))
         seed = {"seed": config.values["seed"]} if "seed" in config.values and _takes(form, "seed") else {}
         stage = RequestStage(name, form, {**given, **seed, **values}, names)
         known = stage.keys()
