@@ -19,7 +19,7 @@ from occlog.core.numerics.jit import kernel, kernel_part
 from .body_box import BOTTOM, Views, box_and_slope
 from .detections import Boxes, Rates, add_precision, biased, edge_noise, interpolate
 from .likelihood import Likelihoods, likelihood_ratios
-from .linear import invert
+from .linear import cholesky, eigen, invert
 from .merged import own_edges, pair_likelihoods, pair_messages, touching
 from .visible_share import COLUMNS, ROWS, centre_deviation, in_view, visible_feet, visible_share
 
@@ -317,17 +317,23 @@ def add_hypothesis(
 
 
 @kernel_part
-def without_negative(information: Floats, P: Floats) -> None:
-    """Make a symmetric (n, n) information matrix positive semidefinite, in coordinates in which P is the identity."""
-    L = np.linalg.cholesky(P)
+def without_negative(information: Floats, P: Floats, precision: Floats) -> None:
+    """Make an information matrix (6, 6) positive semidefinite, in coordinates in which P is the identity.
+
+    Args:
+        information: changed.
+        P: (6, 6) of the belief without it.
+        precision: (6, 6) inverse of P.
+    """
+    L, axes = np.empty((6, 6)), np.empty((6, 6))
+    cholesky(P, L)
     A = L.T @ information @ L
-    values, axes = np.linalg.eigh(0.5 * (A + A.T))
-    if values[0] >= 0.0:
-        return
-    inverse = np.linalg.inv(L)
-    scaled = np.sqrt(np.maximum(values, 0.0)) * axes
-    root = inverse.T @ scaled
-    information[:] = root @ root.T
+    eigen(A, axes)
+    back = precision @ (L @ axes)
+    for k in range(6):
+        for a in range(6):
+            for b in range(6):
+                information[a, b] -= min(A[k, k], 0.0) * back[a, k] * back[b, k]
 
 
 @kernel_part
@@ -397,7 +403,7 @@ def site_of_boxes(
     information -= precision
     # Positive semidefinite, but for rounding, if it can be factorised with a trace of the cavity's information
     if math.isnan(invert(information + ROUNDING * precision, second)):
-        without_negative(information, P)
+        without_negative(information, P, precision)
     vector[:] = information @ (m + d) + precision @ d
 
 

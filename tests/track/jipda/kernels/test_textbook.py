@@ -237,10 +237,14 @@ def test_the_site_of_boxes_has_the_moments_of_the_mixture_over_all_hypotheses(fr
 
 
 def test_information_that_a_mixture_takes_away_is_none() -> None:
-    P = np.diag([4.0, 1.0, 0.25])
-    J = np.diag([0.5, -0.3, 1.0])
-    plain(joint.without_negative)(J, P)
-    np.testing.assert_allclose(J, np.diag([0.5, 0.0, 1.0]), atol=1e-12)
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(6, 6))
+    P = root @ root.T
+    values, axes = np.array([2.0, 1.0, 0.5, 0.0, -0.3, -0.7]), np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    back = np.linalg.inv(np.linalg.cholesky(P)).T @ axes
+    J = (back * values) @ back.T
+    plain(joint.without_negative)(J, P, np.linalg.inv(P))
+    np.testing.assert_allclose(J, (back * np.maximum(values, 0.0)) @ back.T, rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.parametrize(("existence", "frames"), [([0.9, 0.4], 1), ([0.99] * 6, 1), ([0.99] * 6, 3)])
