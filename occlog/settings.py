@@ -12,6 +12,7 @@ import difflib
 import functools
 import math
 import numbers
+import re
 import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
@@ -333,6 +334,17 @@ def read_value(text: str, kind: object, name: str) -> object:
         return plain(text)
     except (ValueError, KeyError) as error:
         raise UsageError(f"setting {name}: want {KIND_WORDS[item_kind(kind)]}, got {text!r}") from error
+
+
+def read_pair(text: str, size: bool) -> tuple[int, int]:
+    """Two whole numbers: of a size WIDTHxHEIGHT, else of a range A:B with A < B; UsageError for anything else."""
+    pattern = r"(\d{1,5})[xX](\d{1,5})" if size else r"(\d{0,9}):(\d{1,9})"
+    found = re.fullmatch(pattern, text.strip())
+    first, second = (int(found[1] or 0), int(found[2])) if found is not None else (0, 0)
+    if not (first > 0 < second if size else first < second):
+        want = "WIDTHxHEIGHT, for example 1920x1080" if size else "A:B with A < B, for example 0:400"
+        raise UsageError(f"{text!r}: want {want}")
+    return first, second
 
 
 def json_schema(of: type[Settings]) -> dict[str, object]:

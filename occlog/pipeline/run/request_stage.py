@@ -26,6 +26,7 @@ from occlog.settings import (
     declared,
     kind_of,
     plain_kind,
+    read_pair,
     read_value,
 )
 
@@ -218,6 +219,8 @@ def setting_of(entry: Entry, value: object) -> object:
     if said.whole:
         return tuple(texts)
     try:
+        if said.frames or said.size:
+            return read_pair(",".join(texts), said.size)
         found: Any = read_value(",".join(texts), kind, entry.key)
     except UsageError as error:
         raise UsageError(f"{option(entry.key)}: {str(error).removeprefix(f'setting {entry.key}: ')}") from error
