@@ -148,7 +148,9 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
     kind = path if of.number is None else NumberOrFile(of.number)
     several = plain_kind(kind_of(entry.owner, entry.of.name)) is tuple
     if of.argument:
-        return click.Argument([entry.of.name], type=kind, required=entry.required, nargs=-1 if several else 1)
+        return click.Argument(
+            [entry.of.name], type=kind, required=entry.required, nargs=-1 if several else 1, metavar=of.metavar
+        )
     flags = (of.option or f"--{entry.of.name.replace('_', '-')}").split("/")
     return click.Option(
         [*flags, entry.of.name],
