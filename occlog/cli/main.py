@@ -58,7 +58,9 @@ COMMANDS = {
         "occlog.papers.lee.navigation.command", "Drive a robot through a scene, around obstacles and tracked people."
     ),
     "plan": Command("occlog.plan.command", "Expected errors of sensors, and what one more would help."),
-    "evaluate": Command("occlog.evaluate.command", "Compare tracks with the truth and with the Cramer-Rao bound."),
+    "evaluate": Command(
+        "occlog.evaluate.request:EvaluateRequest", "Compare tracks with the truth and with the Cramer-Rao bound."
+    ),
     "compare": Command(
         "occlog.evaluate.compare.request:CompareRequest", "Say whether runs on the same recordings differ."
     ),

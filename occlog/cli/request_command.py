@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -42,9 +42,12 @@ def _one(request: type[Request], name: str, short_help: str) -> SettingsCommand:
 def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
     flag = f"--{verb.by.replace('_', '-')}"
 
-    def choose(args: Iterable[str]) -> str | None:
-        value = value_after(list(args), flag)
-        return None if value is None else verb.choose(value)
+    def choose(args: Sequence[str]) -> str | None:
+        value = value_after(args, flag)
+        if value is not None or not verb.counted:
+            return None if value is None else verb.choose(value)
+        count = _arguments(args, [*command.params, *(p for each in command.variants.values() for p in each.params())])
+        return next((kind for least, kind in sorted(verb.counted.items(), reverse=True) if count >= least), None)
 
     command = VariantCommand(
         name=name,
@@ -61,6 +64,31 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
     )
     command.callback = partial(_do_chosen, verb)
     return command
+
+
+def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> int:
+    """How many words of a command line are no options and no values of options.
+
+    Args:
+        args: the words.
+        known: parameters of all kinds.
+    """
+    takes = {name for p in known if isinstance(p, click.Option) and not p.is_flag for name in p.opts}
+    found = skip = 0
+    for place, arg in enumerate(args):
+        if skip:
+            skip = 0
+        elif arg == "--":
+            return found + len(args) - place - 1
+        elif arg.startswith("--"):
+            skip = arg in takes
+        elif arg.startswith("-") and arg != "-":
+            # Short options may stand together (-qo FILE); a value follows at once (-oFILE) or next
+            valued = next((k for k, letter in enumerate(arg[1:], 1) if f"-{letter}" in takes), 0)
+            skip = valued == len(arg) - 1
+        else:
+            found += 1
+    return found
 
 
 def _variant(verb: Verb, kind: Kind) -> Variant:
@@ -116,7 +144,7 @@ def _do(
     for line in done.failed:
         click.echo(f"occlog: --fail-if {line}", err=True)
         code = ExitCode.THRESHOLD
-    for path in request.outputs if done.shown is not None else ():
+    for path in request.files(output=True).values() if done.shown is not None else ():
         console.note(f"wrote {path}", quiet)
     return console.strict_code(code, done.summary.get("plausible"), strict)
 
