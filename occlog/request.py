@@ -138,13 +138,15 @@ class Request(Settings):
     """Base of all classes of requests; the docstring of a class is the help of its command.
 
     `RUN` is module and name of the function that does it: from the request and a `Job` to a summary and losses.
-    `JUDGED`: the summary says whether the estimates are plausible.
+    `JUDGED`: the summary has the figure `VERDICT`, whether all is well; `STRICT` says what false means.
     `KIND` is module and name of the function that says of which kind of input a request is, and `KINDS` are words for
     these kinds; without any a request takes all that it declares.
     """
 
     RUN: ClassVar[str]
     JUDGED: ClassVar[bool] = False
+    VERDICT: ClassVar[str] = "plausible"
+    STRICT: ClassVar[str] = "if warnings say that the estimates are not plausible. Outputs are written all the same."
     KIND: ClassVar[str] = ""
     KINDS: ClassVar[Mapping[str, str]] = {}
 
@@ -309,8 +311,21 @@ class Form:
                 values[entry.field] = value
         for entry in self.entries():
             if entry.group is None and entry.required and entry.field not in values:
-                raise UsageError(f"{option(entry.field)} is missing; give it")
+                raise UsageError(f"{option(entry.key)} is missing; give it")
         return self.request(**values)
+
+
+@dataclass(frozen=True)
+class Verbs:
+    """Several verbs under one name, as `occlog priors hull`.
+
+    Attributes:
+        help: of the name alone.
+        verbs: the request of each by its name, with what it does in one line.
+    """
+
+    help: str
+    verbs: Mapping[str, tuple[type[Request], str]]
 
 
 @dataclass(frozen=True)

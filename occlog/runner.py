@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 from occlog import console
-from occlog.io.files.atomic import Together, check_outputs
+from occlog.io.files.atomic import Together, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
@@ -153,6 +153,11 @@ class Tables:
         for name, part in parts.items():
             if part is not None and name in self._writers:
                 self._writers[name].write(part)
+
+    def write_bytes(self, field: str, content: bytes) -> None:
+        """Write an output that is no table and was asked for; it appears with the tables."""
+        with open_output(self._job.request.files(output=True)[field], self._job.overwrite, self._together) as file:
+            file.write(content)
 
     def annotate(self, provenance: Provenance) -> None:
         """Replace the provenance of all open tables, before they are complete."""

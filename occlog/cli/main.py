@@ -35,7 +35,7 @@ COMMANDS = {
         "occlog.ingest.command", "Gather video, detections, DOA logs and calibration into one recording."
     ),
     "traffic": Command(
-        "occlog.papers.lee.traffic.command", "Simulate the data traffic of sensors that help each other."
+        "occlog.papers.lee.traffic.request:TrafficRequest", "Simulate the data traffic of sensors that help each other."
     ),
     "listen": Command("occlog.measure.listen.command", "Find directions of arrival in the sound of microphone arrays."),
     "epipolar": Command("occlog.measure.epipolar.command", "Find how pairs of views see the same point, or check it."),
@@ -44,10 +44,14 @@ COMMANDS = {
         "occlog.measure.fuse.request:VERB",
         "Fuse detections of several cameras, or tracks of several groups of cameras.",
     ),
-    "appearance": Command("occlog.measure.appearance.command", "Learn how people look from several sides."),
-    "priors": Command("occlog.measure.priors.command", "Find where moving occluders are."),
-    "fit-motion": Command("occlog.track.map.fit_motion.command", "Identify a motion model from trajectories."),
-    "fit-readers": Command("occlog.track.readers.fit.command", "Learn how strongly readers read tags."),
+    "appearance": Command("occlog.measure.appearance.request:VERBS", "Learn how people look from several sides."),
+    "priors": Command("occlog.measure.priors.request:VERBS", "Find where moving occluders are."),
+    "fit-motion": Command(
+        "occlog.track.map.fit_motion.request:FitMotionRequest", "Identify a motion model from trajectories."
+    ),
+    "fit-readers": Command(
+        "occlog.track.readers.fit.request:FitReadersRequest", "Learn how strongly readers read tags."
+    ),
     "track": Command("occlog.track.catalogue:VERB", "Estimate target tracks from bearings."),
     "ground": Command(
         "occlog.track.images.ground.request:GroundRequest",
@@ -55,9 +59,10 @@ COMMANDS = {
     ),
     "label": Command("occlog.measure.label.request:VERB", "Give candidates the identity of the track they agree with."),
     "navigate": Command(
-        "occlog.papers.lee.navigation.command", "Drive a robot through a scene, around obstacles and tracked people."
+        "occlog.papers.lee.navigation.request:NavigateRequest",
+        "Drive a robot through a scene, around obstacles and tracked people.",
     ),
-    "plan": Command("occlog.plan.command", "Expected errors of sensors, and what one more would help."),
+    "plan": Command("occlog.plan.request:PlanRequest", "Expected errors of sensors, and what one more would help."),
     "evaluate": Command(
         "occlog.evaluate.request:EvaluateRequest", "Compare tracks with the truth and with the Cramer-Rao bound."
     ),

@@ -10,7 +10,7 @@ import click
 
 from occlog import console
 from occlog.errors import ExitCode
-from occlog.request import Entry, Form, Kind, Request, Verb
+from occlog.request import Entry, Form, Kind, Request, Verb, Verbs
 from occlog.settings import Settings, declaration, kind_of, plain_kind
 
 from . import options
@@ -19,8 +19,13 @@ from .setting_options import CHOSEN, SettingOption, SettingsCommand, Variant, Va
 from .values import NumberOrFile, parse_setting
 
 
-def command_of(verb: type[Request] | Verb, name: str, short_help: str) -> SettingsCommand:
+def command_of(verb: type[Request] | Verb | Verbs, name: str, short_help: str) -> click.Command:
     """The command of a verb; its help is the docstring of the class of its requests."""
+    if isinstance(verb, Verbs):
+        commands: dict[str, click.Command] = {
+            each: _one(request, each, line) for each, (request, line) in verb.verbs.items()
+        }
+        return click.Group(name, commands, help=verb.help, short_help=short_help)
     return _one(verb, name, short_help) if isinstance(verb, type) else _several(verb, name, short_help)
 
 
@@ -146,7 +151,7 @@ def _do(
         code = ExitCode.THRESHOLD
     for path in request.files(output=True).values() if done.shown is not None else ():
         console.note(f"wrote {path}", quiet)
-    return console.strict_code(code, done.summary.get("plausible"), strict)
+    return console.strict_code(code, done.summary.get(form.request.VERDICT), strict)
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
@@ -190,7 +195,8 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
 
 
 def _strict(request: type[Request]) -> list[click.Option]:
-    return [click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP)] if request.JUDGED else []
+    help_text = f"Exit code 6 {request.STRICT}"
+    return [click.Option(["--strict"], is_flag=True, help=help_text)] if request.JUDGED else []
 
 
 def _common(example: str) -> list[click.Option]:

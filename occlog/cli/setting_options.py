@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import Field, dataclass
+from dataclasses import MISSING, Field, dataclass
 from typing import Any, TypeVar
 
 import click
@@ -73,6 +73,7 @@ class SettingOption(click.Option):
             type=None if kind is bool else _type_of(settings, f),
             is_flag=True if kind is bool else None,
             default=None,
+            required=f.default is MISSING,
             multiple=said.repeat,
             nargs=said.counts[0] if said.apart else None,
             metavar=said.metavar,

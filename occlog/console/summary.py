@@ -11,6 +11,15 @@ from occlog.console.notes import note_losses, write_line
 from occlog.errors import ExitCode
 
 
+class InWords(list[object]):
+    """Values of a summary: a list for `--json`, and words for a person."""
+
+    def __init__(self, values: Iterable[object], words: str) -> None:
+        """Have some values, and say them in words."""
+        super().__init__(values)
+        self.words = words
+
+
 class ListedLoss(Protocol):
     """A loss that a summary lists."""
 
@@ -65,6 +74,8 @@ def _in_words(figures: object) -> str:
 def _shown(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}" if not FROM_WHOLE <= abs(value) < TO_WHOLE else f"{value:.0f}"
+    if isinstance(value, InWords):
+        return value.words
     if isinstance(value, dict):
         return ", ".join(f"{k} {_shown(v)}" for k, v in value.items())
     if isinstance(value, list | tuple):

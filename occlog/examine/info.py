@@ -11,6 +11,7 @@ import click
 
 from occlog import console
 from occlog.cli import options
+from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.files.times.utc import utc
@@ -268,6 +269,7 @@ def _describe_recording(recording: Recording) -> Description:
     lines += [f"epipolar  {line}" for line in _epipolar_lines(recording)]
     lines += [f"lost      {loss}" for loss in recording.losses]
     lines += _provenance_lines(recording.provenance.as_dict()) if recording.ours else []
+    lines += _verdict_lines(recording.path)
     if recording.scene is not None:
         lines += ["", *_describe_scene(recording.scene).lines]
     values = {
@@ -300,6 +302,18 @@ def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def _verdict_lines(path: Path) -> list[str]:
+    """Whether the stages that made a file found their results plausible, and each warning."""
+    from occlog.io.files.inputs import verdicts_of_file
+    from occlog.records.verdicts import summary_of, texts_of
+
+    verdicts = verdicts_of_file(path)
+    if not verdicts:
+        return []
+    lines = [f"plausible {plausible_in_words(summary_of(verdicts))}"]
+    return lines + [f"          {text}" for text in texts_of(verdicts, "info")]
+
+
 def _describe_table(path: Path, rows: int) -> Description:
     from occlog.io.files.tables.header import describe as describe_parquet
 
@@ -309,6 +323,7 @@ def _describe_table(path: Path, rows: int) -> Description:
         start, end = found["time_ns"]
         lines.append(f"time      {utc(start)} to {utc(end)}, {(end - start) / 1e9:.3f} s")
     lines += _provenance_lines(found["provenance"]) if found["provenance"] else []
+    lines += _verdict_lines(path)
     lines += [f"lost      {Loss(**loss)}" for loss in found["provenance"].get("losses", ())]
     lines += [f"column    {c['name']} [{c.get('unit', '?')}]: {c.get('doc', '')}" for c in found["columns"]]
     lines += _first_rows(path, rows) if rows and found["rows"] else []

@@ -10,22 +10,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from occlog import console
 from occlog.array_types import Floats
+from occlog.console.summary import InWords
 from occlog.console.text import as_bytes
-from occlog.errors import InputError, UsageError
-from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.inputs import hash_inputs
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import load_scene, open_input
 from occlog.records.declared.plans import PlanMap
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth
+from occlog.runner import Job, Tables
 from occlog.settings import configure
 
 from .candidates import Placed, add_greedily, along_walls, rank_candidates, rank_own
 from .config import PlanConfig
+from .request import PlanRequest
 from .sensing import Sensor
 from .stage import Planned, area_below, plan_map, prepare, sensors_of, worst_place
 
@@ -38,42 +37,6 @@ PLACES = 16
 
 
 @dataclass(frozen=True)
-class PlanRequest:
-    """What is asked for.
-
-    Attributes:
-        scene: file with the scene.
-        output: the map; None: none, as for the next two.
-        picture: PNG or SVG.
-        report: HTML.
-        candidates: scene file whose sensors may be added.
-        along_walls: name of the camera that may stand along the walls.
-        spacing: of those places; None: by their number.
-        add: how many to add one after the other.
-        remove: whether to rank the scene's own sensors.
-        paths: file of people who say which places count.
-        overwrite: whether outputs may be replaced.
-    """
-
-    scene: Path
-    output: Path | None
-    picture: Path | None
-    report: Path | None
-    candidates: Path | None
-    along_walls: str | None
-    spacing: float | None
-    add: int
-    remove: bool
-    paths: Path | None
-    overwrite: bool
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read."""
-        return [path for path in (self.scene, self.candidates, self.paths) if path is not None]
-
-
-@dataclass(frozen=True)
 class Rankings:
     """Sensors by the error over the floor with them, or without them; None: not asked for."""
 
@@ -82,42 +45,42 @@ class Rankings:
     without: tuple[Placed, ...] | None
 
 
-def run_plan(
-    request: PlanRequest, values: Mapping[str, object], seed: int, *, quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Plan and write what is asked for; the summary, and what was lost of the paths before."""
-    _check_names(request)
+    _check(request)
     scene = load_scene(request.scene, None, request.scene)
-    config = configure(PlanConfig.in_unit(scene.length_unit), values)
+    config = configure(PlanConfig.in_unit(scene.length_unit), request.settings)
     candidates = _candidates(request, scene)
     places, losses = _places(request.paths, scene)
-    planned = prepare(scene, config, seed, also=candidates, paths=places)
+    planned = prepare(scene, config, request.seed, also=candidates, paths=places)
     table = plan_map(planned)
-    rankings = _rank(request, planned, candidates, quiet=quiet)
+    rankings = _rank(request, planned, candidates, job)
     parameters = asdict(config) | {
-        "add": request.add,
+        "add": request.add or 0,
         "remove": request.remove,
         "along_walls": request.along_walls,
         "spacing": request.spacing,
     }
-    provenance = Provenance("plan", parameters, seed, hash_inputs(request.inputs), losses)
+    provenance = job.provenance(parameters, losses, request.seed)
     summary = _summary(request, planned, table, rankings)
     warnings = doubts(scene, table)
-    with Together() as together:
-        if request.output is not None:
-            unit, overwrite = scene.length_unit, request.overwrite
-            with TableWriter(
-                request.output, PlanMap, provenance, overwrite=overwrite, length_unit=unit, together=together
-            ) as writer:
-                writer.write(table.sorted())
-        _draw(request, planned, table, rankings, summary, warnings, provenance, together)
+    with job.tables(provenance, scene.length_unit) as tables:
+        tables.write(output=table.sorted())
+        _draw(request, planned, table, rankings, summary, warnings, provenance, tables)
     for warning in warnings:
-        console.note(f"warning: {warning}", quiet)
+        job.note(f"warning: {warning}")
     return summary | ({"warnings": warnings} if warnings else {}), losses
 
 
-def _check_names(request: PlanRequest) -> None:
-    """UsageError for a picture of another format, or a page that is not named so."""
+def _check(request: PlanRequest) -> None:
+    """UsageError for what contradicts each other, a picture of another format, or a page that is not named so."""
+    candidates, walls = option("candidates"), option("along_walls")
+    if request.candidates is not None and request.along_walls is not None:
+        raise UsageError(f"{candidates} and {walls} exclude each other; name all places in one file")
+    if request.candidates is None and request.along_walls is None and request.add is not None:
+        raise UsageError(f"{option('add')} adds candidates; give {candidates} or {walls}")
+    if request.spacing is not None and request.along_walls is None:
+        raise UsageError(f"{option('spacing')} is of places along the walls; add {walls}")
     if request.picture is not None and request.picture.suffix.lower() not in PICTURES:
         raise UsageError(f"{request.picture}: the picture is PNG or SVG; name it so")
     if request.report is not None and request.report.suffix.lower() not in (".html", ".htm"):
@@ -166,10 +129,10 @@ def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss,
     return np.column_stack([tracks.x, tracks.y]), opened.losses
 
 
-def _rank(request: PlanRequest, planned: Planned, candidates: Sequence[Sensor], *, quiet: bool) -> Rankings:
+def _rank(request: PlanRequest, planned: Planned, candidates: Sequence[Sensor], job: Job) -> Rankings:
     ranked = None
     if candidates:
-        ranked = rank_candidates(planned, console.progress(candidates, "candidates", len(candidates), quiet=quiet))
+        ranked = rank_candidates(planned, job.progress(candidates, "candidates", len(candidates)))
     return Rankings(
         candidates=None if ranked is None else tuple(ranked),
         added=tuple(add_greedily(planned, ranked, request.add)) if ranked is not None and request.add else None,
@@ -214,12 +177,18 @@ def _summary(request: PlanRequest, planned: Planned, table: PlanMap, rankings: R
     for name in ("seen_by_0", "seen_by_1", "seen_by_2", "no_fix"):
         summary[name] = float(weight @ getattr(table, name))
     if rankings.candidates is not None:
-        summary["candidates"] = [placed_as_dict(placed, unit) for placed in rankings.candidates]
+        summary["candidates"] = _listed(rankings.candidates, unit)
     if rankings.added is not None:
-        summary["added"] = [placed_as_dict(placed, unit) for placed in rankings.added]
+        summary["added"] = _listed(rankings.added, unit)
     if rankings.without is not None:
-        summary["without"] = [placed_as_dict(placed, unit) for placed in rankings.without]
+        summary["without"] = _listed(rankings.without, unit)
     return summary
+
+
+def _listed(ranking: Sequence[Placed], unit: str) -> InWords:
+    """Sensors of a ranking; for people their names and errors."""
+    words = ", ".join(f"{placed.sensor.name} {placed.rmse:.3g}" for placed in ranking)
+    return InWords([placed_as_dict(placed, unit) for placed in ranking], words)
 
 
 def placed_as_dict(placed: Placed, unit: str) -> dict[str, object]:
@@ -242,7 +211,7 @@ def _draw(
     summary: Mapping[str, object],
     warnings: Sequence[str],
     provenance: Provenance,
-    together: Together,
+    tables: Tables,
 ) -> None:
     """Write the picture and the page."""
     if request.picture is None and request.report is None:
@@ -253,9 +222,7 @@ def _draw(
     added = tuple(placed.sensor for placed in rankings.added or ())
     drawn = MapPicture(planned.scene, table, planned.cells.size, added, planned.config.within)
     if request.picture is not None:
-        with open_output(request.picture, request.overwrite, together) as file:
-            file.write(map_picture(drawn, request.picture.suffix.lower()))
+        tables.write_bytes("picture", map_picture(drawn, request.picture.suffix.lower()))
     if request.report is not None:
         page = plan_page(PageInput(drawn, summary, tuple(warnings), provenance.as_dict()))
-        with open_output(request.report, request.overwrite, together) as file:
-            file.write(as_bytes(page))
+        tables.write_bytes("report", as_bytes(page))

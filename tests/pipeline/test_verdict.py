@@ -127,3 +127,22 @@ def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, caps
     assert any(text.startswith(f"track: camera-leans: camera {CROOKED} ") for text in row["warnings"])
     assert all_plausible(verdicts_of_file(out / "tracks.parquet")) is False
     assert all_plausible(verdicts_of_file(out / "runs.parquet")) is False
+
+
+def test_info_says_that_tracks_are_not_plausible(done: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(done / "tracks.parquet")]) == ExitCode.DONE
+    said = capfd.readouterr().out
+    assert "plausible no (track: camera-leans b" in said
+    assert "warning: track: " in said
+
+
+def test_compare_says_of_which_method_the_tracks_are_not_plausible(
+    folder: Path, done: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    methods = [str(done / "tracks.parquet"), str(done / "tracks.parquet")]
+    words = ["compare", *methods, "--truth", str(folder / "truth.csv"), "--figure", "idf1", "--markdown"]
+    assert run([*words, str(tmp_path / "c.md"), "--json"]) == ExitCode.DONE
+    found = json.loads(capfd.readouterr().out)["implausible"]
+    assert [each["method"] for each in found] == methods
+    assert all("camera b" in each["warnings"][0] for each in found)
+    assert (tmp_path / "c.md").read_text().count("**Not plausible**") == 2

@@ -39,6 +39,20 @@ class Row:
     verdict: str
 
 
+class Implausible(NamedTuple):
+    """Tracks that a stage found not plausible.
+
+    Attributes:
+        method: place among those that were given, from 0.
+        recording: name.
+        warnings: the lines that say why.
+    """
+
+    method: int
+    recording: str
+    warnings: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Comparison:
     """All of it.
@@ -50,6 +64,7 @@ class Comparison:
         unit: of lengths.
         failed: one sentence for each condition that is met.
         losses: what was lost when tracks and truth were made.
+        implausible: tracks that a stage found not plausible.
     """
 
     rows: tuple[Row, ...]
@@ -58,3 +73,4 @@ class Comparison:
     unit: str
     failed: tuple[str, ...]
     losses: tuple[Loss, ...]
+    implausible: tuple[Implausible, ...]

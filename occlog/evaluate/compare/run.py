@@ -21,14 +21,16 @@ from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
 from occlog.io.files.atomic import write_bytes
+from occlog.io.files.inputs import verdicts_of_file
 from occlog.io.open import check_unit, common_unit, losses_of, open_if_ours, open_in_unit, open_input
 from occlog.records.tables import Tracks, Truth
+from occlog.records.verdicts import all_plausible, texts_of
 from occlog.runner import Done, Job
 from occlog.settings import METRES
 
 from . import text
 from .inputs import Run, paired
-from .model import Comparison, Condition, Row
+from .model import Comparison, Condition, Implausible, Row
 from .request import CompareRequest
 
 ALPHA = 0.01
@@ -125,7 +127,13 @@ def compare_runs(
     )
     read = dict.fromkeys(path for own in runs for run in own.values() for path in run)
     losses = losses_of(each for path in read if (each := open_if_ours(path)) is not None)
-    return Comparison(rows, tuple(names), sum(len(each) for each in sums[0]), unit, failed, losses)
+    implausible = tuple(
+        Implausible(m, name, texts_of(verdicts, "compare"))
+        for m, own in enumerate(runs)
+        for name in names
+        if all_plausible(verdicts := verdicts_of_file(own[name].tracks)) is False
+    )
+    return Comparison(rows, tuple(names), sum(len(each) for each in sums[0]), unit, failed, losses, implausible)
 
 
 def _unit(runs: Sequence[Run]) -> str:

@@ -34,7 +34,7 @@ def table(found: Comparison, methods: Sequence[Path]) -> str:
         widths = [max(len(line[k]) for line in lines) for k in range(len(HEAD))]
         out.append(f"{methods[m]} beside {methods[0]}")
         out += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines]
-    return "\n".join(line.rstrip() for line in [*out, basis(found)])
+    return "\n".join(line.rstrip() for line in [*out, basis(found), *doubts(found, methods)])
 
 
 def basis(found: Comparison) -> str:
@@ -50,13 +50,27 @@ def basis(found: Comparison) -> str:
     return f"{what}; stretches of time exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
 
 
+def doubts(found: Comparison, methods: Sequence[Path]) -> list[str]:
+    """A sentence for each method with tracks that a stage found not plausible: its figures need care."""
+    out = []
+    for m, method in enumerate(methods):
+        own = [each for each in found.implausible if each.method == m]
+        if own:
+            where = f" of {own[0].recording}" if own[0].recording else ""
+            share = f" in {len(own)} of {len(found.recordings)} recordings" if len(found.recordings) > 1 else ""
+            out.append(f"{method}: tracks are not plausible{share}; the first warning{where}: {own[0].warnings[0]}")
+    return out
+
+
 def markdown(found: Comparison, methods: Sequence[Path]) -> str:
     """For a pull request."""
     out = []
     for m in range(1, len(methods)):
         out += [f"### `{methods[m]}` beside `{methods[0]}`", "", "| " + " | ".join(HEAD) + " |"]
         out += ["|---|---:|---:|---:|---:|---:|---|", *("| " + " | ".join(c) + " |" for c in rows_of(found, m)), ""]
-    return "\n".join([*out, basis(found), *(f"\n**Failed**: {line}" for line in found.failed), ""])
+    notes = [f"\n**Failed**: {line}" for line in found.failed]
+    notes += [f"\n**Not plausible**: {line}" for line in doubts(found, methods)]
+    return "\n".join([*out, basis(found), *notes, ""])
 
 
 def as_dict(found: Comparison, methods: Sequence[Path]) -> dict[str, object]:
@@ -89,4 +103,8 @@ def as_dict(found: Comparison, methods: Sequence[Path]) -> dict[str, object]:
         "length_unit": found.unit,
         "rows": rows,
         "failed": list(found.failed),
+        "implausible": [
+            {"method": str(methods[each.method]), "recording": each.recording, "warnings": list(each.warnings)}
+            for each in found.implausible
+        ],
     }

@@ -43,8 +43,8 @@ def rows_of(looks: PackedScan) -> Rows:
 
 
 def offsets(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Floats]:
-    """(L, R) offsets h across and d along each sensor's axis, of (L, 2) places."""
-    away = xy[:, None] - world.sensors.xy[rows.sensor]
+    """(..., R) offsets h across and d along each sensor's axis, of (..., 2) places."""
+    away = xy[..., None, :] - world.sensors.xy[rows.sensor]
     c, s = world.sensors.axis[rows.sensor].T
     return c * away[..., 1] - s * away[..., 0], c * away[..., 0] + s * away[..., 1]
 
@@ -73,20 +73,20 @@ def residuals(expected: Floats, rows: Rows) -> Floats:
 
 
 def linearised(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Floats]:
-    """(R, 2) derivatives of what sensors measure by the place (2,), and (R,) variances there ([Ercan] Eq. 2).
+    """(..., R, 2) derivatives of what sensors measure by (..., 2) places, (..., R) variances there ([Ercan] Eq. 2).
 
     Readings want d > 0.
     """
-    h, d = (offset[0] for offset in offsets(xy[None], rows, world))
+    h, d = offsets(xy, rows, world)
     c, s = world.sensors.axis[rows.sensor].T
     f = world.noise.focal_px[rows.sensor]
     d1 = np.where(rows.pixel, d, 1.0)
     ratio = h / d1
     # z = f h / d: dz = f (dh - z / f dd) / d
-    reading = (f / d1)[:, None] * (np.column_stack([-s, c]) - ratio[:, None] * np.column_stack([c, s]))
-    away = xy - world.sensors.xy[rows.sensor]
-    r2 = np.maximum((away**2).sum(axis=1), NEAREST)
-    bearing = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
+    reading = (f / d1)[..., None] * (np.column_stack([-s, c]) - ratio[..., None] * np.column_stack([c, s]))
+    away = xy[..., None, :] - world.sensors.xy[rows.sensor]
+    r2 = np.maximum((away**2).sum(axis=-1), NEAREST)
+    bearing = np.stack([-away[..., 1], away[..., 0]], axis=-1) / r2[..., None]
     spread = 1.0 + ratio**2
     pose = spread * world.noise.sigma_yaw[rows.sensor] ** 2 + (world.noise.sigma_position[rows.sensor] / d1) ** 2
     return (

@@ -11,7 +11,6 @@ from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.tables.parquet import is_ours
 from occlog.io.files.texts.json_file import read_json
 from occlog.io.files.untrusted.content import Content, content_of
-from occlog.io.recording.reader import open_recording
 from occlog.records.verdicts import Verdict
 
 
@@ -33,6 +32,8 @@ def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
     try:
         content = content_of(path)
         if content is Content.RECORDING:
+            from occlog.io.recording.reader import open_recording
+
             return open_recording(path).provenance.judged
         if content is Content.TABLE:
             return read_provenance(path).judged if is_ours(path) else ()

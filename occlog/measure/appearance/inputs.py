@@ -37,11 +37,6 @@ class SightingFiles:
     tracks: Path | None
     scene: Path | None
 
-    @property
-    def paths(self) -> list[Path]:
-        """Every file that is read, each once."""
-        return list(dict.fromkeys(p for p in (self.images, self.boxes, self.tracks, self.scene) if p is not None))
-
 
 class SightingInput:
     """Boxes with their images, and where everybody was.

@@ -3,37 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
-from occlog import console
-from occlog.errors import InputError
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.table_writer import write_table
+from occlog.errors import InputError, UsageError, option
 from occlog.records.declared.gallery import Gallery
 from occlog.records.losses import Loss
+from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import LearnConfig
 from .inputs import SightingFiles, SightingInput
+from .request import LearnRequest
 from .sightings import SightingTally, sightings
 from .stage import learn
 
 
-def run_learn(
-    files: SightingFiles,
-    labelled: bool,
-    settings: dict[str, object],
-    output: Path,
-    overwrite: bool,
-    quiet: bool,
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Learn and write; the summary, and what was lost."""
-    inputs = SightingInput(files, labelled)
-    config: LearnConfig = configure(LearnConfig.in_unit(inputs.scene.length_unit), settings)
+    if request.boxes is not None and request.views is not None:
+        raise UsageError(f"{option('boxes')} and {option('views')} are two sources of boxes; give one of them")
+    boxes = request.boxes or request.views or request.recording
+    inputs = SightingInput(SightingFiles(boxes, request.recording, request.tracks, request.scene), request.labelled)
+    config: LearnConfig = configure(LearnConfig.in_unit(inputs.scene.length_unit), request.settings)
     tally = SightingTally()
     seen = sightings(
-        console.progress(inputs.boxes(), "learn", quiet=quiet),
+        job.progress(inputs.boxes(), "learn"),
         inputs.images(),
         inputs.walks(config),
         inputs.scene,
@@ -45,15 +38,14 @@ def run_learn(
     gallery = learn(seen, config)
     if not len(gallery):
         raise InputError(
-            f"{files.boxes}: no side of anybody was seen in {config.least_samples} boxes: of {tally.boxes} boxes "
+            f"{boxes}: no side of anybody was seen in {config.least_samples} boxes: of {tally.boxes} boxes "
             f"{tally.of_tracks} are of a track; check that boxes, images and {inputs.positions} are of one recording"
         )
     losses = (*inputs.losses, *tally.losses())
     parameters = {"positions": inputs.positions, "labelled": inputs.own_identity, **asdict(config)}
-    provenance = Provenance("appearance learn", parameters, None, hash_inputs(files.paths), losses)
-    write_table(output, gallery, provenance, overwrite=overwrite, length_unit=inputs.scene.length_unit)
-    summary: dict[str, object] = {"gallery": str(output), **_figures(gallery, tally), "positions": inputs.positions}
-    return summary, losses
+    with job.tables(job.provenance(parameters, losses), inputs.scene.length_unit) as tables:
+        tables.write(output=gallery.sorted())
+    return {"gallery": str(request.output), **_figures(gallery, tally), "positions": inputs.positions}, losses
 
 
 def _figures(gallery: Gallery, tally: SightingTally) -> dict[str, object]:

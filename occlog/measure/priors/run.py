@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from occlog import console
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import check_unit, load_scene, losses_of, open_input
 from occlog.records.columns import Table
-from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Tracks, Truth, Views
+from occlog.records.tables import Bearings, Doa, Occluders, Tracks, Truth, Views
+from occlog.runner import Job
 from occlog.scans.grouping import nearest
 from occlog.settings import configure
 
@@ -25,6 +21,7 @@ from .config import AcousticConfig, HullConfig, KalmanConfig
 from .from_positions import kalman_priors, virtual_priors
 from .from_sound import acoustic_priors
 from .from_views import hull_priors
+from .request import AcousticRequest, HullRequest, KalmanRequest
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
@@ -33,48 +30,6 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound=Table)
 S = TypeVar("S", Views, Bearings)
 Result = tuple[dict[str, object], tuple["Loss", ...]]
-
-
-class Cameras(NamedTuple):
-    """Names of cameras to use; none: all but those left out."""
-
-    only: tuple[str, ...]
-    without: tuple[str, ...]
-
-    def chosen(self, scene: Scene) -> list[str]:
-        """Names of cameras with a pose; UsageError for one that the scene does not have, or if under two are left."""
-        names = tuple(c.name for c in scene.cameras)
-        for name in (*self.only, *self.without):
-            if name not in names:
-                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, names)}")
-        placed = [c.name for c in scene.cameras if c.placed]
-        used = [n for n in placed if n not in self.without and (not self.only or n in self.only)]
-        if len(used) < 2:
-            raise UsageError(f"{len(used)} cameras with a pose are left; a visual hull needs at least 2")
-        return used
-
-
-@dataclass(frozen=True)
-class KalmanRequest:
-    """Positions, and what to make of them."""
-
-    positions: Path
-    scene: Path | None
-    settings: Mapping[str, object]  # of `KalmanConfig`, as far as they were given
-    measured: bool  # they are real measurements
-    without: tuple[int, ...]  # identities that are left out
-    seed: int
-
-
-@dataclass(frozen=True)
-class HullRequest:
-    """Views, and what to make of them."""
-
-    views: Path
-    bearings: Path | None
-    scene: Path | None
-    cameras: Cameras
-    settings: Mapping[str, object]  # of `HullConfig`, as far as they were given
 
 
 class Source:
@@ -113,7 +68,7 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
         raise InputError(f"{path}: has no rows; nothing can be found from it")
 
 
-def run_kalman(request: KalmanRequest, output: Path, overwrite: bool, quiet: bool) -> Result:
+def run_kalman(request: KalmanRequest, job: Job) -> Result:
     """Positions to priors; the summary and what had been lost before."""
     path, measured = request.positions, request.measured
     source = Source(path, request.scene)
@@ -130,84 +85,85 @@ def run_kalman(request: KalmanRequest, output: Path, overwrite: bool, quiet: boo
         )
     if measured:
         rows: Iterator[Tracks] | Iterator[Truth] = (
-            console.progress(source.chunks(Tracks), "priors", quiet=quiet)
-            if tracks
-            else console.progress(source.chunks(Truth), "priors", quiet=quiet)
+            job.progress(source.chunks(Tracks), "priors") if tracks else job.progress(source.chunks(Truth), "priors")
         )
         priors = kalman_priors(rows, config, without=request.without)
     else:
-        truth = console.progress(source.chunks(Truth), "priors", quiet=quiet)
+        truth = job.progress(source.chunks(Truth), "priors")
         left = (c.take(~np.isin(c.target_id, request.without)) for c in truth)
         priors = virtual_priors(left, config.sigma, config.q, request.seed)
     parameters = {"source": "kalman", "measured": measured, "without": request.without, **asdict(config)}
-    provenance = _provenance(parameters, [path, request.scene], source.losses, request.seed)
-    tally = PriorsTally()
-    with TableWriter(output, Occluders, provenance, overwrite=overwrite, length_unit=unit) as writer:
+    provenance, tally = job.provenance(parameters, source.losses, request.seed), PriorsTally()
+    with job.tables(provenance, unit) as tables:
         for table in priors:
-            writer.write(table)
+            tables.write(output=table)
             tally.add(table)
         if not tally.identities:
             raise InputError(f"{path}: no row is of a moving occluder; priors need rows of the role occluder")
-    return {"occluders": str(output), "source": "kalman", "sigma": config.sigma, **tally.summary()}, source.losses
+    head = {"occluders": str(request.output), "source": "kalman", "sigma": config.sigma}
+    return {**head, **tally.summary()}, source.losses
 
 
-def run_hull(request: HullRequest, output: Path, hulls: Path | None, overwrite: bool, quiet: bool) -> Result:
+def run_hull(request: HullRequest, job: Job) -> Result:
     """Views to priors; the summary and what had been lost before."""
-    path, scene, bearings = request.views, request.scene, request.bearings
-    source = Source(path, scene)
-    place = source.need_scene()
-    used = request.cameras.chosen(place)
-    config = configure(HullConfig.in_unit(place.length_unit), request.settings)
-    views = _of_cameras(console.progress(source.chunks(Views), "hull", quiet=quiet), used)
-    looked = None if bearings is None else Source(bearings, scene)
+    path = request.views
+    source = Source(path, request.scene)
+    scene = source.need_scene()
+    used = cameras_of(request, scene)
+    config = configure(HullConfig.in_unit(scene.length_unit), request.settings)
+    views = _of_cameras(job.progress(source.chunks(Views), "hull"), used)
+    looked = None if request.bearings is None else Source(request.bearings, request.scene)
     frames = None if looked is None else _of_cameras(looked.chunks(Bearings), used)
     losses = losses_of([source.opened, None if looked is None else looked.opened])
-    parameters = {"source": "hull", "cameras": used, **asdict(config)}
-    provenance = _provenance(parameters, [path, scene, bearings], losses, None)
+    provenance = job.provenance({"source": "hull", "cameras": used, **asdict(config)}, losses)
     tally, candidates, moments = PriorsTally(), 0, 0
-    with ExitStack() as stack:
-        outputs = [(output, Occluders)] + ([(hulls, Hulls)] if hulls is not None else [])
-        writers = [
-            stack.enter_context(TableWriter(p, t, provenance, overwrite=overwrite, length_unit=place.length_unit))
-            for p, t in outputs
-        ]
-        for part in hull_priors(views, place, config, frames):
-            for writer, table in zip(writers, (part.occluders, part.hulls), strict=False):
-                writer.write(table)
+    with job.tables(provenance, scene.length_unit) as tables:
+        for part in hull_priors(views, scene, config, frames):
+            tables.write(output=part.occluders, hulls=part.hulls)
             tally.add(part.occluders)
             candidates, moments = candidates + part.candidates, moments + part.moments
         if not moments:
             raise InputError(f"{path}: no row is of the chosen cameras; choose others")
-    summary = {"occluders": str(output), "source": "hull", "cameras": len(used), **tally.summary()}
+    summary = {"occluders": str(request.output), "source": "hull", "cameras": len(used), **tally.summary()}
     return {**summary, "candidates_a_moment": candidates / moments}, losses
 
 
-def run_acoustic(
-    path: Path, scene: Path | None, values: Mapping[str, object], output: Path, overwrite: bool, quiet: bool
-) -> Result:
+def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
+    """Names of the cameras with a pose to use.
+
+    Raises:
+        UsageError: the scene does not have a camera that is named, or fewer than two are left.
+    """
+    names = tuple(c.name for c in scene.cameras)
+    for name in (*request.cameras, *request.without):
+        if name not in names:
+            raise UsageError(f"no camera {name!r} in the scene; {nearest(name, names)}")
+    placed = [c.name for c in scene.cameras if c.placed and c.name not in request.without]
+    used = [name for name in placed if not request.cameras or name in request.cameras]
+    if len(used) < 2:
+        raise UsageError(f"{len(used)} cameras with a pose are left; a visual hull needs at least 2")
+    return used
+
+
+def run_acoustic(request: AcousticRequest, job: Job) -> Result:
     """Directions of arrival to priors; the summary and what had been lost before."""
-    source = Source(path, scene)
-    place = source.need_scene()
-    config = configure(AcousticConfig.in_unit(place.length_unit), values)
-    chunks = console.progress(source.chunks(Doa), "acoustic", quiet=quiet)
-    provenance = _provenance({"source": "acoustic", **asdict(config)}, [path, scene], source.losses, None)
+    source = Source(request.doa, request.scene)
+    scene = source.need_scene()
+    config = configure(AcousticConfig.in_unit(scene.length_unit), request.settings)
+    chunks = job.progress(source.chunks(Doa), "acoustic")
     tally = PriorsTally()
-    with TableWriter(output, Occluders, provenance, overwrite=overwrite, length_unit=place.length_unit) as writer:
-        for table in acoustic_priors(chunks, place, config):
-            writer.write(table)
+    with job.tables(
+        job.provenance({"source": "acoustic", **asdict(config)}, source.losses), scene.length_unit
+    ) as tables:
+        for table in acoustic_priors(chunks, scene, config):
+            tables.write(output=table)
             tally.add(table)
-    return {"occluders": str(output), "source": "acoustic", **tally.summary()}, source.losses
+    return {"occluders": str(request.output), "source": "acoustic", **tally.summary()}, source.losses
 
 
 def _of_cameras(chunks: Iterable[S], names: list[str]) -> Iterator[S]:
     for chunk in chunks:
         yield chunk.take(np.isin(chunk.sensor, names))
-
-
-def _provenance(
-    parameters: dict[str, object], paths: list[Path | None], losses: tuple[Loss, ...], seed: int | None
-) -> Provenance:
-    return Provenance("priors", parameters, seed, hash_inputs([p for p in paths if p is not None]), losses)
 
 
 class PriorsTally:

@@ -64,12 +64,13 @@ def first_position(
     """
 
     def deviations(at: Floats) -> tuple[Floats, Floats]:
-        """(n,) deviations and (n, 2) gradients of all measurements at a place, over their standard deviations."""
-        found = linearise(distances, at[None])
-        expected, ahead = expected_of(at[None], rows, world)
+        """(L, n) deviations and (L, n, 2) gradients of all measurements at (L, 2) places, in standard deviations."""
+        found = linearise(distances, at)
+        expected, ahead = expected_of(at, rows, world)
         H, R = of_directions(at, rows, world)
-        off = np.where(ahead[0], off_directions(expected[0], rows) / np.sqrt(R), np.inf)
-        return np.append(found.residual[0], off), np.vstack([found.gradient[0], H / np.sqrt(R)[:, None]])
+        off = np.where(ahead, off_directions(expected, rows) / np.sqrt(R), np.inf)
+        gradient = np.concatenate([found.gradient, H / np.sqrt(R)[..., None]], axis=1)
+        return np.concatenate([found.residual, off], axis=1), gradient
 
     def cost(at: Floats, off: Floats) -> float:
         away = at - anywhere.mean[:2]
@@ -80,11 +81,10 @@ def first_position(
     share = (np.arange(GRID) + 0.5) / GRID
     grid = low + (high - low) * np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
     cell2 = float(np.max(0.5 * (high - low) / GRID) ** 2)
-    each = [deviations(at) for at in grid]
-    wide = np.array([off**2 / (1.0 + cell2 * (H**2).sum(axis=1)) for off, H in each])
+    every_off, every_H = deviations(grid)
+    wide = every_off**2 / (1.0 + cell2 * (every_H**2).sum(axis=-1))
     best = int(np.argmin(np.minimum(wide, gate**2).sum(axis=1)))
-    at, use = grid[best], wide[best] <= gate**2
-    off, H = each[best]
+    at, use, off, H = grid[best], wide[best] <= gate**2, every_off[best], every_H[best]
     state = anywhere
     for _ in range(STEPS if use.any() else 0):
         # Posterior of the measurements linearised at the place
@@ -94,11 +94,13 @@ def first_position(
         if float(step @ np.linalg.solve(state.covariance[:2, :2], step)) < CLOSE:
             break
         # Line search: the longest of the halved steps that lowers the cost
-        tried = [at + 0.5**half * step for half in range(HALVINGS)]
-        at_next = next((t for t in tried if cost(t, deviations(t)[0][use]) < cost(at, off[use])), None)
-        if at_next is None:
+        tried = at + 0.5 ** np.arange(HALVINGS)[:, None] * step
+        every_off, every_H = deviations(tried)
+        lower = [cost(tried[k], every_off[k, use]) < cost(at, off[use]) for k in range(HALVINGS)]
+        if not any(lower):
             break
-        at, (off, H) = at_next, deviations(at_next)
+        k = lower.index(True)
+        at, off, H = tried[k], every_off[k], every_H[k]
     return state, rows.sensor[use[len(distances.kind) :]]
 
 

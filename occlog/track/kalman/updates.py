@@ -170,7 +170,7 @@ def map_cost(places: Floats, state: Gaussian, rows: Rows, world: World) -> Float
     away = places - state.mean[:2]
     cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
     expected, ahead = measured(places, rows, world)
-    variance = np.stack([linearised(place, rows, world)[1] for place in places])
+    variance = linearised(places, rows, world)[1]
     terms = 0.5 * residuals(expected, rows) ** 2 / variance + 0.5 * np.log(variance)
     return np.asarray(np.where(ahead.all(axis=1), cost + np.where(ahead, terms, 0.0).sum(axis=1), np.inf))
 

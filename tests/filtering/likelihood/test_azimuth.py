@@ -25,7 +25,7 @@ from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.kalman.stations import extended
 
-TARGETS, STEPS, DT = 100, 25, 0.5
+TARGETS, STEPS, DT = 100, 15, 0.5
 SIGMA_RANGE, SIGMA_BEARING = 0.2, math.radians(1.0)
 
 

@@ -41,7 +41,8 @@ def test_a_probe_skips_a_byte_order_mark_and_refuses_what_is_no_text(tmp_path: P
     file.write_bytes(b"ab\xff")
     with pytest.raises(InputError, match="byte 2"):
         _ = Probe(file, "a text").text
-    assert is_folder(Probe(tmp_path, "a text")) and not is_folder(Probe(file, "a text"))
+    assert is_folder(Probe(tmp_path, "a text"))
+    assert not is_folder(Probe(file, "a text"))
 
 
 def test_the_guide_lists_every_format_of_calibrations() -> None:

@@ -154,6 +154,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.slow
+@pytest.mark.serial
 def test_a_worker_of_dask_that_dies_takes_no_other_work_with_it_and_a_scheduler_that_goes_is_named() -> None:
     """What had waited at its worker was blamed for its death, and two threads disturbed each other."""
     pytest.importorskip("distributed")

@@ -10,8 +10,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import eigh
 from scipy.stats import multivariate_normal, norm
 
+LEAST = 0.02
+"""Least probability of a hypothesis that updates a state."""
 EDGES = np.array([[1.0, -0.5, 0.0, 0.0], [0.0, 0.0, 1.0, -0.5], [1.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.5]])
 """From centre and size of both axes to the edges."""
 
@@ -287,7 +290,7 @@ def associate(
     p = p / exists
     beta = np.array([[p[i * M + j, i] for j in range(M)] for i in range(N)]).reshape(N, M)
     joint = np.array([[[p[N * M + k * M + j, i] for j in range(M)] for i in pair] for k, pair in enumerate(pairs)])
-    return Association(beta, joint.reshape(len(pairs), 2, M), exists / (1.0 - exists) * (1.0 - r) / r)
+    return Association(beta, joint.reshape(len(pairs), 2, M), exists * (1.0 - r * detection) / (none * r))
 
 
 def kalman(
@@ -298,44 +301,63 @@ def kalman(
     return m + K @ off, P - K @ H @ P
 
 
-def moved_by(
-    m: np.ndarray, P: np.ndarray, me: Seen, z: np.ndarray, parts: Sequence[tuple[np.ndarray, float]]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Kalman updates, one after the other, by edges with their noise divided by a weight.
+class Hypothesis(NamedTuple):
+    """A box of a person: its probability, and the edges that are the person's, each axis with the share that counts."""
+
+    probability: float
+    box: np.ndarray
+    axes: list[tuple[np.ndarray, float]]
+
+
+def alone(use: np.ndarray, whole: float, outlier: int, p: float, box: np.ndarray) -> list[Hypothesis]:
+    """A box of one person with all edges, and without the edge that may be an outlier."""
+    out = []
+    for left_out, chance in ((-1, whole), (outlier, 1.0 - whole)):
+        edges = [np.array([e for e in (a, a + 2) if use[e] and e != left_out], dtype=int) for a in range(2)]
+        out.append(Hypothesis(p * chance, box, [(e, 1.0) for e in edges]))
+    return out
+
+
+def of_two(use: np.ndarray, own: np.ndarray, p: float, box: np.ndarray) -> Hypothesis:
+    """An outline of two, with the probabilities that its edges are the person's."""
+    axes = []
+    for axis in range(2):
+        edges = np.array([e for e in (axis, axis + 2) if use[e] and own[e] > 0.5], dtype=int)
+        axes.append((edges, float(np.sqrt(np.prod(own[edges])) if len(edges) == 2 else np.prod(own[edges]))))
+    return Hypothesis(p, box, axes)
+
+
+def mixture(m: np.ndarray, P: np.ndarray, me: Seen, hypotheses: Sequence[Hypothesis]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of the mixture of a Kalman update by each hypothesis, and of none by the rest (JPDA).
 
     Args:
         m: mean at which the box is linear.
         P: covariance.
         me: the person in the camera.
-        z: the box.
-        parts: edges and their weight.
+        hypotheses: of the frame.
     """
-    at = m.copy()
-    for edges, weight in parts:
-        if weight > 0.0 and len(edges):
-            off = z - me.box - me.H @ (m - at)
-            R = me.update_noise[np.ix_(edges, edges)] / weight
-            m, P = kalman(m, P, me.H[edges], off[edges], R)
-    return m, P
+    means, spreads, chances = [m], [P], [1.0 - sum(h.probability for h in hypotheses)]
+    for h in hypotheses:
+        at, S = m.copy(), P
+        for edges, weight in h.axes:
+            if weight > 0.0 and len(edges):
+                off = h.box - me.box - me.H @ (at - m)
+                at, S = kalman(at, S, me.H[edges], off[edges], me.update_noise[np.ix_(edges, edges)] / weight)
+        means.append(at)
+        spreads.append(S)
+        chances.append(h.probability)
+    mean = np.einsum("k,ki", chances, means)
+    off = np.array(means) - mean
+    return mean, np.einsum("k,kij->ij", chances, spreads) + np.einsum("k,ki,kj->ij", chances, off, off)
 
 
-def parts_alone(use: np.ndarray, whole: float, outlier: int, p: float) -> list[tuple[np.ndarray, float]]:
-    """Edges and weights of a box of one person; the axes are independent."""
-    out = []
-    for left_out, chance in ((-1, whole), (outlier, 1.0 - whole)):
-        for axis in range(2):
-            edges = np.array([e for e in (axis, axis + 2) if use[e] and e != left_out], dtype=int)
-            out.append((edges, p * p * chance))
-    return out
-
-
-def parts_of_two(use: np.ndarray, own: np.ndarray, p: float) -> list[tuple[np.ndarray, float]]:
-    """Edges and weights of an outline of two, with the probabilities that its edges are the person's."""
-    out = []
-    for axis in range(2):
-        edges = np.array([e for e in (axis, axis + 2) if use[e] and own[e] > 0.5], dtype=int)
-        out.append((edges, p * p * float(np.sqrt(np.prod(own[edges])) if len(edges) == 2 else np.prod(own[edges]))))
-    return out
+def quotient(m: np.ndarray, P: np.ndarray, cavity_m: np.ndarray, cavity_P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information matrix and vector by which N(cavity_m, cavity_P) has the mean m, and P where that is narrower."""
+    before = np.linalg.inv(cavity_P)
+    values, axes = eigh(np.linalg.inv(P) - before, before)
+    own = before @ axes
+    J = (own * np.maximum(values, 0.0)) @ own.T
+    return J, (before + J) @ m - before @ cavity_m
 
 
 def update(
@@ -430,27 +452,28 @@ def update(
             site_odds[l] = np.log(found.ratio)
             for i in range(N):
                 me = seen[i]
-                options = [(found.beta[i, j], j, -1, 0) for j in range(len(z))]
-                options += [(found.joint[k, s, j], j, k, s) for k, pair in enumerate(pairs) for s in range(2)
-                            for j in range(len(z)) if pair[s] == i]  # fmt: skip
-                p, j, k, s = max(options)
-                m[i], P[i] = cavity_m[i], cavity_P[i]
-                if p > 0.02 and me is not None:
-                    if k >= 0:
-                        parts = parts_of_two(use[j], outlines[k].own if s == 0 else 1.0 - outlines[k].own, p)
-                    else:
-                        parts = parts_alone(use[j], whole[i, j], outlier[i, j], p)
-                    m[i], P[i] = moved_by(cavity_m[i], cavity_P[i], me, z[j], parts)
-                    if sweep == 1 and k < 0:
-                        w, off = p * p, p * p * (1.0 - whole[i, j])
-                        ends = outlier[i, j] == 3 and z[j, 3] < me.box[3]
-                        if use[j, 3] and covered[i] > 0.5:
-                            cuts += (off * ends, w * covered[i])
-                        wrong += (off * r[i] * (not (ends and covered[i] > 0.1)), w * r[i])
-                        odd[first[l] + j] += off
-                inverse_after, inverse_before = np.linalg.inv(P[i]), np.linalg.inv(cavity_P[i])
-                J[l, i] = inverse_after - inverse_before
-                h[l, i] = inverse_after @ m[i] - inverse_before @ cavity_m[i]
+                m[i], P[i], J[l, i], h[l, i] = cavity_m[i], cavity_P[i], 0.0, 0.0
+                if me is None:
+                    continue
+                single = [(found.beta[i, j], j) for j in range(len(z))]
+                double = [(found.joint[k, s, j], j, outlines[k].own if s == 0 else 1.0 - outlines[k].own)
+                          for k, pair in enumerate(pairs) for s in range(2) for j in range(len(z))
+                          if pair[s] == i]  # fmt: skip
+                hypotheses = [each for p, j in single if p > LEAST
+                              for each in alone(use[j], whole[i, j], outlier[i, j], p, z[j])]  # fmt: skip
+                hypotheses += [of_two(use[j], own, p, z[j]) for p, j, own in double if p > LEAST]
+                if hypotheses:
+                    mean_i, P_i = mixture(cavity_m[i], cavity_P[i], me, hypotheses)
+                    J[l, i], h[l, i] = quotient(mean_i, P_i, cavity_m[i], cavity_P[i])
+                    m[i], P[i] = mean_i, np.linalg.inv(np.linalg.inv(cavity_P[i]) + J[l, i])
+                p, j = max(single)
+                if sweep == 1 and p > LEAST and p > max([0.0, *(d[0] for d in double)]):
+                    w, off = p * p, p * p * (1.0 - whole[i, j])
+                    ends = outlier[i, j] == 3 and z[j, 3] < me.box[3]
+                    if use[j, 3] and covered[i] > 0.5:
+                        cuts += (off * ends, w * covered[i])
+                    wrong += (off * r[i] * (not (ends and covered[i] > 0.1)), w * r[i])
+                    odd[first[l] + j] += off
             if sweep == 1:
                 for k, (a, b) in enumerate(pairs):
                     merged = 0.5 * found.joint[k].sum()

@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
 
-from occlog import console
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.models.networks import NetworkSpec, read_network
 from occlog.records.tables import Delays
+from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import TrafficConfig
 from .network import CameraNode, Network, SensorNode, Sizes
+from .request import TrafficRequest
 from .stage import Case, delay_rows, simulate_traffic
 
 
-def run_traffic(
-    path: Path, settings: Mapping[str, object], output: Path, overwrite: bool, quiet: bool
-) -> dict[str, object]:
-    """Simulate and write; return the summary."""
-    config = configure(TrafficConfig(), settings)
-    network = network_of(read_network(path))
-    made = Provenance("traffic", asdict(config), None, hash_inputs([path]))
+def run_traffic(request: TrafficRequest, job: Job) -> tuple[dict[str, object], tuple[()]]:
+    """Simulate and write; the summary, and that nothing was lost."""
+    config = configure(TrafficConfig(), request.settings)
+    network = network_of(read_network(request.network))
     cases: list[Case] = []
     parts: list[Delays] = []
-    for case in console.progress(simulate_traffic(network, config), "traffic", quiet=quiet):
+    for case in job.progress(simulate_traffic(network, config), "traffic"):
         cases.append(case)
         parts.append(delay_rows(case))
-    with TableWriter(output, Delays, made, overwrite=overwrite) as writer:
-        writer.write(Delays.merge(parts))
-    return {
-        "delays": str(output),
+    with job.tables(job.provenance(asdict(config)), "m") as tables:
+        tables.write(output=Delays.merge(parts))
+    summary = {
+        "delays": str(request.output),
         "channel": cases[0].channel,
         "cases": len(cases),
         "delay_s": {_name(c): c.delay_s for c in cases},
     }
+    return summary, ()
 
 
 def _name(case: Case) -> str:

@@ -19,7 +19,7 @@ from occlog.core.numerics.jit import kernel, kernel_part
 from .body_box import BOTTOM, Views, box_and_slope
 from .detections import Boxes, Rates, add_precision, biased, edge_noise, interpolate
 from .likelihood import Likelihoods, likelihood_ratios
-from .linear import invert
+from .linear import cholesky, eigen, invert
 from .merged import own_edges, pair_likelihoods, pair_messages, touching
 from .visible_share import COLUMNS, ROWS, centre_deviation, in_view, visible_feet, visible_share
 
@@ -35,6 +35,8 @@ MIN_RATIO = 1e-12
 """Least likelihood ratio of existence."""
 MIN_ASSOCIATION = 0.02
 """Least association probability of a box that updates a state."""
+ROUNDING = 1e-9
+"""Share of a precision below which a negative information is rounding."""
 DEPTH_OF_WIDTH = 0.1
 """Standard deviation of the depth of a body, in widths."""
 
@@ -289,54 +291,120 @@ def assign(
         free[j] = max(free[j], 0.0)
 
 
+@kernel
+def add_hypothesis(
+    precision: Floats, H: Floats, W: Floats, off: Floats, probability: float, first: Floats, second: Floats
+) -> None:
+    """Add the posterior of one hypothesis to the moments of a mixture, relative to the prior's mean.
+
+    Args:
+        precision: (6, 6) inverse of the prior's covariance.
+        H: (4, 6) Jacobian of the edges.
+        W: (4, 4) precision of the edges.
+        off: (4,) edges minus those that are expected.
+        probability: of the hypothesis.
+        first: (6,) changed.
+        second: (6, 6) changed.
+    """
+    HW = H.T @ W
+    P = precision + HW @ H
+    invert(P, P)
+    d = P @ (HW @ off)
+    for a in range(6):
+        first[a] += probability * d[a]
+        for b in range(6):
+            second[a, b] += probability * (P[a, b] + d[a] * d[b])
+
+
 @kernel_part
-def site_of_box(
+def without_negative(information: Floats, P: Floats, precision: Floats) -> None:
+    """Make an information matrix (6, 6) positive semidefinite, in coordinates in which P is the identity.
+
+    Args:
+        information: changed.
+        P: (6, 6) of the belief without it.
+        precision: (6, 6) inverse of P.
+    """
+    L, axes = np.empty((6, 6)), np.empty((6, 6))
+    cholesky(P, L)
+    A = L.T @ information @ L
+    eigen(A, axes)
+    back = precision @ (L @ axes)
+    for k in range(6):
+        for a in range(6):
+            for b in range(6):
+                information[a, b] -= min(A[k, k], 0.0) * back[a, k] * back[b, k]
+
+
+@kernel_part
+def site_of_boxes(
     predicted: Predicted,
     i: int,
     box: Floats,
     believed: Bools,
-    whole: float,
-    outlier: int,
-    probability: float,
+    whole: Floats,
+    outlier: Ints,
+    beta: Floats,
+    pair: Ints,
+    joint: Floats,
     own: Floats,
-    pair: int,
-    side: int,
     information: Floats,
     vector: Floats,
 ) -> None:
-    """Write the Gaussian factor H' W H (6, 6), H' W z (6,) that a box leaves of the state of person i.
+    """Write the Gaussian factor (6, 6), (6,) in information form that a frame leaves of the state of person i.
 
-    W is the precision of the observed edges times the square of the association probability: of all edges as far as
-    none is an outlier, of the others as far as one is; of the outline of a pair, those of person i.  JPDA would match
-    the moments of the mixture over all boxes; docs/explanation/trackers/people.md compares both.
+    JPDA: the belief after the frame has the mean and covariance of the mixture over all boxes and the missed detection;
+    the factor is that belief divided by the cavity.  Directions in which the mixture is wider than the cavity get no
+    information.  A box with a possible outlier edge makes two hypotheses, one without this edge.
 
     Args:
-        predicted: people in the frame.
+        predicted: people in the frame, from the cavity.
         i: person.
-        box: (4,) [px].
-        believed: (4,) edges that are observed.
-        whole: probability that no edge is an outlier.
-        outlier: the edge that may be one.
-        probability: of the association.
+        box: (m, 4) [px].
+        believed: (m, 4) edges that are observed.
+        whole: (m,) probability that no edge of a box is an outlier.
+        outlier: (m,) the edge that may be one.
+        beta: (m,) association probabilities of boxes of the person alone, given existence.
+        pair: (K, 2) people who touch.
+        joint: (K, 2, m) association probabilities of outlines of a pair.
         own: (K, 4) probability that the edges of an outline are the first person's of the pair.
-        pair: whom the box shows; -1: person i alone.
-        side: 0: person i is the first of the pair, 1: the second.
         information: (6, 6) written.
         vector: (6,) written.
     """
-    weight = probability * probability
-    noise, H, W = predicted.update_noise[i], predicted.slope[i], np.zeros((4, 4))
-    if pair >= 0:
-        own_edges(noise, believed, own[pair], side == 0, weight, W)
-    else:
-        add_precision(noise, believed, weight * whole, W)
-        if whole < 1.0:
-            use = believed.copy()
-            use[outlier] = False
-            add_precision(noise, use, weight * (1.0 - whole), W)
-    HW = H.T @ W
-    information[:] = HW @ H
-    vector[:] = HW @ (box - predicted.box[i] + H @ predicted.mean[i])
+    noise, H, P, m = predicted.update_noise[i], predicted.slope[i], predicted.covariance[i], predicted.mean[i]
+    precision = np.empty((6, 6))
+    invert(P, precision)
+    d, second, missed, W = np.zeros(6), np.zeros((6, 6)), 1.0, np.empty((4, 4))
+    for j in range(box.shape[0]):
+        off = box[j] - predicted.box[i]
+        if beta[j] > MIN_ASSOCIATION:
+            missed -= beta[j]
+            W[:] = 0.0
+            add_precision(noise, believed[j], 1.0, W)
+            add_hypothesis(precision, H, W, off, beta[j] * whole[j], d, second)
+            if whole[j] < 1.0:
+                use = believed[j].copy()
+                use[outlier[j]] = False
+                W[:] = 0.0
+                add_precision(noise, use, 1.0, W)
+                add_hypothesis(precision, H, W, off, beta[j] * (1.0 - whole[j]), d, second)
+        for k in range(pair.shape[0]):
+            for s in range(2):
+                if pair[k, s] == i and joint[k, s, j] > MIN_ASSOCIATION:
+                    missed -= joint[k, s, j]
+                    W[:] = 0.0
+                    own_edges(noise, believed[j], own[k], s == 0, 1.0, W)
+                    add_hypothesis(precision, H, W, off, joint[k, s, j], d, second)
+    if missed > 1.0 - MIN_ASSOCIATION:
+        information[:], vector[:] = 0.0, 0.0
+        return
+    second += max(missed, 0.0) * P - np.outer(d, d)
+    invert(second, information)
+    information -= precision
+    # Positive semidefinite, but for rounding, if it can be factorised with a trace of the cavity's information
+    if math.isnan(invert(information + ROUNDING * precision, second)):
+        without_negative(information, P, precision)
+    vector[:] = information @ (m + d) + precision @ d
 
 
 @kernel_part
@@ -459,7 +527,7 @@ def update(
                 predicted.existence, found, pair,
                 share[:, start:stop], joint[:, start:stop], free[start:stop], owner[start:stop],
             )  # fmt: skip
-            # Measurement update by the likeliest box
+            # Measurement update by all boxes
             best = likeliest(found.beta, pair, found.joint)
             for i in range(N):
                 odds_of = math.log(max(found.ratio[i], MIN_RATIO))
@@ -467,19 +535,14 @@ def update(
                 site_odds[l, i] = odds_of
                 information[i] -= site[l, i]
                 vector[i] -= site_vector[l, i]
-                site[l, i], site_vector[l, i] = 0.0, 0.0
-                if best.probability[i] > MIN_ASSOCIATION:
-                    j = best.box[i]
-                    site_of_box(
-                        predicted, i, boxes.box[start + j], boxes.believed[start + j], likelihoods.whole[i, j],
-                        likelihoods.outlier[i, j], best.probability[i], own, best.pair[i], best.side[i],
-                        site[l, i], site_vector[l, i],
-                    )  # fmt: skip
+                site_of_boxes(
+                    predicted, i, boxes.box[start:stop], boxes.believed[start:stop], likelihoods.whole[i],
+                    likelihoods.outlier[i], found.beta[i], pair, found.joint, own, site[l, i], site_vector[l, i],
+                )  # fmt: skip
                 information[i] += site[l, i]
                 vector[i] += site_vector[l, i]
-                if best.probability[i] > MIN_ASSOCIATION or sweep > 0:
-                    invert(information[i], P[i])
-                    m[i] = P[i] @ vector[i]
+                invert(information[i], P[i])
+                m[i] = P[i] @ vector[i]
             if sweep == SWEEPS - 1:
                 count_edges(boxes, start, predicted, likelihoods, best, counts)
                 count_merges(predicted.existence, found, pair, counts.merges[l])

@@ -1,4 +1,4 @@
-"""Small symmetric matrices: inverse by Cholesky's factors, without the cost of a library call."""
+"""Small symmetric matrices: inverse and eigenvalues, without the cost of a library call and of its compilation."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ import math
 
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
+
+SWEEPS = 30
+"""Most sweeps of rotations; a few are enough."""
+SMALL = 1e-15
+"""Share of the diagonal at which an entry beside it counts as zero."""
 
 
 @kernel
@@ -47,3 +52,52 @@ def invert(matrix: Floats, out: Floats) -> float:
             out[a, b] = total
             out[b, a] = total
     return log_determinant
+
+
+@kernel
+def cholesky(matrix: Floats, out: Floats) -> None:
+    """Write the lower triangular (n, n) L with L L' = matrix, which is symmetric positive definite."""
+    n = matrix.shape[0]
+    for a in range(n):
+        for b in range(n):
+            total = matrix[a, b]
+            for k in range(min(a, b)):
+                total -= out[a, k] * out[b, k]
+            if a == b:
+                out[a, a] = math.sqrt(total)
+            else:
+                out[a, b] = total / out[b, b] if a > b else 0.0
+
+
+@kernel
+def eigen(matrix: Floats, axes: Floats) -> None:
+    """Make a symmetric (n, n) matrix diagonal, its eigenvalues, by Jacobi's rotations, and write its eigenvectors.
+
+    Column k of `axes` belongs to the k-th diagonal entry.
+    """
+    n = matrix.shape[0]
+    for a in range(n):
+        for b in range(n):
+            axes[a, b] = 1.0 if a == b else 0.0
+    for _ in range(SWEEPS):
+        rotated = False
+        for a in range(n - 1):
+            for b in range(a + 1, n):
+                if abs(matrix[a, b]) <= SMALL * math.sqrt(abs(matrix[a, a] * matrix[b, b])):
+                    continue
+                rotated = True
+                # The smaller angle that makes the entry zero (Golub and Van Loan, Sec. 8.5)
+                tau = (matrix[b, b] - matrix[a, a]) / (2.0 * matrix[a, b])
+                t = math.copysign(1.0, tau) / (abs(tau) + math.sqrt(1.0 + tau * tau))
+                c = 1.0 / math.sqrt(1.0 + t * t)
+                s = t * c
+                for k in range(n):
+                    x, y = matrix[k, a], matrix[k, b]
+                    matrix[k, a], matrix[k, b] = c * x - s * y, s * x + c * y
+                for k in range(n):
+                    x, y = matrix[a, k], matrix[b, k]
+                    matrix[a, k], matrix[b, k] = c * x - s * y, s * x + c * y
+                    x, y = axes[k, a], axes[k, b]
+                    axes[k, a], axes[k, b] = c * x - s * y, s * x + c * y
+        if not rotated:
+            return

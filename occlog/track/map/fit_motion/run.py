@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from pathlib import Path as FilePath
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from occlog import console
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
 from occlog.io.models.motion_models import MotionModel, write_motion
 from occlog.io.open import check_unit, common_unit, losses_of, open_input
 from occlog.records.tables import Tracks, Truth
+from occlog.runner import Job
+from occlog.settings import configure
 
 from .config import COVARIANCE, ESTIMATED, FitConfig
 from .em import fit_differences, fit_em
 from .parameters import Shape
 from .report import Fit
+from .request import FitMotionRequest
 from .steps import Path, median_step
 
 if TYPE_CHECKING:
@@ -31,37 +30,20 @@ LARGEST_FILL = 50
 """Most nodes for each position: a shorter step would only make gaps."""
 
 
-@dataclass(frozen=True)
-class FitRequest:
-    """What to fit, and to what."""
-
-    positions: tuple[FilePath, ...]
-    config: FitConfig = FitConfig()
-    targets: tuple[int, ...] = ()
-
-    @property
-    def shape(self) -> Shape:
-        """What the fit has for parameters."""
-        c = self.config
-        return Shape(form=c.form, disturbance=c.disturbance, alike=c.axes == "same", noise=c.noise == ESTIMATED)
-
-
-def run_fit(
-    request: FitRequest, output: FilePath, overwrite: bool, quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Fit and write; the summary, and what had been lost before."""
-    config = request.config
-    paths, unit, losses = read_paths(request)
+    config = configure(FitConfig(), request.settings)
+    paths, unit, losses = read_paths(request, config)
     where = ", ".join(str(p) for p in request.positions)
     try:
         step_s = config.step_s or median_step(paths)
         gap_s = config.gap_s if config.gap_s is not None else GAP_STEPS * step_s
         _check_step(paths, step_s, gap_s)
-        fit = _fit(request, paths, step_s, gap_s)
+        fit = _fit(config, paths, step_s, gap_s)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
     motion = MotionModel(fit.model.A, fit.model.sigma, step_s, unit)
-    figures = {**_figures(fit, request), "objects": len(paths), "gap_s": gap_s}
+    figures = {**_figures(fit, config), "objects": len(paths), "gap_s": gap_s}
     details = {
         "noise": fit.noise,
         "A_error": fit.A_error.tolist(),
@@ -72,40 +54,42 @@ def run_fit(
     if config.noise_length is not None:
         details["noise"] = noise
     used = {"noise": noise, "step_s": step_s, "gap_s": gap_s, "targets": request.targets}
-    made = Provenance("fit-motion", asdict(config) | used, None, hash_inputs(request.positions), losses)
-    write_motion(output, motion, details, made, overwrite=overwrite)
-    for line in warnings(fit, request, paths):
-        console.note(f"warning: {line}", quiet)
+    made = job.provenance(asdict(config) | used, losses)
+    write_motion(request.output, motion, details, made, overwrite=job.overwrite)
+    for line in warnings(fit, config, paths):
+        job.note(f"warning: {line}")
     shown = {"A": motion.A.tolist(), "sigma": motion.sigma.tolist()}
     shown["noise"] = noise if details["noise"] is None else details["noise"]
-    return {"motion": str(output), "step_s": step_s, "length_unit": unit, **figures, **shown}, losses
+    return {"motion": str(request.output), "step_s": step_s, "length_unit": unit, **figures, **shown}, losses
 
 
 def _check_step(paths: list[Path], step_s: float, gap_s: float) -> None:
     if gap_s < step_s:
-        raise ValueError(f"the longest gap, {gap_s:g} s, is shorter than the step, {step_s:g} s; give a larger --gap")
+        raise ValueError(
+            f"the longest gap, {gap_s:g} s, is shorter than the step, {step_s:g} s; give a larger {option('gap')}"
+        )
     median = median_step(paths)
     if step_s * LARGEST_FILL < median:
         raise ValueError(
             f"a step of {step_s:g} s is under 1/{LARGEST_FILL} of the time between positions, {median:g} s; "
-            "give a larger --step"
+            f"give a larger {option('step')}"
         )
 
 
-def _fit(request: FitRequest, paths: list[Path], step_s: float, gap_s: float) -> Fit:
-    if request.config.method == "differences":
-        return fit_differences(paths, step_s, request.shape, longest_gap_s=gap_s)
-    noise = request.config.noise_length
-    return fit_em(paths, step_s, request.shape, longest_gap_s=gap_s, noise=noise)
+def _fit(config: FitConfig, paths: list[Path], step_s: float, gap_s: float) -> Fit:
+    shape = Shape(config.form, config.disturbance, alike=config.axes == "same", noise=config.noise == ESTIMATED)
+    if config.method == "differences":
+        return fit_differences(paths, step_s, shape, longest_gap_s=gap_s)
+    return fit_em(paths, step_s, shape, longest_gap_s=gap_s, noise=config.noise_length)
 
 
-def _figures(fit: Fit, request: FitRequest) -> dict[str, object]:
+def _figures(fit: Fit, config: FitConfig) -> dict[str, object]:
     """How it was fitted, and how well."""
     return {
-        "method": request.config.method,
-        "form": request.config.form,
-        "disturbance": request.config.disturbance,
-        "axes": request.config.axes,
+        "method": config.method,
+        "form": config.form,
+        "disturbance": config.disturbance,
+        "axes": config.axes,
         "transitions": fit.transitions,
         "measurements": fit.measurements,
         "skipped": fit.skipped,
@@ -129,26 +113,28 @@ def spectral_radius(A: Floats) -> float:
     return float(np.abs(np.linalg.eigvals(A)).max())
 
 
-def warnings(fit: Fit, request: FitRequest, paths: list[Path]) -> list[str]:
+def warnings(fit: Fit, config: FitConfig, paths: list[Path]) -> list[str]:
     """What a user should know before trusting the model."""
     out = []
     radius = spectral_radius(fit.model.A)
     if radius > 1.0:
         out.append(f"the model is unstable: spectral radius {radius:.6g}; positions grow without bound")
     if not fit.converged:
-        out.append(f"not converged after {fit.iterations} iterations; simplify --form or --sigma")
+        out.append(f"not converged after {fit.iterations} iterations; simplify {option('form')} or {option('sigma')}")
     if fit.at_limit:
         out.append(f"at its limit, so too small to be told from 0 (or too large): {', '.join(fit.at_limit)}")
     if fit.undecided:
         out.append(f"not decided by the data: {', '.join(fit.undecided)}; their standard errors are null")
-    if request.config.form == "full":
+    if config.form == "full":
         xy = np.concatenate([p.xy for p in paths])
         if (np.abs(xy.mean(axis=0)) > xy.std(axis=0)).any():
-            out.append("--form full pulls towards the origin of the scene, which is far from these positions")
+            out.append(
+                f"{option('form')} full pulls towards the origin of the scene, which is far from these positions"
+            )
     return out
 
 
-def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
+def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Path], str, tuple[Loss, ...]]:
     """Positions of each object and file, the unit of length, and what had been lost before."""
     paths: list[Path] = []
     inputs = [open_input(file, Truth, Tracks) for file in request.positions]
@@ -157,7 +143,7 @@ def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
         check_unit(opened, unit, source, InputError)
     for opened in inputs:
         table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
-        if request.config.noise == COVARIANCE and not isinstance(table, Tracks):
+        if config.noise == COVARIANCE and not isinstance(table, Tracks):
             raise UsageError(
                 f"{opened.path}: truth has no covariance; give {option('noise')} LENGTH, or leave it to be estimated"
             )

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from occlog import console
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError, UsageError
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
 from occlog.io.models.path_losses import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
 from occlog.io.open import Opened, load_scene, losses_of, open_input
 from occlog.records.scene import Reader, Scene
 from occlog.records.tables import Reads, Truth
+from occlog.runner import Job
 from occlog.settings import configure
 from occlog.track.readers.inputs import metre_of
 from occlog.track.readers.path_loss import PathLoss
@@ -25,30 +22,15 @@ from occlog.track.readers.windows import windows_of
 
 from .config import FitReadersConfig
 from .estimate import Stretch, choose_range, fit_losses, fit_shadowing, usual_ranges
+from .request import FitReadersRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from occlog.records.losses import Loss
 
 FEWEST_WINDOWS = 20
 """Fewer windows with a true place say little."""
 START_SHADOW_DB, START_SHADOW_S = 3.0, 5.0
 """Where the search for the shadowing begins."""
-
-
-@dataclass(frozen=True)
-class FitRequest:
-    """What to fit, and to what."""
-
-    recordings: tuple[Path, ...]
-    scene: Path | None
-    settings: Mapping[str, object]
-
-    @property
-    def paths(self) -> list[Path]:
-        """All inputs, each once."""
-        return list(dict.fromkeys(p for p in (*self.recordings, self.scene) if p is not None))
 
 
 class _Gathered:
@@ -104,9 +86,7 @@ class _Gathered:
                 self.stretches.append(Stretch(seconds, xy[good], kept.count, kept.rssi))
 
 
-def run_fit_readers(
-    request: FitRequest, output: Path, overwrite: bool, quiet: bool
-) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Fit and write; return the summary, and what had been lost before."""
     inputs = [open_input(path, Reads) for path in request.recordings]
     for opened in inputs:
@@ -115,7 +95,7 @@ def run_fit_readers(
     config = configure(FitReadersConfig.in_unit(scene.length_unit), request.settings)
     metre = metre_of(scene.length_unit)
     gathered = _Gathered(scene.readers, config, metre)
-    for opened in console.progress(inputs, "read", quiet=quiet):
+    for opened in job.progress(inputs, "read"):
         gathered.add(opened)
     where = ", ".join(str(p) for p in request.recordings)
     windows = sum(len(s.t_s) for s in gathered.stretches)
@@ -170,13 +150,12 @@ def run_fit_readers(
         fit=figures,
     )
     lost = losses_of(inputs)
-    made = Provenance("fit-readers", asdict(config), None, hash_inputs(request.paths), lost)
-    write_path_loss(output, spec, made, overwrite=overwrite)
+    write_path_loss(request.output, spec, job.provenance(asdict(config), lost), overwrite=job.overwrite)
     silent = [r.name for r, n in zip(scene.readers, reads, strict=True) if not n]
     if silent:
-        console.note(f"warning: without a read, so with the mean power of the others: {', '.join(silent)}", quiet)
+        job.note(f"warning: without a read, so with the mean power of the others: {', '.join(silent)}")
     shown = {
-        "path_loss": str(output),
+        "path_loss": str(request.output),
         "exponent": model.exponent,
         "power_mean": float(losses.power.mean()),
         "noise_db": model.noise_db,
@@ -189,7 +168,7 @@ def run_fit_readers(
     return {**shown, **figures}, lost
 
 
-def _common_scene(request: FitRequest, inputs: list[Opened]) -> Scene:
+def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
     """The scene of all recordings; UsageError where their readers stand at other places."""
     scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
     if not scene.readers:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.jipda.kernels.linear import invert
+from occlog.track.jipda.kernels.linear import cholesky, eigen, invert
 
 
 @pytest.mark.parametrize("n", [1, 4, 6])
@@ -20,3 +20,24 @@ def test_inverse_and_determinant_are_those_of_numpy(n: int) -> None:
 def test_a_matrix_that_is_not_positive_definite_says_so() -> None:
     assert np.isnan(invert(np.array([[1.0, 2.0], [2.0, 1.0]]), np.empty((2, 2))))
     assert np.isnan(invert(np.zeros((2, 2)), np.empty((2, 2))))
+
+
+@pytest.mark.parametrize("n", [1, 2, 6])
+def test_factors_and_eigenvalues_are_those_of_numpy(n: int) -> None:
+    rng = np.random.default_rng(n)
+    root = rng.normal(size=(n, n))
+    L, symmetric, axes = np.full((n, n), np.nan), root + root.T, np.full((n, n), np.nan)
+    cholesky(root @ root.T, L)
+    np.testing.assert_allclose(L, np.linalg.cholesky(root @ root.T), atol=1e-12)
+    diagonal = symmetric.copy()
+    eigen(diagonal, axes)
+    np.testing.assert_allclose(np.sort(np.diag(diagonal)), np.linalg.eigvalsh(symmetric), atol=1e-12)
+    np.testing.assert_allclose((axes * np.diag(diagonal)) @ axes.T, symmetric, atol=1e-12)
+    np.testing.assert_allclose(axes.T @ axes, np.eye(n), atol=1e-12)
+
+
+def test_a_diagonal_matrix_has_its_entries_for_eigenvalues() -> None:
+    matrix, axes = np.diag([3.0, -1.0, 0.0]), np.empty((3, 3))
+    eigen(matrix, axes)
+    np.testing.assert_array_equal(matrix, np.diag([3.0, -1.0, 0.0]))
+    np.testing.assert_array_equal(axes, np.eye(3))

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 
+import jipda_reference as textbook
 import numpy as np
 import pytest
 from crowds import cameras_around
+from scipy.optimize import least_squares
+from scipy.stats import multivariate_normal, norm
 
 from occlog.array_types import Floats
 from occlog.track.jipda.kernels.body_box import expected_box, pack_views
 from occlog.track.jipda.kernels.detections import Boxes, Rates
-from occlog.track.jipda.kernels.newborn import Arrival, newborn, on_floor
+from occlog.track.jipda.kernels.newborn import Arrival, fit_body, newborn, on_floor
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))._replace(range=np.full(4, 40.0))
 BODY = np.array([1.7, 0.12, 0.55, 0.12, 0.9])
@@ -95,3 +98,51 @@ def test_a_pixel_above_the_horizon_shows_no_floor() -> None:
     place = np.empty(2)
     assert on_floor(VIEWS, 0, 640.0, 700.0, 0.0, place)
     assert not on_floor(VIEWS, 0, 640.0, -900.0, 0.0, place)
+
+
+@pytest.mark.parametrize(
+    ("c", "believed"), [(0, (1, 1, 1, 1)), (1, (1, 1, 1, 1)), (2, (1, 0, 0, 1)), (3, (0, 1, 1, 0))]
+)
+def test_a_body_is_the_most_probable_one_with_laplaces_approximation(c: int, believed: tuple[int, ...]) -> None:
+    camera, use = cameras_around(4, 10.0, 8.0)[c], np.array(believed, dtype=bool)
+    made = boxes(PLACES[:1])
+    z = made.box[c] + np.array([2.0, -3.0, 4.0, 1.0])
+    made = made._replace(box=z[None].repeat(4, axis=0), believed=use[None].repeat(4, axis=0))
+    mean, covariance = np.empty(6), np.empty((6, 6))
+    arrival = Arrival(0.02, 1e9, PLACES[:1] + np.array([[0.5, 0.0]]), np.array([0.01]), 0.7)
+    got = fit_body(VIEWS, made, RATES, BODY, arrival, c, c, mean, covariance)
+
+    def box_of(body: Floats) -> Floats:
+        return textbook.body_box(camera, *body)
+
+    detector = textbook.Detector(0.9, np.ones(6), 0.0, 0.0, np.zeros(4), NOISE, 0.0, 1.0, 0.0, 1.0)
+    best = np.delete(mean, [2, 3])
+    R = textbook.edge_covariance(box_of(best), detector, 1.0)[np.ix_(use, use)]
+    white = np.linalg.inv(np.linalg.cholesky(R))
+
+    def off(body: Floats) -> Floats:
+        return np.append(white @ (z - box_of(body))[use], (body[2:] - BODY[[0, 2]]) / BODY[[1, 3]])
+
+    fit = least_squares(off, best + np.array([0.1, -0.1, 0.05, 0.02]), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    np.testing.assert_allclose(best, fit.x, atol=2e-3)
+    information = fit.jac.T @ fit.jac
+    wanted = np.zeros((6, 6))
+    wanted[np.ix_([0, 1, 4, 5], [0, 1, 4, 5])] = np.linalg.inv(information)
+    wanted[2, 2] = wanted[3, 3] = BODY[4] ** 2
+    np.testing.assert_allclose(covariance, wanted, rtol=0.02, atol=1e-6)
+    np.testing.assert_array_equal(mean[2:4], 0.0)
+    log = (
+        multivariate_normal.logpdf(z[use], box_of(fit.x)[use], R)
+        + norm.logpdf(fit.x[2:], BODY[[0, 2]], BODY[[1, 3]]).sum()
+    )
+    log += 2.0 * math.log(2.0 * math.pi) - 0.5 * np.linalg.slogdet(information)[1]
+    away = math.hypot(*(fit.x[:2] - arrival.centre[0]))
+    log_new = math.log(arrival.everywhere + arrival.at[0] * math.exp(-0.5 * (away / arrival.smooth) ** 2))
+    assert got == pytest.approx(log + log_new, abs=0.02)
+    # Where the image shows little floor, no more are expected than are for the whole image
+    step = 1e-4 * np.eye(4)[:2]
+    slopes = [(box_of(fit.x + s) - box_of(fit.x - s)) / 2e-4 for s in step]
+    slope = np.array([[0.5 * (d[0] + d[2]), d[3]] for d in slopes])
+    area = abs(np.linalg.det(slope)) / (camera.image_size[0] * camera.image_size[1])
+    few = fit_body(VIEWS, made, RATES, BODY, arrival._replace(in_image=1e-9), c, c, mean, covariance)
+    assert few - got == pytest.approx(math.log(1e-9 * area) - log_new, abs=0.02)

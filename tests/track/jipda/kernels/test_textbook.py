@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import jipda_reference as textbook
 import numpy as np
 import pytest
@@ -204,28 +206,45 @@ def test_hypotheses_are_assigned_to_people_and_boxes(frame: Frame) -> None:
             assert best.pair[i] < 0 or frame.pairs[best.pair[i]][best.side[i]] == i
 
 
-def test_the_site_of_a_box_is_a_kalman_update_with_the_noise_over_the_squared_probability(frame: Frame) -> None:
+def test_the_site_of_boxes_has_the_moments_of_the_mixture_over_all_hypotheses(frame: Frame) -> None:
     p, rng = frame.predicted, np.random.default_rng(0)
-    for i, seen in enumerate(frame.seen):
-        for j in range(frame.m if seen is not None else 0):
-            assert seen is not None
-            z, whole, outlier, beta = (
-                seen.box + rng.normal(0.0, 9.0, 4),
-                rng.uniform(),
-                int(rng.integers(4)),
-                rng.uniform(),
-            )
-            own, pair, side = rng.uniform(0.2, 1.0, (1, 4)), int(rng.integers(2)) - 1, int(rng.integers(2))
-            J, h = np.empty((6, 6)), np.empty(6)
-            plain(joint.site_of_box)(p, i, z, frame.use[j], whole, outlier, beta, own, pair, side, J, h)
-            if pair >= 0:
-                parts = textbook.parts_of_two(frame.use[j], own[0] if side == 0 else 1.0 - own[0], beta)
-            else:
-                parts = textbook.parts_alone(frame.use[j], whole, outlier, beta)
-            m, P = textbook.moved_by(p.mean[i], p.covariance[i], seen, z, parts)
-            before = np.linalg.inv(p.covariance[i])
-            np.testing.assert_allclose(np.linalg.inv(before + J), P, rtol=1e-5, atol=1e-8)
-            np.testing.assert_allclose(np.linalg.solve(before + J, before @ p.mean[i] + h), m, rtol=1e-5, atol=1e-6)
+    pair, members = np.array([[0, 1], [1, 2]]), [(0, 1), (1, 2)]
+    for i, seen in enumerate(frame.seen[:3]):
+        if seen is None:
+            continue
+        n = 3
+        z = seen.box + rng.normal(0.0, 9.0, (n, 4))
+        use, whole, outlier = rng.random((n, 4)) < 0.8, rng.uniform(size=n), rng.integers(4, size=n)
+        own = rng.uniform(0.2, 1.0, (2, 4))
+        chances = rng.dirichlet(np.ones(1 + 3 * n) * 0.7)
+        beta, both = chances[:n], np.zeros((2, 2, n))
+        hypotheses = [h for j in range(n) if beta[j] > textbook.LEAST
+                      for h in textbook.alone(use[j], whole[j], outlier[j], beta[j], z[j])]  # fmt: skip
+        for k in range(2):
+            both[k] = chances[n * (1 + k) : n * (2 + k)]
+            for s, j in product(range(2), range(n)):
+                if members[k][s] == i and both[k, s, j] > textbook.LEAST:
+                    mine = own[k] if s == 0 else 1.0 - own[k]
+                    hypotheses.append(textbook.of_two(use[j], mine, both[k, s, j], z[j]))
+        J, h = np.empty((6, 6)), np.empty(6)
+        plain(joint.site_of_boxes)(p, i, z, use, whole, outlier, beta, pair, both, own, J, h)
+        m, P = textbook.mixture(p.mean[i], p.covariance[i], seen, hypotheses)
+        wanted_J, wanted_h = textbook.quotient(m, P, p.mean[i], p.covariance[i])
+        size = np.sqrt(np.outer(np.diag(p.covariance[i]), np.diag(p.covariance[i])))
+        np.testing.assert_allclose(J * size, wanted_J * size, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(h * np.sqrt(np.diag(size)), wanted_h * np.sqrt(np.diag(size)), rtol=1e-5, atol=1e-4)
+        assert np.linalg.eigvalsh(J * size)[0] > -1e-8
+
+
+def test_information_that_a_mixture_takes_away_is_none() -> None:
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(6, 6))
+    P = root @ root.T
+    values, axes = np.array([2.0, 1.0, 0.5, 0.0, -0.3, -0.7]), np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    back = np.linalg.inv(np.linalg.cholesky(P)).T @ axes
+    J = (back * values) @ back.T
+    plain(joint.without_negative)(J, P, np.linalg.inv(P))
+    np.testing.assert_allclose(J, (back * np.maximum(values, 0.0)) @ back.T, rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.parametrize(("existence", "frames"), [([0.9, 0.4], 1), ([0.99] * 6, 1), ([0.99] * 6, 3)])
@@ -256,7 +275,8 @@ def agree(s: Scene) -> None:
     wanted = textbook.update(s.mean, s.covariance, s.existence, s.cameras, s.detectors, s.frames(), NEW, GATE)
     for name, value in wanted.items():
         if name not in ("information", "vector"):
-            np.testing.assert_allclose(getattr(got, name), value, rtol=1e-4, atol=1e-4, err_msg=name)
+            # Messages of slow loops stop 1e-5 short of each other, some 1e-3 of a probability from the limit
+            np.testing.assert_allclose(getattr(got, name), value, rtol=2e-3, atol=5e-4, err_msg=name)
     # The sum of the sites leads from the prediction to the posterior
     for i in range(len(s.mean)):
         before = np.linalg.inv(s.covariance[i])

@@ -1,0 +1,53 @@
+"""What `occlog appearance` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Request, Verbs, group, output_file, scene_file, source
+from occlog.settings import setting
+
+from .config import LearnConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnRequest(Request):
+    """Learn a gallery from RECORDING: the colours of each target, apart by the side from which it is seen.
+
+    The side is the angle between where a person heads, by the tracks, and the camera; left and right are taken
+    for the same. Boxes are of the tracks in whose places they are, unless they bring the tracks' identities.
+
+    \b
+      occlog appearance learn hall.mcap -o gallery.parquet
+      occlog appearance learn hall.mcap --boxes boxes.parquet --tracks tracks.parquet -o gallery.parquet
+      occlog appearance learn hall.mcap --views views.parquet --tracks tracks.parquet -o gallery.parquet
+    """
+
+    OWNER: ClassVar[str] = "appearance learn"
+    RUN: ClassVar[str] = "occlog.measure.appearance.run:run_learn"
+
+    recording: Path = source("A recording with images.", argument=True)
+    output: Path = output_file("The gallery (Parquet).", "gallery")
+    boxes: Path | None = source("Boxes (Parquet). [default: those of RECORDING]")
+    views: Path | None = source("Views of `occlog detect` (Parquet), whose colours count.")
+    tracks: Path | None = source(
+        "Tracks or truth: who is where. [default: the truth of RECORDING, or the floor below boxes that have an "
+        "identity]"
+    )
+    labelled: bool = setting(False, "The identities of boxes are those of the tracks.", option="--labelled", shown="")
+    scene: Path | None = scene_file()
+    settings: Mapping[str, object] = group(lambda: LearnConfig)
+
+
+VERBS = Verbs(
+    """Learn how people look from several sides, for `occlog label --gallery` ([Lee] Sec. 5.2.1).
+
+    \b
+      occlog appearance learn hall.mcap --tracks tracks.parquet -o gallery.parquet
+      occlog label later.mcap --gallery gallery.parquet --tracks later.parquet -o matches.parquet
+    """,
+    {"learn": (LearnRequest, "Learn a gallery from boxes and their images.")},
+)

@@ -1,0 +1,99 @@
+"""What `occlog priors` takes, for each source of moving occluders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Request, Verbs, group, output_file, scene_file, sink, source
+from occlog.settings import setting
+
+from .config import AcousticConfig, HullConfig, KalmanConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class KalmanRequest(Request):
+    """Priors from POSITIONS (a recording with truth, or a table of truth or tracks) by a Kalman filter each.
+
+    Of truth the objects of the role `occluder` are used. Without --measured, noise is added to their true
+    places first, as in experiments with virtual occluders.
+
+    \b
+      occlog priors kalman room.mcap -o occluders.parquet --sigma 8 --q 1.2 --seed 1
+      occlog priors kalman badges.parquet --measured --sigma 0.2 -o occluders.parquet
+    """
+
+    OWNER: ClassVar[str] = "priors"
+    RUN: ClassVar[str] = "occlog.measure.priors.run:run_kalman"
+
+    positions: Path = source("Truth or tracks.", argument=True)
+    output: Path = output_file("Occluders (Parquet).", "occluders")
+    scene: Path | None = scene_file()
+    measured: bool = setting(
+        False, "POSITIONS are real measurements: no noise is added.", option="--measured", shown=""
+    )
+    settings: Mapping[str, object] = group(lambda: KalmanConfig)
+    without: tuple[int, ...] = setting(
+        (), "Leave this object out; may be repeated.", option="--without", metavar="ID", repeat=True, shown=""
+    )
+    seed: int = setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HullRequest(Request):
+    """Priors from VIEWS (of `occlog detect --views`): where the cones of what cameras see meet.
+
+    Polygons that no camera needs (phantoms) are left out. Where clusters are not told apart, the tracked
+    target's own polygon is there, too: `occlog track --set own_gate=3` leaves it out.
+
+    \b
+      occlog priors hull views.parquet --scene hall.mcap -o occluders.parquet --hulls hulls.parquet
+    """
+
+    OWNER: ClassVar[str] = "priors"
+    RUN: ClassVar[str] = "occlog.measure.priors.run:run_hull"
+
+    views: Path = source("Views of cameras.", argument=True)
+    output: Path = output_file("Occluders: Gaussians (Parquet).", "occluders")
+    hulls: Path | None = sink("The polygons themselves (Parquet).", "hulls")
+    scene: Path | None = scene_file()
+    bearings: Path | None = source(
+        "Bearings made along with VIEWS, which tell frames without anybody from missing ones."
+    )
+    cameras: tuple[str, ...] = setting((), "Use only these cameras.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting((), "Leave these cameras out.", option="--without", metavar="A,B,...", shown="")
+    settings: Mapping[str, object] = group(lambda: HullConfig, example="speed=2")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcousticRequest(Request):
+    """Priors from DOA (a table of directions of arrival, or a recording with them) of two arrays or more.
+
+    \b
+      occlog priors acoustic talk.mcap -o occluders.parquet --window 0.05
+    """
+
+    OWNER: ClassVar[str] = "priors"
+    RUN: ClassVar[str] = "occlog.measure.priors.run:run_acoustic"
+
+    doa: Path = source("Directions of arrival.", argument=True)
+    output: Path = output_file("Occluders (Parquet).", "occluders")
+    scene: Path | None = scene_file()
+    settings: Mapping[str, object] = group(lambda: AcousticConfig, example="min_crossing=0.2")
+
+
+VERBS = Verbs(
+    """Find where moving occluders are, for `occlog track --occluders`.
+
+    \b
+      occlog priors kalman room.mcap -o occluders.parquet
+      occlog track room.mcap -o tracks.parquet --occluders occluders.parquet
+    """,
+    {
+        "kalman": (KalmanRequest, "From positions, true or measured."),
+        "hull": (HullRequest, "From the views of several cameras: their visual hull."),
+        "acoustic": (AcousticRequest, "From directions of arrival at microphone arrays."),
+    },
+)

@@ -1,0 +1,72 @@
+"""What `occlog plan` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Request, group, sink, source
+from occlog.settings import setting
+
+from .config import PlanConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanRequest(Request):
+    """Tell what errors are to be expected of the cameras and arrays of SCENE (YAML, or a recording that holds one).
+
+    For each place of the floor: the root mean square error of a filter that has followed a target there, and how
+    probable it is that no, one, or several sensors see the target, among --people who walk about and hide it.  The
+    error is that of a filter that knows how often the walkers turn, along ways to each place; no recording is made.
+
+    \b
+      occlog plan examples/room.yaml --people 6 --within 0.3 -o plan.parquet --picture plan.png
+      occlog plan examples/room.yaml --people 6 --along-walls southwest --add 2 --report plan.html
+      occlog plan examples/room.yaml --density 0.2 --remove --json
+    """
+
+    OWNER: ClassVar[str] = "plan"
+    RUN: ClassVar[str] = "occlog.plan.run:run_plan"
+
+    scene: Path = source("A scene, or a recording that holds one.", argument=True)
+    output: Path | None = sink("The map (Parquet).", "plan", option="-o/--output")
+    picture: Path | None = sink("Draw the map (PNG or SVG, by the name).")
+    report: Path | None = sink("Write a page with map, figures and rankings (HTML).")
+    candidates: Path | None = source(
+        "A scene file whose cameras and arrays are places for one more; they are ranked.", metavar="FILE"
+    )
+    along_walls: str | None = setting(
+        None,
+        "Rank places along the walls for a camera like this one of the scene (lens, height, noise) that looks at the "
+        "middle of the room.",
+        option="--along-walls",
+        metavar="CAMERA",
+        shown="",
+    )
+    spacing: float | None = setting(
+        None,
+        "Of places along a wall, at most. [default: a sixteenth of all walls]",
+        unit="length",
+        above=0,
+        option="--spacing",
+        metavar="LENGTH",
+        shown="",
+    )
+    add: int | None = setting(
+        None,
+        "Add N of the candidates one after the other, each time the one that helps most.",
+        at_least=1,
+        option="--add",
+        metavar="N",
+        shown="",
+    )
+    remove: bool = setting(
+        False, "Rank the scene's own sensors by how little they are needed.", option="--remove", shown=""
+    )
+    paths: Path | None = source(
+        "Tracks, or a recording with the truth: the floor counts by where these people were.", metavar="FILE"
+    )
+    settings: Mapping[str, object] = group(lambda: PlanConfig, example="window_s=12")
+    seed: int = setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
