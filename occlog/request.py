@@ -13,7 +13,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
-from occlog.errors import UsageError, option
+from occlog.errors import UsageError, did_you_mean, option
 from occlog.settings import Declaration, Settings, declaration, declared, kind_of, read_value
 
 S = TypeVar("S", bound=Settings)
@@ -68,6 +68,7 @@ class Group:
         only: names of settings that can be given; empty: all.
         without: names of settings that cannot.
         under: what the names of the options begin with.
+        plain: names of settings of which they do not.
         example: of `--set NAME=VALUE`, which gives settings without an option; empty: nothing does.
         nested: in Python they are one argument of the field's name, a mapping; else each is an argument.
     """
@@ -76,6 +77,7 @@ class Group:
     only: Collection[str] = ()
     without: Collection[str] = ()
     under: str = ""
+    plain: Collection[str] = ()
     example: str = ""
     nested: bool = False
 
@@ -203,6 +205,7 @@ class Entry(NamedTuple):
         owner: class that declares it: the request's, or that of the settings of a group.
         of: the declaration, a field of the owner.
         group: that it is in; None: it is a field of the request itself.
+        under: what the name of its option begins with.
     """
 
     key: str
@@ -210,6 +213,7 @@ class Entry(NamedTuple):
     owner: type[Settings]
     of: Field[object]
     group: Group | None
+    under: str = ""
 
     @property
     def file(self) -> File | None:
@@ -236,8 +240,7 @@ class Entry(NamedTuple):
     @property
     def name(self) -> str:
         """Its name among the values of a command: that of the field, of a setting in a group under a name with it."""
-        under = "" if self.group is None or not self.group.under else f"{self.group.under}_"
-        return under + self.of.name
+        return _under(self.under, self.of.name)
 
 
 @dataclass(frozen=True)
@@ -249,12 +252,14 @@ class Form:
         takes: names of fields and of settings in groups; None: all that there are.
         settings: classes of the groups that declare none, by their fields.
         around: more classes of which `--set` gives settings.
+        under: what the names of a group's options begin with, by its field, where the group declares nothing.
     """
 
     request: type[Request]
     takes: Collection[str] | None = None
     settings: Mapping[str, type[Settings]] = field(default_factory=dict)
     around: tuple[type[Settings], ...] = ()
+    under: Mapping[str, str] = field(default_factory=dict)
 
     def entries(self) -> Iterator[Entry]:
         """Everything that it takes and that has a name of its own, in the order of declaration."""
@@ -278,9 +283,9 @@ class Form:
         for each in declared(settings):
             wanted = (not of.only or each.name in of.only) and each.name not in of.without
             taken = self.takes is None or f.name in self.takes or each.name in self.takes
-            if wanted and taken and declaration(each).option is not None:
-                key = _key(each)
-                yield Entry(f"{of.under}_{key}" if of.under else key, f.name, settings, each, of)
+            under = "" if each.name in of.plain else self.under.get(f.name, of.under)
+            if wanted and taken and (under or declaration(each).option is not None):
+                yield Entry(_under(under, _key(each)), f.name, settings, each, of, under)
 
     def set_group(self) -> tuple[str, str] | None:
         """The field of the settings that `--set` gives, and an example; None: nothing does."""
@@ -351,8 +356,8 @@ class Verb:
         shared: class of which all requests are; its fields are those of all kinds.
         kinds: by name.
         default: the kind where no value chooses one.
-        by: key of the value that chooses.
-        choose: the kind that a text of this value chooses.
+        by: keys of the values that choose, the first that is given before the others, and which kind a text of the
+            value chooses.
         counted: kinds that so many arguments choose where no value does; more choose that of the largest number.
         what: how a kind is called, for example `method`.
         chosen_by: how a kind is chosen on the command line, with {} for its name.
@@ -364,8 +369,7 @@ class Verb:
     shared: type[Request]
     kinds: Mapping[str, Kind]
     default: str
-    by: str
-    choose: Callable[[str], str]
+    by: Mapping[str, Callable[[str], str]]
     counted: Mapping[int, str] = field(default_factory=dict)
     what: str = "kind"
     chosen_by: str = "{}"
@@ -385,6 +389,13 @@ class Verb:
         """The kind of that name, ours or of a plug-in; None: there is none."""
         return self.kinds[name] if name in self.kinds else self.more().get(name)
 
+    def form(self, name: str) -> Form:
+        """The form of a kind; UsageError, with the nearest name, where there is none of that name."""
+        kind = self.kind(name)
+        if kind is None:
+            raise UsageError(f"no {self.what} {name!r}; {did_you_mean(name, [*self.kinds, *self.more()])}")
+        return kind.form()
+
 
 def _flat(value: object) -> Iterator[object]:
     """The items of tuples in tuples, or the value itself."""
@@ -403,6 +414,11 @@ def _key(f: Field[Any]) -> str:
         return f.name
     long = next(flag for flag in option.split("/") if flag.startswith("--"))
     return long.removeprefix("--").replace("-", "_")
+
+
+def _under(under: str, name: str) -> str:
+    """A name that begins with another, as one of a variable."""
+    return "".join(c if c.isalnum() else "_" for c in f"{under}_") + name if under else name
 
 
 def load(where: str) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from occlog import console
@@ -82,11 +83,22 @@ class Job:
         console.note(text, self.quiet)
 
     def provenance(
-        self, parameters: Mapping[str, object], losses: Iterable[Loss] = (), seed: int | None = None
+        self,
+        parameters: Mapping[str, object],
+        losses: Iterable[Loss] = (),
+        seed: int | None = None,
+        inputs: Sequence[Path] | None = None,
     ) -> Provenance:
-        """How the outputs are made: the verb, its parameters, and the names and SHA-256 of all inputs."""
-        inputs = hash_inputs(self.request.inputs)
-        return Provenance(self.request.OWNER, dict(parameters), seed, inputs, tuple(losses))
+        """How the outputs are made: the verb, its parameters, and the names and SHA-256 of all inputs.
+
+        Args:
+            parameters: on which the outputs depend.
+            losses: input that was lost.
+            seed: of random numbers; None: there are none.
+            inputs: files that are read; None: those of the request.
+        """
+        hashed = hash_inputs(self.request.inputs if inputs is None else inputs)
+        return Provenance(self.request.OWNER, dict(parameters), seed, hashed, tuple(losses))
 
     @contextmanager
     def tables(

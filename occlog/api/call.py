@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from occlog import console
 from occlog.cli.plugged import wanted
 from occlog.errors import UsageError
 from occlog.plugins.chosen import Chosen
-from occlog.request import Entry, File, Form, Request
+from occlog.request import Entry, File, Form, Request, Verb
 from occlog.runner import run
 from occlog.settings import Settings, declaration, kind_of
 
@@ -63,7 +64,14 @@ def call(
     return result(home.without_paths(done.summary), tables, losses, warnings, notes_left, **found)
 
 
-def check_taken(form: Form, given: Mapping[str, object], also: Sequence[str], called: str) -> None:
+def check_taken(
+    form: Form,
+    given: Mapping[str, object],
+    also: Sequence[str],
+    called: str,
+    verb: Verb | None = None,
+    settings: Mapping[str, object] = MappingProxyType({}),
+) -> None:
     """UsageError for an argument, or a table on request, that a form of a request does not have.
 
     Args:
@@ -71,17 +79,29 @@ def check_taken(form: Form, given: Mapping[str, object], also: Sequence[str], ca
         given: arguments of which forms may lack some.
         also: names of tables.
         called: how the form is called.
+        verb: the other kinds of requests, one of which may have it.
+        settings: keywords; those that no kind has are left to what reads them.
     """
     entries = list(form.entries())
-    fields = {entry.field for entry in entries}
-    for name, value in given.items():
-        if not (value is None or value is False or (isinstance(value, tuple) and not value)) and name not in fields:
-            raise UsageError(f"{name} is not an argument of {called}; leave it out")
+    taken = _arguments_of(form)
+    kinds = {} if verb is None else {name: _arguments_of(kind.form()) for name, kind in verb.kinds.items()}
+    for name, value in {**settings, **given}.items():
+        if value is None or value is False or (isinstance(value, tuple) and not value) or name in taken:
+            continue
+        owners = [kind for kind, names in kinds.items() if name in names]
+        if owners or name in given:
+            hint = f", or choose one that has it: {', '.join(owners)}" if owners else ""
+            raise UsageError(f"{name} is not an argument of {called}; leave it out{hint}")
     tables = [entry.field for entry in entries if entry.file is not None and entry.file.asked == "also"]
     for name in also:
         if name not in tables:
             known = ", ".join(tables) or "none"
             raise UsageError(f"also: {called} has no table {name!r} on request; it has: {known}")
+
+
+def _arguments_of(form: Form) -> set[str]:
+    """Names of the arguments of a form, and of its settings that have an option."""
+    return {name for entry in form.entries() for name in (entry.field, entry.of.name)}
 
 
 def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str, Path]:
@@ -144,7 +164,7 @@ def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, 
 
 def _text(value: object) -> str:
     """A text, or numbers with commas."""
-    return value if isinstance(value, str) else ",".join(str(number) for number in value)  # type: ignore[attr-defined]
+    return ",".join(map(str, value)) if isinstance(value, Iterable) and not isinstance(value, str) else str(value)
 
 
 def _named(inputs: Inputs, value: Any, name: str) -> Path:

@@ -7,21 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from occlog import console
-from occlog.console.details import threads_by_default
 from occlog.errors import UsageError
-from occlog.measure.detect.config import DetectConfig
-from occlog.measure.fuse.config import FuseConfig
+from occlog.measure.detect.request import NETWORK, VERB
 from occlog.measure.fuse.request import FuseRequest, TrackFusionRequest
 from occlog.measure.label.request import LabelRequest
 from occlog.request import Form
 
-from .call import call
-from .detectors import Network, Where, detector_of, run_detector
-from .folders import Folder
-from .keywords import Setting, names_of, settings_by_class
-from .results import DetectResult, TrackResult, sentences, tables_in, warn
-from .sources import Inputs, SceneSource, Source
+from .call import call, check_taken
+from .keywords import Setting
+from .results import DetectResult, TrackResult
+from .sources import SceneSource, Source
 
 
 def detect(
@@ -39,6 +34,7 @@ def detect(
     names: str | os.PathLike[str] | None = None,
     embed: str | os.PathLike[str] | None = None,
     bearings: bool = False,
+    method: str | None = None,
     workers: int | None = None,
     progress: bool = False,
     **settings: Setting,
@@ -61,6 +57,8 @@ def detect(
         names: with `onnx`: file with the names of its classes, one a line.
         embed: with `onnx`: describe who is in each box with this network (ONNX).
         bearings: with `onnx` or a plug-in: also a candidate bearing for each box.
+        method: how regions are found before the background (em, outlines, components), or the name of a plug-in's
+            detector; None: em.
         workers: threads; None: one a processor. The result is the same.
         progress: show a bar on standard error, if it is a terminal.
         **settings: of detection, of networks or of the plug-in, by their names in docs/reference/settings.md, in their
@@ -77,47 +75,13 @@ def detect(
     Warns:
         OcclogWarning: frames were lost, or the world seems not to be upright.
     """
-    from occlog.measure.detect.run import DetectRequest, run_detect
-
-    background = {"target": target, "target_boxes": target_boxes or None, "near": near, "fuse": fuse or None}
-    alien = [name for name, value in background.items() if value is not None] + ([] if learn else ["learn"])
-    detector = detector_of(Network(onnx, classes, names, embed), bearings, settings, alien)
-    home, threads = Folder(), workers or threads_by_default()
-    with Inputs() as inputs, console.notes_kept() as notes:
-        path, place, only = inputs.rows(recording, "recording"), inputs.scene(scene), names_of(cameras)
-        if detector is not None:
-            where = Where(path, place, only, home, bearings)
-            summary, losses = run_detector(detector, where, settings, threads, progress)
-        else:
-            request = DetectRequest(
-                recording=path,
-                scene=place,
-                only=only,
-                references=inputs.optional(target, "target"),
-                boxes=tuple(target_boxes),
-                learn=learn,
-                settings=_of_background(settings),
-                workers=threads,
-                near=inputs.optional(near, "near"),
-                fusion=None if fuse is False else _of_fusion({} if fuse is True else fuse),
-            )
-            files = home.file("bearings.parquet"), home.file("views.parquet")
-            summary, losses = run_detect(request, *files, False, not progress)
-        said = [inputs.named(text) for text in notes]
-    told, rest = sentences(said)
-    warn(told, losses)
-    tables = tables_in(home, ("bearings", "views"))
-    return DetectResult(home.without_paths(summary), tables, tuple(losses), told, rest)
-
-
-def _of_background(settings: Mapping[str, Setting]) -> dict[str, object]:
-    (chosen,) = settings_by_class("detect", settings, [("", DetectConfig)], ("scene", "cameras", "target", "near"))
-    return chosen
-
-
-def _of_fusion(settings: Mapping[str, Setting]) -> dict[str, object]:
-    (chosen,) = settings_by_class("fuse", settings, [("", FuseConfig)], ("views", "scene"))
-    return chosen
+    arguments = dict(locals())
+    arguments |= {"bearings": bearings or None, "fuse": fuse is not False}
+    kind = NETWORK if onnx is not None else method or VERB.default
+    form = VERB.form(kind)
+    own = {name: value for name, value in arguments.items() if name not in ("settings", "progress")}
+    check_taken(form, {**own, "learn": not learn}, (), f"detector {kind}", VERB, settings)
+    return call(form, {**arguments, "fusion": fuse}, DetectResult)
 
 
 def fuse(

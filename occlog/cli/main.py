@@ -39,7 +39,7 @@ COMMANDS = {
     ),
     "listen": Command("occlog.measure.listen.command", "Find directions of arrival in the sound of microphone arrays."),
     "epipolar": Command("occlog.measure.epipolar.command", "Find how pairs of views see the same point, or check it."),
-    "detect": Command("occlog.measure.detect.command", "Reduce the frames of a recording to bearings."),
+    "detect": Command("occlog.measure.detect.request:VERB", "Reduce the frames of a recording to bearings."),
     "fuse": Command(
         "occlog.measure.fuse.request:VERB",
         "Fuse detections of several cameras, or tracks of several groups of cameras.",

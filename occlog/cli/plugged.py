@@ -76,7 +76,7 @@ class PluggedCommand(SettingsCommand):
         if others:
             title = f"{self.kind.capitalize()}s of plug-ins ({self.flag} NAME --help tells what each takes)"
             with formatter.section(title):
-                formatter.write_dl([(plugin.name, summary_of(plugin)) for plugin in others])
+                formatter.write_dl([(plugin.name, plugin.summary) for plugin in others])
 
 
 def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugin:
@@ -86,14 +86,6 @@ def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugi
         names = [*ours, *(each.name for each in installed(kind))]
         raise UsageError(f"{flag} {name!r}: no such {kind}; {did_you_mean(name, names)}")
     return plugin
-
-
-def summary_of(plugin: Plugin) -> str:
-    """Its line of summary; why it cannot be loaded, if so."""
-    try:
-        return str(plugin.load().summary)
-    except PluginError as error:
-        return str(error)
 
 
 def plugin_options(plugin: Plugin, there: Sequence[click.Parameter]) -> list[SettingOption]:

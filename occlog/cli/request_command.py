@@ -45,12 +45,13 @@ def _one(request: type[Request], name: str, short_help: str) -> SettingsCommand:
 
 
 def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
-    flag = f"--{verb.by.replace('_', '-')}"
+    flags = {f"--{key.replace('_', '-')}": choose for key, choose in verb.by.items()}
 
     def choose(args: Sequence[str]) -> str | None:
-        value = value_after(args, flag)
-        if value is not None or not verb.counted:
-            return None if value is None else verb.choose(value)
+        given = ((of, value_after(args, flag)) for flag, of in flags.items())
+        chosen = next((of(value) for of, value in given if value is not None), None)
+        if chosen is not None or not verb.counted:
+            return chosen
         count = _arguments(args, [*command.params, *(p for each in command.variants.values() for p in each.params())])
         return next((kind for least, kind in sorted(verb.counted.items(), reverse=True) if count >= least), None)
 
@@ -173,9 +174,8 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
     if (plugged := entry.plugged) is not None:
         return click.Option([plugged.option, entry.of.name], multiple=True, metavar="NAME", help=plugged.help)
     if of is None:
-        under = "" if entry.group is None else entry.group.under
-        names = tuple(verb.kinds) if verb is not None and verb.by == entry.key else ()
-        return SettingOption(entry.owner, entry.of, f"{under}_" if under else "", under, names)
+        names = tuple(verb.kinds) if verb is not None and entry.key in verb.by else ()
+        return SettingOption(entry.owner, entry.of, entry.name.removesuffix(entry.of.name), entry.under, names)
     path: click.ParamType[Any] = options.PATH if of.output or not of.there else options.INPUT
     kind = path if of.number is None else NumberOrFile(of.number)
     several = plain_kind(kind_of(entry.owner, entry.of.name)) is tuple

@@ -29,7 +29,6 @@ def list_plugins(as_json: bool) -> int:
     \b
       occlog plugin list
     """
-    from occlog.cli.plugged import summary_of
     from occlog.examine.export.formats import FORMATS
     from occlog.plugins.loading import EXPORTER, METHOD, VIEW_TRACKER, installed
     from occlog.track.catalogue import OURS
@@ -37,7 +36,7 @@ def list_plugins(as_json: bool) -> int:
     ours = {METHOD: set(OURS), VIEW_TRACKER: set(OURS), EXPORTER: set(FORMATS)}
     told = []
     for plugin in installed():
-        summary = summary_of(plugin)
+        summary = plugin.summary
         if plugin.name in ours.get(plugin.kind, ()):
             summary = f"is not used: occlog has one of that name itself; {summary}"
         told.append((plugin, summary))

@@ -63,6 +63,14 @@ class Plugin(NamedTuple):
         """Name, package and version, for messages."""
         return f"plug-in {self.name} ({self.origin})"
 
+    @property
+    def summary(self) -> str:
+        """Its line of summary; why it cannot be loaded, if so."""
+        try:
+            return str(self.load().summary)
+        except PluginError as error:
+            return str(error)
+
     def load(self) -> Any:
         """The class; PluginError, in one line, where it cannot be imported or lacks what its kind wants."""
         from importlib import import_module

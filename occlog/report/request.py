@@ -216,8 +216,7 @@ VERB = Verb(
         ),
     },
     default=PAGE,
-    by="recording",
-    choose=lambda _: OVERLAY,
+    by={"recording": lambda _: OVERLAY},
     counted={2: BESIDE},
     chosen_by="report [--recording PATH]",
 )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from occlog.errors import PluginError, UsageError, did_you_mean
+from occlog.errors import UsageError, did_you_mean
 from occlog.request import Form, Kind, Request, Verb, load
 from occlog.settings import Settings
 
@@ -300,30 +300,19 @@ def form_of(method: str) -> Form:
     return Form(REQUESTS[found.takes_in], {*shared, *found.takes, "settings"}, settings, around)
 
 
-def _kind(method: str) -> Kind:
-    return Kind(METHODS[method].summary, partial(form_of, method))
-
-
 def _plugged_kinds() -> dict[str, Kind]:
-    """The methods of installed plug-ins; what cannot be loaded says why."""
+    """The methods of installed plug-ins."""
     from occlog.plugins.loading import METHOD, VIEW_TRACKER, installed
 
-    found = {}
-    for plugin in (*installed(METHOD), *installed(VIEW_TRACKER)):
-        if plugin.name not in OURS:
-            try:
-                found[plugin.name] = _kind(plugin.name)
-            except PluginError as error:
-                found[plugin.name] = Kind(str(error), lambda: Form(Tracking))
-    return found
+    plugins = (*installed(METHOD), *installed(VIEW_TRACKER))
+    return {each.name: Kind(each.summary, partial(form_of, each.name)) for each in plugins if each.name not in OURS}
 
 
 VERB = Verb(
     Tracking,
-    {name: _kind(name) for name in OURS},
+    {name: Kind(each.summary, partial(form_of, name)) for name, each in OURS.items()},
     default="apf",
-    by="method",
-    choose=str,
+    by={"method": str},
     what="method",
     chosen_by="--method {}",
     more=_plugged_kinds,

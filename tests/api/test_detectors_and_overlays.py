@@ -72,13 +72,13 @@ def test_networks_find_the_boxes_of_the_command(folder: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"onnx": "m.onnx", "fuse": True}, "fuse is not for detection with a network"),
-        ({"onnx": "m.onnx", "learn": False}, "learn is not for detection with a network"),
-        ({"onnx": "m.onnx", "history": 3}, "history is not for detection with a network"),
-        ({"embed": "m.onnx"}, "embed is for detection with a network; give onnx"),
-        ({"head": "yolo"}, "head is for detection with a network; give onnx"),
-        ({"bearings": True}, "bearings is for detection with a network or by a plug-in"),
-        ({"method": "brigth"}, "method 'brigth': no such detector"),
+        ({"onnx": "m.onnx", "fuse": True}, "fuse is not an argument of detector onnx; .*em, outlines, components"),
+        ({"onnx": "m.onnx", "learn": False}, "learn is not an argument of detector onnx; .*em, outlines, components"),
+        ({"onnx": "m.onnx", "history": 3}, "history is not an argument of detector onnx; .*em, outlines, components"),
+        ({"embed": "m.onnx"}, "embed is not an argument of detector em; leave it out, or choose .*: onnx"),
+        ({"head": "yolo"}, "head is not an argument of detector em; leave it out, or choose .*: onnx"),
+        ({"bearings": True}, "bearings is not an argument of detector em; leave it out, or choose .*: onnx"),
+        ({"method": "brigth"}, "no detector 'brigth'"),
     ],
 )
 def test_arguments_that_do_not_go_together_are_refused(given: dict[str, object], words: str) -> None:

@@ -16,9 +16,6 @@ from occlog.cli.setting_options import CHOSEN, SettingOption, VariantCommand
 PRINTED = {"overwrite", "quiet", "as_json", "strict", "dry_run", "verbose", "_click_default_help"}
 """What is printed, checked and replaced: of a command line, not of a function."""
 CALLED = {
-    "only": "cameras",
-    "references": "target",
-    "boxes": "target_boxes",
     "method": "settings",
     "turn": "in_turn",
     "others": "tracks",

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from occlog import console
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.json_file import parse_json
 from occlog.io.files.untrusted.inputs import FOREIGN_BAG, check_input
 from occlog.io.open import check_unit, load_scene, open_input
@@ -26,9 +21,12 @@ from occlog.measure.fuse.cameras import placed_cameras
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.run import FuseTally
 from occlog.measure.fuse.stage import fuse
+from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Tracks, Views
+from occlog.request import Form
+from occlog.runner import Job
 from occlog.settings import configure
 
 from .by_background.learning import TargetBox, learn
@@ -40,93 +38,88 @@ from .from_boxes import detect_boxes
 from .labels import survey_labels
 from .left_out import LeftOut
 from .near import Near, limited, near_of
+from .request import Detection, DetectRequest
 
 T = TypeVar("T", Boxes, Bearings)
 
 
-@dataclass(frozen=True)
-class DetectRequest:
-    """What to detect and how."""
-
-    recording: Path
-    scene: Path | None
-    only: tuple[str, ...]  # names of cameras; empty: all
-    references: Path | None  # file with appearances of targets; None: those attached to the recording
-    boxes: tuple[str, ...]  # around targets, as texts [ID:]CAM:FRAME:X,Y,W,H
-    learn: bool  # look through the recording first
-    settings: dict[str, object]  # of `DetectConfig`, as far as they were given
-    workers: int
-    near: Path | None = None  # tracks around which targets are looked for; None: everywhere
-    fusion: dict[str, object] | None = None  # settings of `FuseConfig` that were given; None: no fusion
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read."""
-        return [p for p in (self.recording, self.scene, self.references, self.near) if p is not None]
-
-
-def run_detect(
-    request: DetectRequest, output: Path, views: Path | None, overwrite: bool, quiet: bool
-) -> tuple[dict[str, object], list[Loss]]:
+def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
     """Detect and write; the summary, and the input that was lost."""
+    of_fusion = (e.key for e in Form(DetectRequest).entries() if e.field == "fusion" and e.of.name in request.fusion)
+    if not request.fuse and (key := next(of_fusion, None)) is not None:
+        raise UsageError(f"{option(key)} is an option of the fusion; add {option('fuse')}")
     opened = open_recording(request.recording)
     scene = load_scene(request.scene, opened.scene, request.recording)
     left = LeftOut()
-    detections, used = _detections(request, opened, scene, left, quiet)
+    detections, used = _detections(request, opened, scene, left, job)
     if not upright(scene):
-        console.note(
+        job.note(
             "warning: the world of the scene seems not to be upright: sizes of people come from the images, and "
-            "bearings mean little; turn it upright with `occlog ingest --up auto`",
-            quiet,
+            "bearings mean little; turn it upright with `occlog ingest --up auto`"
         )
     fused = FuseTally()
-    if request.fusion is not None:
-        config = configure(FuseConfig.in_unit(scene.length_unit), request.fusion)
+    if request.fuse:
+        heights = {name: request.settings[name] for name in ("person_height",) if name in request.settings}
+        config = configure(FuseConfig.in_unit(scene.length_unit), {**heights, **request.fusion})
         detections = _fused(detections, scene, config, fused)
         used |= {"fusion": asdict(config)}
-    parameters = {"cameras": list(request.only), **used}
-    provenance = Provenance("detect", parameters, None, hash_inputs(request.inputs))
     earlier = () if request.near is None else open_input(request.near).losses
-    losses = list(dict.fromkeys((*opened.losses, *earlier)))
-    tally: Counter[str] = Counter()
-    with ExitStack() as stack:
-        unit = scene.length_unit
-        rows = stack.enter_context(TableWriter(output, Bearings, provenance, overwrite=overwrite, length_unit=unit))
-        regions = None
-        if views is not None:
-            regions = stack.enter_context(TableWriter(views, Views, provenance, overwrite=overwrite, length_unit=unit))
-        for part in detections:
-            rows.write(part.bearings)
-            if regions is not None:
-                regions.write(part.views)
-            losses += part.losses
-            left.lost(part.losses)
-            _count(tally, part)
-        final = replace(provenance, losses=tuple(losses), parameters={**parameters, **left.parameters()})
-        for writer in (rows, regions):
-            if writer is not None:
-                writer.annotate(final)
+    lost = dict.fromkeys((*opened.losses, *earlier))
+    losses, tally = write_detections(job, detections, {"cameras": list(request.cameras), **used}, lost, left, scene)
     if tally["regions"] and not any(c.placed for c in scene.cameras):
-        console.note(
+        job.note(
             "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, or "
-            f"give a scene ({option('scene')})",
-            quiet,
+            f"give a scene ({option('scene')})"
         )
-    summary: dict[str, object] = {"bearings": str(output), **_figures(tally)}
-    if request.fusion is not None:
-        fused.warn(quiet)
+    summary: dict[str, object] = {"bearings": str(request.output), **_figures(tally)}
+    if request.fuse:
+        fused.warn(job.quiet)
         summary |= {"fusion": fused.summary()}
     return summary, losses
 
 
-def _count(tally: Counter[str], part: Detections) -> None:
-    tally.update(
-        frames=part.frames,
-        warmup_frames=part.warmup,
-        regions=len(part.views),
-        rows=len(part.bearings),
-        seen=int(part.bearings.seen.sum()),
-    )
+def write_detections(
+    job: Job,
+    parts: Iterable[Detections],
+    parameters: Mapping[str, object],
+    lost: Iterable[Loss],
+    left: LeftOut,
+    scene: Scene,
+    inputs: Sequence[Path] | None = None,
+) -> tuple[list[Loss], Counter[str]]:
+    """Write the tables that were asked for.
+
+    Args:
+        job: of a request whose outputs are tables of bearings and of views.
+        parts: in the order of time.
+        parameters: of the provenance, to which `left` adds.
+        lost: input that was lost before.
+        left: has seen the frames.
+        scene: of the cameras.
+        inputs: files that are read; None: those of the request.
+
+    Returns:
+        All losses, and counts of frames, regions, rows and rows that are seen.
+    """
+    provenance = job.provenance(parameters, inputs=inputs)
+    losses, tally = list(lost), Counter[str]()
+    fields = {job.request.table_of(name): name for name in job.request.files(output=True)}
+    with job.tables(provenance, scene.length_unit) as tables:
+        for part in parts:
+            found: dict[str, Table] = {Bearings.NAME: part.bearings, Views.NAME: part.views}
+            tables.write(**{field: found[table] for table, field in fields.items()})
+            losses += part.losses
+            left.lost(part.losses)
+            tally.update(
+                frames=part.frames,
+                warmup_frames=part.warmup,
+                regions=len(part.views),
+                rows=len(part.bearings),
+                seen=int(part.bearings.seen.sum()),
+            )
+        final = {**parameters, **left.parameters()}
+        tables.annotate(replace(provenance, losses=tuple(losses), parameters=final))
+    return losses, tally
 
 
 def _figures(tally: Counter[str]) -> dict[str, int]:
@@ -150,13 +143,13 @@ def _fused(
 
 
 def _detections(
-    request: DetectRequest, recording: Recording, scene: Scene, left: LeftOut, quiet: bool
+    request: DetectRequest, recording: Recording, scene: Scene, left: LeftOut, job: Job
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """The parts in the order of time, and the parameters on which they depend.
 
     Images come first; a recording without images gives its boxes, and one without boxes its bearings.
     """
-    config = configure(DetectConfig(), request.settings)
+    config = configure(DetectConfig(), {"method": request.method, **request.settings})
     if config.labels is not None and (recording.cameras or not recording.has(Boxes)):
         raise UsageError(
             f"{recording.path}: {option('labels')} makes targets of the identities of "
@@ -164,7 +157,7 @@ def _detections(
             "this recording; leave it out"
         )
     if recording.cameras:
-        return _from_images(request, recording, scene, config, left, quiet)
+        return _from_images(request, recording, scene, config, left, job)
     if recording.has(Boxes):
         if request.near is not None:
             raise UsageError(
@@ -173,7 +166,7 @@ def _detections(
                 "anybody, to which `occlog label` gives the identity of tracks"
             )
         only = _sensors_of(request, [c.name for c in scene.cameras])
-        chunks = console.progress(_rows_of(recording.tables(Boxes), only), "detect", quiet=quiet)
+        chunks = job.progress(_rows_of(recording.tables(Boxes), only), "detect")
         used: dict[str, object] = {"input": "boxes", "min_confidence": config.min_confidence}
         if config.sigma_px is not None or config.sigma_scale != 1.0:
             used |= {"sigma_px": config.sigma_px, "sigma_scale": config.sigma_scale}
@@ -195,10 +188,10 @@ def _detections(
 
 def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
     """Names of the sensors whose rows are taken, empty: all; UsageError for one that the scene has not."""
-    for name in request.only:
+    for name in request.cameras:
         if name not in known:
             raise UsageError(f"{request.recording}: no camera {name!r}; there are {', '.join(known) or 'none'}")
-    return request.only
+    return request.cameras
 
 
 def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
@@ -236,28 +229,47 @@ def _pass_on(chunks: Iterator[Bearings], near: Near | None, places: dict[str, Fl
 
 
 def _from_images(
-    request: DetectRequest, recording: Recording, scene: Scene, config: DetectConfig, left: LeftOut, quiet: bool
+    request: DetectRequest, recording: Recording, scene: Scene, config: DetectConfig, left: LeftOut, job: Job
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """Learn from a first look where that is asked for, then detect in a second."""
-    sensors = cameras_of(request.only, recording)
-    boxes = [_box(text) for text in request.boxes]
+    sensors = cameras_of(request.cameras, recording)
+    boxes = [_box(text) for text in request.target_boxes]
     targets = _references(request, recording)
     learned, total = Learned(), frames_of(recording, sensors)
     near, limits = _near(request, config, scene.length_unit)
     if request.learn or boxes:
-        first = console.progress(recording.frames(sensors), "first look", total, quiet=quiet)
-        found, boxed = learn(first, scene, config, boxes, request.workers)
+        first = job.progress(recording.frames(sensors), "first look", total)
+        found, boxed = learn(first, scene, config, boxes, request.threads)
         targets = boxed or targets
         learned = found if request.learn else learned
     used = parameters(config) | {
         "input": "images",
         "learn": request.learn,
-        "boxes": list(request.boxes),
+        "boxes": list(request.target_boxes),
         "targets": [t.target_id for t in targets],
         **limits,
     }
-    frames = console.progress(recording.frames(sensors), "detect", total, quiet=quiet)
-    return detect(left.watch(frames), scene, config, request.workers, learned, targets, near=near), used
+    frames = job.progress(recording.frames(sensors), "detect", total)
+    return detect(left.watch(frames), scene, config, request.threads, learned, targets, near=near), used
+
+
+def images_of(request: Detection, detector: str) -> tuple[Recording, Scene, tuple[str, ...]]:
+    """The recording of a request, its scene, and the cameras in whose images to detect.
+
+    Raises:
+        InputError: the recording holds no images.
+        UsageError: there are no images of a camera, or bearings are wanted and no camera has a pose.
+    """
+    opened = open_recording(request.recording)
+    scene = load_scene(request.scene, opened.scene, request.recording)
+    if not opened.cameras:
+        raise InputError(f"{request.recording}: holds no images; {detector} detects in images")
+    sensors = cameras_of(request.cameras, opened)
+    if "bearings" in request.files(output=True) and not any(scene.camera(name).placed for name in sensors):
+        raise UsageError(
+            f"{request.recording}: no camera has a pose, so that there are no bearings; leave {option('bearings')} out"
+        )
+    return opened, scene, sensors
 
 
 def cameras_of(only: tuple[str, ...], recording: Recording) -> tuple[str, ...]:
@@ -277,9 +289,9 @@ def frames_of(recording: Recording, sensors: tuple[str, ...]) -> int:
 
 def _references(request: DetectRequest, recording: Recording) -> tuple[Target, ...]:
     """Appearances of the targets, from a file or attached to the recording; none where there is neither."""
-    if request.references is not None:
-        where = str(request.references)
-        raw: bytes | None = check_input(request.references, "appearances of targets (JSON)").read_bytes()
+    if request.target is not None:
+        where = str(request.target)
+        raw: bytes | None = check_input(request.target, "appearances of targets (JSON)").read_bytes()
     else:
         where, raw = f"{recording.path}: appearance.json", recording.attachment("appearance.json")
     if raw is None:

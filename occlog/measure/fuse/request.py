@@ -79,8 +79,7 @@ VERB = Verb(
         ),
     },
     default=DETECTIONS,
-    by="with",
-    choose=lambda _: TRACKS,
+    by={"with": lambda _: TRACKS},
     chosen_by="fuse [--with TRACKS]",
     example="reach=3",
 )

@@ -105,6 +105,5 @@ VERB = Verb(
         ),
     },
     default=BY_TRACKS,
-    by="gallery",
-    choose=lambda _: BY_GALLERY,
+    by={"gallery": lambda _: BY_GALLERY},
 )

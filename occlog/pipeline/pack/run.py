@@ -105,7 +105,7 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
 
 def inputs_of(config: Config, folder: Path) -> list[Path]:
     """The configuration, and the files that its stages read and that none of them makes; absolute paths."""
-    path = Path(os.path.abspath(config.path))  # noqa: PTH100 -- links keep their names
+    path = config.path.parent.resolve() / config.path.name
     found, own = {path: None}, folder.resolve()
     for stage in plan(config, own):
         with inside(path.parent):
@@ -113,7 +113,7 @@ def inputs_of(config: Config, folder: Path) -> list[Path]:
                 if text in stage.output_paths:
                     continue
                 for file in files_of(text):
-                    place = Path(os.path.abspath(file))  # noqa: PTH100
+                    place = Path(os.path.abspath(file))  # noqa: PTH100 -- links keep their names
                     if own not in place.resolve().parents:
                         found[place] = None
     return list(found)

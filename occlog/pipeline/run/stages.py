@@ -23,7 +23,7 @@ from occlog.errors import SPELLING, InputError, NoSceneError, UsageError
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
 from occlog.io.files.untrusted.inputs import STANDARD_INPUT
 from occlog.io.recording.reader import open_recording
-from occlog.measure.detect.command import METHODS as DETECTIONS
+from occlog.measure.detect.request import METHODS as DETECTIONS
 from occlog.records.tables import Particles, Truth, TruthBoxes
 from occlog.settings import declared
 from occlog.simulate.command import KINDS

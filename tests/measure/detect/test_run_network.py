@@ -191,11 +191,17 @@ def test_views_of_a_network_become_tracks_of_everybody(folder: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("args", "fault"),
     [
-        (["--views", "x.parquet"], "-o is the table of views"),
-        (["--fuse"], "--fuse is not for detection with a network"),
-        (["--method", "em"], "--method is not for detection with a network"),
-        (["--fuse-sigma", "0.1"], "--fuse-sigma is not for detection with a network"),
-        (["--no-learn"], "--learn is not for detection with a network"),
+        (
+            ["--views", "x.parquet"],
+            "--views is an option of --method em, outlines, components, not of --onnx MODEL; leave it out",
+        ),
+        (["--fuse"], "--fuse is an option of --method em, outlines, components, not of --onnx MODEL"),
+        (["--method", "em"], "--method is an option of --method em, outlines, components, not of --onnx MODEL"),
+        (
+            ["--fuse-sigma", "0.1"],
+            "--fuse-sigma is an option of --method em, outlines, components, not of --onnx MODEL",
+        ),
+        (["--no-learn"], "--no-learn is an option of --method em, outlines, components, not of --onnx MODEL"),
         (["--class", "persn"], "did you mean 'person'"),
         (["--cameras", "c"], "no images of camera 'c'"),
         (["--embed-size", "64"], "go with --embed; add it"),
@@ -216,7 +222,7 @@ def test_options_of_networks_want_a_network(folder: Path, tmp_path: Path, capsys
     for args in (["--class", "person"], ["--head", "yolo"], ["--embed", "x.onnx"], ["--bearings", "x.parquet"]):
         command = ["detect", str(folder / "room.mcap"), "-o", str(tmp_path / "b.parquet"), *args]
         assert run(command) == ExitCode.USAGE
-        assert f"{args[0]} is for detection with a network; add --onnx MODEL" in capsys.readouterr().err
+        assert f"{args[0]} is an option of --onnx MODEL, not of --method em" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -99,6 +99,16 @@ def test_an_archive_has_all_that_the_run_was_made_of_and_the_same_bytes_each_tim
         assert [name for name in file.namelist() if name.startswith(INPUTS)] == [f"{INPUTS}/study/run.yaml"]
 
 
+def test_a_configuration_in_a_folder_that_is_a_link_names_the_same_inputs(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "link").symlink_to(packed / "study")
+    config, archive = str(tmp_path / "link" / "run.yaml"), tmp_path / "x.zip"
+    assert run(["pack", str(packed / "out"), "--config", config, "-o", str(archive)]) == ExitCode.DONE
+    assert archive.read_bytes() == (packed / "x.zip").read_bytes()
+    assert verify(archive, capsys)[0] == ExitCode.DONE
+
+
 def test_recordings_that_say_where_their_videos_are_are_the_same_bytes(
     packed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,188 @@
+"""What `occlog detect` takes, for each of the detectors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.console.details import threads_by_default
+from occlog.measure.fuse.config import FuseConfig
+from occlog.measure.networks.config import NetworkConfig
+from occlog.request import Form, Kind, Request, Verb, group, output_file, scene_file, sink, source
+from occlog.settings import declaration, declared, like, setting
+
+from .config import DetectConfig
+
+METHOD = next(declaration(f) for f in declared(DetectConfig) if f.name == "method")
+METHODS = METHOD.choices
+"""Ways of our own to find regions."""
+NETWORK = "onnx"
+OF_BOXES = ("bits", "sigma_px", "sigma_scale", "min_confidence")
+"""Settings of detection that apply to the boxes of networks and plug-ins, too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection(Request):
+    """Reduce the frames of RECORDING to bearings of its targets.
+
+    Each camera's foreground is split into people-sized regions, and the target told from the others by
+    its appearance; without one, it is the largest region. A frame without the target gives a row
+    "looked, not seen". A recording with detector boxes instead of video gives one candidate bearing a box
+    (target_id -1); one with simulated bearings gives these.
+
+    With --onnx a network of yours finds the boxes: YOLO, RT-DETR, RF-DETR or RTMDet. With --method NAME a
+    detector of a plug-in does, see docs/how-to/plugins.md.
+
+    \b
+      occlog detect walk.mcap -o bearings.parquet --views views.parquet
+      occlog detect walk.mcap -o bearings.parquet --views views.parquet --fuse
+      occlog detect hall.mcap -o bearings.parquet --target-box cam1:120:310,95,40,110 --background knn
+      occlog detect hall.mcap --onnx yolo11n.onnx --embed osnet.onnx -o views.parquet
+    """
+
+    OWNER: ClassVar[str] = "detect"
+
+    recording: Path = source("With video, with boxes of a detector, or with simulated bearings.", argument=True)
+    output: Path = output_file(
+        "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "bearings"
+    )
+    scene: Path | None = scene_file()
+    cameras: tuple[str, ...] = setting((), "Only these cameras.", option="--cameras", metavar="A,B,...", shown="")
+    workers: int | None = setting(
+        None,
+        "Threads; default: one a processor. The result is the same.",
+        at_least=1,
+        option="--workers",
+        shown="",
+    )
+
+    @property
+    def threads(self) -> int:
+        """Threads that work."""
+        return self.workers or threads_by_default()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectRequest(Detection):
+    """Targets to detect before the background, or boxes and simulated bearings to pass on."""
+
+    RUN: ClassVar[str] = "occlog.measure.detect.run:run_detect"
+
+    method: str = like(
+        DetectConfig,
+        "method",
+        f"{METHOD.help} Or a detector of a plug-in, by name.",
+        metavar="|".join((*METHODS, "NAME")),
+    )
+    views: Path | None = sink("Every people-sized region of every frame (Parquet).", "views")
+    target: Path | None = source(
+        "Appearances of the targets, as `occlog simulate --render` attaches them. [default: the attached]",
+        metavar="JSON",
+    )
+    target_boxes: tuple[str, ...] = setting(
+        (),
+        "A box [px] around a target in one frame, from which its appearance is learnt; may be repeated.",
+        option="--target-box",
+        metavar="[ID:]CAM:FRAME:X,Y,W,H",
+        repeat=True,
+        whole=True,
+        shown="",
+    )
+    near: Path | None = source(
+        "Look for each target only around where its track says that it is, by the time before the frame.",
+        metavar="TRACKS",
+    )
+    learn: bool = setting(
+        True,
+        "Look through the recording first, for what it shows when nobody is there.",
+        option="--learn/--no-learn",
+    )
+    settings: Mapping[str, object] = group(lambda: DetectConfig, without=("method",))
+    fuse: bool = setting(
+        False, "Fuse the detections of the cameras: remove false, recover missed.", option="--fuse", shown=""
+    )
+    fusion: Mapping[str, object] = group(
+        lambda: FuseConfig,
+        only=("sigma", "window_s", "p_miss", "p_false"),
+        under="fuse",
+        plain=("p_miss", "p_false"),
+        nested=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Boxes(Detection):
+    """What detectors take that find boxes."""
+
+    output: Path = output_file(
+        "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "views"
+    )
+    bearings: Path | None = sink("A candidate bearing for each box (Parquet).", "bearings", asked="bearings")
+    settings: Mapping[str, object] = group(lambda: DetectConfig, only=OF_BOXES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkRequest(_Boxes):
+    """Boxes to find with a network."""
+
+    RUN: ClassVar[str] = "occlog.measure.detect.run_network:run_network"
+
+    onnx: Path = source("Detect with this network (ONNX).", required=True, metavar="MODEL", there=False)
+    classes: tuple[str, ...] = setting(
+        (),
+        "Class to look for, by name or number; may be repeated. [default: person, or the only one]",
+        option="--class",
+        metavar="NAME",
+        repeat=True,
+        whole=True,
+        shown="",
+    )
+    names: Path | None = source("Names of its classes, one a line.", metavar="TEXT", there=False)
+    embed: Path | None = source(
+        "Describe who is in each box with this network (ONNX) for re-identification.", metavar="REID", there=False
+    )
+    network: Mapping[str, object] = group(lambda: NetworkConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PluginRequest(_Boxes):
+    """Boxes to find with the detector of a plug-in."""
+
+    RUN: ClassVar[str] = "occlog.measure.detect.run_plugin:run_plugin"
+
+    method: str = setting("", "Detector of a plug-in, by name.", option="--method", metavar="NAME", shown="")
+    own: Mapping[str, object] = group(None)
+
+
+def _of_plugin(name: str) -> Form:
+    """The form of a request for the detector of a plug-in, with its settings under its name."""
+    from occlog.plugins.loading import DETECTOR, find
+
+    plugin = find(name, DETECTOR)
+    assert plugin is not None  # it is one of those installed
+    return Form(PluginRequest, settings={"own": plugin.load().settings}, under={"own": name})
+
+
+def _plugged() -> dict[str, Kind]:
+    from occlog.plugins.loading import DETECTOR, installed
+
+    return {each.name: Kind(each.summary, partial(_of_plugin, each.name)) for each in installed(DETECTOR)}
+
+
+VERB = Verb(
+    Detection,
+    {
+        "em": Kind("before the background: mixture of person-shaped Gaussians", lambda: Form(DetectRequest)),
+        "outlines": Kind("the same, with outlines of people where several touch", lambda: Form(DetectRequest)),
+        "components": Kind("before the background: connected blobs", lambda: Form(DetectRequest)),
+        NETWORK: Kind("boxes of a network", lambda: Form(NetworkRequest), "--onnx MODEL"),
+    },
+    default="em",
+    by={NETWORK: lambda _: NETWORK, "method": str},
+    what="detector",
+    chosen_by="--method {}",
+    more=_plugged,
+)
