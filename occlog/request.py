@@ -140,7 +140,8 @@ class Request(Settings):
     """Base of all classes of requests; the docstring of a class is the help of its command.
 
     `RUN` is module and name of the function that does it: from the request and a `Job` to a summary and losses.
-    `JUDGED`: the summary has the figure `VERDICT`, whether all is well; `STRICT` says what false means.
+    `JUDGED`: the summary has the figure `VERDICT`, whether all is well; `STRICT` says when false is the exit code
+    6 with `--strict`; empty: it always is.
     `KIND` is module and name of the function that says of which kind of input a request is, and `KINDS` are words for
     these kinds; without any a request takes all that it declares.
     """

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from occlog import console
+from occlog.errors import ExitCode
 from occlog.io.files.atomic import Together, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
@@ -56,6 +57,15 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Do
     request.check_kind(kind)
     check_outputs(request.inputs, request.outputs, overwrite)
     return Done(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
+
+
+def exit_code(request: Request, done: Done, *, strict: bool) -> int:
+    """The exit code of a request that was done; `strict`: results that are not plausible count."""
+    if done.failed:
+        return ExitCode.THRESHOLD
+    code = ExitCode.LOSSY if done.losses else ExitCode.DONE
+    always = request.JUDGED and not request.STRICT
+    return console.strict_code(code, done.summary.get(request.VERDICT), strict or always)
 
 
 @dataclass(frozen=True)

@@ -326,7 +326,8 @@ def read_value(text: str, kind: object, name: str) -> object:
         if plain is bool:
             return TRUTHS[text.strip().lower()]
         if plain is tuple:
-            return listed(text) if item_kind(kind) == (tuple, str) else tuple(float(part) for part in text.split(","))
+            _, item = typing.cast(tuple[type, type], item_kind(kind))
+            return listed(text) if item is str else tuple(item(part) for part in text.split(","))
         return plain(text)
     except (ValueError, KeyError) as error:
         raise UsageError(f"setting {name}: want {KIND_WORDS[item_kind(kind)]}, got {text!r}") from error

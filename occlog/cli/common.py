@@ -196,11 +196,8 @@ READER_KEY = "occlog.reader"
 def check_common(ctx: click.Context) -> None:
     """After a command: UsageError where a unit was stated, or a reader named, in vain."""
     reader: Any = ctx.find_root().meta.get(READER_KEY)
-    if reader is not None and not reader.used:
-        raise UsageError(
-            f"{spelled_option('reader')} {reader.chosen.plugin.name}: no input has a name that ends in "
-            f"{' or '.join(reader.endings)}; outputs were made without it"
-        )
+    if reader is not None:
+        reader.check_used()
     stated: Any = ctx.find_root().meta.get(STATED)
     unused = () if stated is None else stated.unused()
     if unused:

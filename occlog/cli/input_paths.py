@@ -6,6 +6,8 @@ Standard input is kept in a temporary file, since readers look at a file more th
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +43,7 @@ class Input(click.Path):
         root = ctx.find_root()
         if KEPT in root.meta:
             self.fail("standard input (-) is an input already; name a file.", param, ctx)
-        root.meta[KEPT] = _keep(root)
+        root.meta[KEPT] = root.with_resource(standard_input())
         return Path(root.meta[KEPT])
 
 
@@ -90,27 +92,33 @@ def _nearest(path: Path) -> str:
     return f"; did you mean {path.with_name(near[0])}?" if near else "; check the name and the folder"
 
 
-def _keep(root: click.Context) -> Path:
-    """Copy standard input to a file that is removed when the command ends, however it ends.
+@contextmanager
+def standard_input() -> Iterator[Path]:
+    """Copy standard input to a file that is removed when the block ends, however it ends.
 
     The file is called `-`: the name that provenance has for it.
     """
-    import shutil
     import tempfile
 
     if sys.stdin is None or sys.stdin.isatty():
         raise InputError(f"{NAME}: is a terminal; name a file, or pipe one into the command")
-    folder = tempfile.mkdtemp(prefix="occlog-")
-    root.call_on_close(lambda: shutil.rmtree(folder, ignore_errors=True))
-    path = Path(folder) / STANDARD_INPUT
-    ALIASES[str(path)] = NAME
+    with tempfile.TemporaryDirectory(prefix="occlog-", ignore_cleanup_errors=True) as folder:
+        path = Path(folder) / STANDARD_INPUT
+        ALIASES[str(path)] = NAME
+        _copy(path)
+        yield path
+
+
+def _copy(path: Path) -> None:
+    """Write all of standard input to a file."""
+    import shutil
+
     try:
         with path.open("wb") as file:
             shutil.copyfileobj(sys.stdin.buffer, file, 1 << 20)
     except OSError as error:
         raise OutputError(
-            f"{folder}: cannot keep standard input: {error.strerror or error}; free some space"
+            f"{path.parent}: cannot keep standard input: {error.strerror or error}; free some space"
         ) from error
     if not path.stat().st_size:
         raise InputError(f"{NAME}: is empty; the command before the pipe wrote nothing")
-    return path

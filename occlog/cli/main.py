@@ -38,7 +38,9 @@ COMMANDS = {
         "occlog.papers.lee.traffic.request:TrafficRequest", "Simulate the data traffic of sensors that help each other."
     ),
     "listen": Command("occlog.measure.listen.command", "Find directions of arrival in the sound of microphone arrays."),
-    "epipolar": Command("occlog.measure.epipolar.command", "Find how pairs of views see the same point, or check it."),
+    "epipolar": Command(
+        "occlog.measure.epipolar.request:EpipolarRequest", "Find how pairs of views see the same point, or check it."
+    ),
     "detect": Command("occlog.measure.detect.request:VERB", "Reduce the frames of a recording to bearings."),
     "fuse": Command(
         "occlog.measure.fuse.request:VERB",

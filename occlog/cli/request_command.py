@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from occlog import console
-from occlog.errors import ExitCode
 from occlog.request import Entry, Form, Kind, Request, Verb, Verbs
 from occlog.settings import Settings, declaration, kind_of, plain_kind
 
@@ -137,22 +136,20 @@ def _do(
 ) -> int:
     """Build the request of what the options gave, do it, and say what came of it."""
     request = request_of(form, values, settings)
-    from occlog.runner import run
+    from occlog.runner import exit_code, run
 
     done = run(request, overwrite=overwrite, quiet=quiet)
     for loss in done.earlier:
         console.note(f"lost earlier: {loss}", quiet)
-    code: int = ExitCode.DONE
     if done.shown is None:
-        code = console.finish(done.summary, done.losses, as_json)
+        console.finish(done.summary, done.losses, as_json)
     else:
         click.echo(done.shown(as_json))
     for line in done.failed:
         click.echo(f"occlog: --fail-if {line}", err=True)
-        code = ExitCode.THRESHOLD
     for path in request.files(output=True).values() if done.shown is not None else ():
         console.note(f"wrote {path}", quiet)
-    return console.strict_code(code, done.summary.get(form.request.VERDICT), strict)
+    return exit_code(request, done, strict=strict)
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
@@ -196,7 +193,7 @@ def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
 
 def _strict(request: type[Request]) -> list[click.Option]:
     help_text = f"Exit code 6 {request.STRICT}"
-    return [click.Option(["--strict"], is_flag=True, help=help_text)] if request.JUDGED else []
+    return [click.Option(["--strict"], is_flag=True, help=help_text)] if request.JUDGED and request.STRICT else []
 
 
 def _common(example: str) -> list[click.Option]:

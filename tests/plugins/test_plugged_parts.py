@@ -495,7 +495,7 @@ def test_a_detector_of_others_goes_through_a_run(folder: Path) -> None:
     )
     made = list(plan(read_config(config), folder / "out"))
     values = made[0].values
-    assert [v for name, v in values.items() if name.endswith("threshold")] == ["200"]
+    assert [v for name, v in values.items() if name.endswith("threshold")] == [200]
     assert str(values["output"]).endswith("views.parquet")
     assert str(values["bearings"]).endswith("bearings.parquet")
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Required, TypedDict
+from typing import TYPE_CHECKING
 
-from occlog import console
-from occlog.cli.values import parse_names
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
 from occlog.io.models.fundamental_matrices import (
     EPIPOLAR_ATTACHMENT,
     attached_epipolar,
@@ -26,9 +22,11 @@ from occlog.io.recording.reader import Recording, open_recording
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TruthBoxes
 from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
+from occlog.runner import Job
 
 from .config import EpipolarConfig
 from .matches_of_targets import matches_of_tracks
+from .request import EpipolarRequest
 from .stage import PairCheck, calibrated_pairs, checked_pairs, estimated_pairs
 
 if TYPE_CHECKING:
@@ -36,63 +34,32 @@ if TYPE_CHECKING:
     from occlog.records.scene import Scene
 
 
-class EpipolarSummary(TypedDict, total=False):
-    """Figures of each pair by its name, and the file that was written or whether all matches agree."""
-
-    epipolar: str
-    pairs: Required[dict[str, dict[str, object]]]
-    agree: bool
-
-
-@dataclass(frozen=True)
-class EpipolarRequest:
-    """Where matrices or matches come from, and what is asked of them."""
-
-    recording: Path | None
-    scene: Path | None
-    matches: Path | None
-    tracks: Path | None
-    fundamental: Path | None
-    check: bool
-    only: str  # names of cameras, with commas; empty: all
-    config: EpipolarConfig
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Every file that is read, each once."""
-        given = (self.recording, self.scene, self.matches, self.tracks, self.fundamental)
-        return list(dict.fromkeys(p for p in given if p is not None))
-
-
-def run_epipolar(
-    request: EpipolarRequest, output: Path | None, overwrite: bool, quiet: bool
-) -> tuple[EpipolarSummary, tuple[Loss, ...], bool]:
-    """Do it; the summary, what had been lost before, and whether all matches that were checked agree."""
-    _check_usage(request, output)
+def run_epipolar(request: EpipolarRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Find the matrices and write them, or check them; the summary, and what had been lost before."""
+    _check_usage(request)
+    config = EpipolarConfig(**request.settings)  # type: ignore[arg-type]
     recording = open_recording(request.recording) if request.recording is not None else None
     scene = _scene(request, recording)
     made = () if recording is None else recording.losses
     losses = tuple(dict.fromkeys((*made, *lost_in_models([request.tracks, request.fundamental]))))
-    if request.check:
-        checks = _checks(request, recording, scene)
+    if request.output is None:
+        checks = _checks(request, config, recording, scene)
         agree = all(check.fits for check in checks)
-        return {"pairs": {f"{c.a}-{c.b}": _check_summary(c) for c in checks}, "agree": agree}, losses, agree
-    pairs = _only(_find(request, scene), request)
-    if output is None:  # _check_usage has refused it
-        raise UsageError("name the output with -o")
-    parameters = {**asdict(request.config), "only": request.only}
-    provenance = Provenance("epipolar", parameters, None, hash_inputs(request.inputs), losses)
+        return {"pairs": {f"{c.a}-{c.b}": _check_summary(c) for c in checks}, "agree": agree}, losses
+    pairs, output = _only(_find(request, config, scene), request.cameras), request.output
+    provenance = job.provenance({**asdict(config), "only": ",".join(request.cameras)}, losses)
     if names_recording(output) and recording is not None:
         _check_names(pairs, recording)
         attached = {EPIPOLAR_ATTACHMENT: epipolar_bytes(pairs, provenance)}
-        copy_recording(recording, output, attached, provenance, overwrite=overwrite)
+        copy_recording(recording, output, attached, provenance, overwrite=job.overwrite)
     else:
-        write_epipolar(output, pairs, provenance, overwrite=overwrite)
-    _warn(pairs, scene, quiet)
-    return {"epipolar": str(output), "pairs": {f"{p.a}-{p.b}": _summary(p) for p in pairs.pairs}}, losses, True
+        write_epipolar(output, pairs, provenance, overwrite=job.overwrite)
+    _warn(pairs, scene, job)
+    return {"epipolar": str(output), "pairs": {f"{p.a}-{p.b}": _summary(p) for p in pairs.pairs}}, losses
 
 
-def _check_usage(request: EpipolarRequest, output: Path | None) -> None:
+def _check_usage(request: EpipolarRequest) -> None:
+    output = request.output
     if request.matches is not None and request.tracks is not None:
         raise UsageError(f"{option('matches')} and {option('from_tracks')} are two sources of matches; give one")
     some = request.matches is not None or request.tracks is not None
@@ -117,13 +84,12 @@ def _scene(request: EpipolarRequest, recording: Recording | None) -> Scene | Non
     return recording.scene if recording is not None else None
 
 
-def _find(request: EpipolarRequest, scene: Scene | None) -> ViewPairs:
+def _find(request: EpipolarRequest, config: EpipolarConfig, scene: Scene | None) -> ViewPairs:
     """The matrices that are to be written."""
     if request.fundamental is not None:
         return read_epipolar(request.fundamental)
     if request.matches is not None or request.tracks is not None:
-        matches = _matches(request)
-        return estimated_pairs(matches, scene, request.config)
+        return estimated_pairs(_matches(request, config), scene, config)
     if scene is None:
         raise UsageError(
             f"nothing tells how the views lie; give {option('scene')}, "
@@ -132,7 +98,9 @@ def _find(request: EpipolarRequest, scene: Scene | None) -> ViewPairs:
     return calibrated_pairs(scene)
 
 
-def _checks(request: EpipolarRequest, recording: Recording | None, scene: Scene | None) -> tuple[PairCheck, ...]:
+def _checks(
+    request: EpipolarRequest, config: EpipolarConfig, recording: Recording | None, scene: Scene | None
+) -> tuple[PairCheck, ...]:
     pairs = read_epipolar(request.fundamental) if request.fundamental is not None else None
     if pairs is None and recording is not None:
         pairs = attached_epipolar(recording)
@@ -143,15 +111,15 @@ def _checks(request: EpipolarRequest, recording: Recording | None, scene: Scene 
                 f"{option('scene')} or a recording with either"
             )
         pairs = calibrated_pairs(scene)
-    return checked_pairs(pairs, _matches(request), scene, request.config.threshold_px)
+    return checked_pairs(pairs, _matches(request, config), scene, config.threshold_px)
 
 
-def _matches(request: EpipolarRequest) -> tuple[Matches, ...]:
+def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[Matches, ...]:
     """Matches of the cameras asked for; InputError if there are none."""
-    found = _of_tracks(request.tracks, request.config.points) if request.tracks is not None else ()
+    found = _of_tracks(request.tracks, config.points) if request.tracks is not None else ()
     if request.matches is not None:
         found = read_matches(request.matches)
-    only = parse_names(request.only)
+    only = request.cameras
     kept = tuple(m for m in found if not only or (m.a in only and m.b in only))
     if not kept:
         pairs = ", ".join(f"{m.a}-{m.b}" for m in found) or "none"
@@ -168,12 +136,11 @@ def _of_tracks(path: Path, points: str) -> tuple[Matches, ...]:
     return matches_of_tracks(opened.rows(ViewTracks), str(path), points, window if isinstance(window, int) else 0)
 
 
-def _only(pairs: ViewPairs, request: EpipolarRequest) -> ViewPairs:
-    only = parse_names(request.only)
+def _only(pairs: ViewPairs, only: tuple[str, ...]) -> ViewPairs:
     kept = tuple(p for p in pairs.pairs if not only or (p.a in only and p.b in only))
     if not kept:
         there = ", ".join(f"{p.a}-{p.b}" for p in pairs.pairs)
-        raise UsageError(f"{option('cameras')} {request.only}: names no pair of views; pairs there: {there}")
+        raise UsageError(f"{option('cameras')} {','.join(only)}: names no pair of views; pairs there: {there}")
     return ViewPairs(kept)
 
 
@@ -187,11 +154,11 @@ def _check_names(pairs: ViewPairs, recording: Recording) -> None:
                 raise InputError(f"{recording.path}: has no camera {name!r} of the pair; cameras: {cameras}")
 
 
-def _warn(pairs: ViewPairs, scene: Scene | None, quiet: bool) -> None:
+def _warn(pairs: ViewPairs, scene: Scene | None, job: Job) -> None:
     """A note for cameras that are in no pair."""
     used = {name for p in pairs.pairs for name in (p.a, p.b)}
     if rest := [c.name for c in (scene.cameras if scene is not None else ()) if c.name not in used]:
-        console.note(f"no fundamental matrix of {', '.join(rest)}", quiet)
+        job.note(f"no fundamental matrix of {', '.join(rest)}")
 
 
 def _summary(pair: ViewPair) -> dict[str, object]:

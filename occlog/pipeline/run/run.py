@@ -7,16 +7,14 @@ exit code, and hashes of its outputs.
 from __future__ import annotations
 
 import hashlib
-import io
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from occlog import __version__, console
-from occlog.cli.common import check_common
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.evaluate.mot import headline
 from occlog.io.files.atomic import PARTIAL, no_links_out_of
@@ -154,7 +152,7 @@ def _stages(
                 step = Step(stage.name, WAITING, ExitCode.DONE, ())
             else:
                 begin(stage.name)
-                with refused_in(wanted, stage), no_links_out_of(folder):
+                with refused_in(wanted, stage.name), no_links_out_of(folder):
                     code = _do(stage)
                 step = Step(stage.name, "done", code, ())
                 if code in GOING_ON:
@@ -257,12 +255,8 @@ def inside(folder: Path) -> Iterator[None]:
 
 
 def _do(stage: Stage) -> int:
-    """Run a stage's command without its own summary; return its exit code."""
-    replacing = replace(stage, values={**stage.values, "overwrite": True})
-    with redirect_stdout(io.StringIO()), replacing.context() as context:
-        result = stage.command.invoke(context)
-        check_common(context)
-    return int(result) if isinstance(result, int) else ExitCode.DONE
+    """Do a stage without its own summary; the exit code."""
+    return stage.do()
 
 
 def key_of(stage: Stage, folder: Path, digests: Digests) -> str:

@@ -7,27 +7,32 @@ has all that a command can do, and the command checks both alike.
 from __future__ import annotations
 
 import difflib
+import io
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import click
 
-from occlog.cli.calls import context_of, listed
-from occlog.cli.common import reading_by
-from occlog.cli.main import load_command
+from occlog.cli.calls import context_of
+from occlog.cli.common import check_common, reading_by
+from occlog.cli.main import COMMANDS, load_command
 from occlog.cli.plugged import PluggedCommand
 from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
-from occlog.errors import SPELLING, InputError, NoSceneError, UsageError
+from occlog.errors import SPELLING, ExitCode, InputError, NoSceneError, UsageError, option
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
 from occlog.io.files.untrusted.inputs import STANDARD_INPUT
 from occlog.io.recording.reader import open_recording
 from occlog.measure.detect.request import METHODS as DETECTIONS
 from occlog.records.tables import Particles, Truth, TruthBoxes
+from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.settings import declared
 from occlog.simulate.command import KINDS
 from occlog.track.catalogue import BOXES, METHODS, READS, VIEW
+
+from .request_stage import RequestStage, listed
 
 SOURCES = ("recording", "simulate", "ingest")
 READER = "reader"
@@ -42,7 +47,7 @@ KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
 
 @dataclass(frozen=True)
-class Stage:
+class CommandStage:
     """One command with the values of what it takes.
 
     Attributes:
@@ -63,13 +68,30 @@ class Stage:
         """What the outputs depend on, as text: the names of all values, and each value or each of its items."""
         return [text for name, value in self.values.items() for text in (f"{name}:", *(str(v) for v in listed(value)))]
 
-    def context(self) -> click.Context:
-        """The command's context with these values, checked; its block does what callbacks of options ask for.
+    def check(self) -> None:
+        """Read all values as the command will.
 
         Raises:
-            click.BadParameter: a value that the command cannot take; it names the parameter.
+            click.UsageError: a value that cannot be; it names the parameter or the option.
         """
-        return context_of(self.command, self.name, self.values, self.variant)
+        # A context that is left lets go of a reader that it names
+        with self._context(self.values) as ctx:
+            if isinstance(self.command, SettingsCommand):
+                self.command.check_set(ctx)
+
+    def do(self) -> int:
+        """Do the command without a word of its summary; the exit code."""
+        with redirect_stdout(io.StringIO()), self._context({**self.values, "overwrite": True}) as context:
+            result = self.command.invoke(context)
+            check_common(context)
+        return int(result) if isinstance(result, int) else ExitCode.DONE
+
+    def _context(self, values: Mapping[str, object]) -> click.Context:
+        """The command's context with these values, checked; its block does what callbacks of options ask for."""
+        return context_of(self.command, self.name, values, self.variant)
+
+
+Stage: TypeAlias = CommandStage | RequestStage
 
 
 @dataclass(frozen=True)
@@ -120,17 +142,14 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
 
 def check_settings(config: Config, stage: Stage) -> None:
     """Read the values of a stage as its command will, before any stage runs; InputError names the file's line."""
-    if STANDARD_INPUT in stage.texts():  # it can be read once
-        return
-    # A context that is left lets go of a reader that it names
-    with refused_in(config, stage), stage.context() as ctx:
-        if isinstance(stage.command, SettingsCommand):
-            stage.command.check_set(ctx)
+    if STANDARD_INPUT not in stage.texts():  # it can be read once
+        with refused_in(config, stage.name):
+            stage.check()
 
 
 @contextmanager
-def refused_in(config: Config, stage: Stage) -> Iterator[None]:
-    """Let what a command refuses be an error of the configuration: InputError with the line of the value."""
+def refused_in(config: Config, stage: str) -> Iterator[None]:
+    """Let what a stage of that name refuses be an error of the configuration: InputError with the line of the value."""
     spelling = SPELLING.set(str)
     try:
         yield
@@ -143,7 +162,7 @@ def refused_in(config: Config, stage: Stage) -> Iterator[None]:
             raise
         raise InputError(f"{_place(config, stage, (_key(error.param),))}: {error.message.rstrip('.')}") from error
     except NoSceneError as error:
-        where = _place(config, stage, ("scene",)) if "scene" in config.stage(stage.name) else config.at("scene")
+        where = _place(config, stage, ("scene",)) if "scene" in config.stage(stage) else config.at("scene")
         raise InputError(
             f"{where}: {error.where} holds no scene; name here a scene file or a recording with one"
         ) from error
@@ -157,10 +176,10 @@ def refused_in(config: Config, stage: Stage) -> Iterator[None]:
         SPELLING.reset(spelling)
 
 
-def _place(config: Config, stage: Stage, keys: tuple[str, ...]) -> str:
+def _place(config: Config, stage: str, keys: tuple[str, ...]) -> str:
     """Name a key of a stage, or the one of the whole configuration that stands for it."""
-    whole = keys[0] in config.values and keys[0] not in config.stage(stage.name)
-    return config.at(*keys) if whole else config.at(stage.name, *keys)
+    whole = keys[0] in config.values and keys[0] not in config.stage(stage)
+    return config.at(*keys) if whole else config.at(stage, *keys)
 
 
 def plan(config: Config, folder: Path) -> Iterator[Stage]:
@@ -239,7 +258,7 @@ def _overlay(config: Config, folder: Path, recording: Path, tracks: Path, inputs
     if _has_video(config, recording):
         drawn: dict[str, Path] = {"video": folder / "overlay.webm"}
         source: dict[str, object] = {"recording": str(recording), **inputs}
-        yield _stage(config, OVERLAY, drawn, (str(tracks),), source, load_command("report"))
+        yield _stage(config, OVERLAY, drawn, (str(tracks),), source, "report")
     elif OVERLAY in config.values:
         raise InputError(f"{config.path}: overlay: the recording holds no video; remove this key")
 
@@ -301,11 +320,8 @@ def _priors(
         inputs, source = {**scene, "bearings": str(out["bearings"])}, str(out["views"])
     else:
         inputs, source = scene, str(recording)
-    group = load_command("priors")
-    if not isinstance(group, click.Group):
-        raise TypeError("priors is a group of commands, one for each source")
     own = replace(config, values={**config.values, "priors": {k: v for k, v in values.items() if k != "source"}})
-    stage = _stage(own, "priors", outputs, (source,), inputs, group.commands[kind])
+    stage = _stage(own, "priors", outputs, (source,), inputs, f"priors {kind}")
     return stage, str(outputs.get("hulls", outputs["output"]))
 
 
@@ -343,22 +359,77 @@ def _stage(
     outputs: dict[str, Path],
     arguments: tuple[str, ...],
     inputs: dict[str, object] | None = None,
-    command: click.Command | None = None,
+    verb: str = "",
 ) -> Stage:
-    if command is None:
-        command = load_command(name)
-    if READER in config.stage(name):
-        command = _reading(config, name, command)
-    values = {**_common(config, command), **(inputs or {}), **config.stage(name)}
     for key in outputs:
         if key in config.stage(name):
             raise InputError(f"{config.path}: {name}.{key}: outputs of a run lie in its folder; remove this key")
+    verb, _, source = (verb or name).partition(" ")
+    where = COMMANDS[verb].where
+    if ":" not in where:
+        return _command_stage(config, name, outputs, arguments, inputs, load_command(verb))
+    values = {**(inputs or {}), **config.stage(name), **outputs}
+    with refused_in(config, name):
+        form = form_of(load(where), source, values)
+        names = tuple(str(path) for path in outputs.values())
+        keys = [entry.key for entry in form.entries() if entry.file is not None and entry.file.argument]
+        given = dict(zip(keys, arguments, strict=False))
+        seed = {"seed": config.values["seed"]} if "seed" in config.values and _takes(form, "seed") else {}
+        stage = RequestStage(name, form, {**given, **seed, **values}, names)
+        known = stage.keys()
+    for key in stage.values:
+        if key not in known:
+            setting = f"it is a setting, which stands under set: `set: {{{key}: ...}}`"
+            hint = setting if stage.without_key(key) else _nearest(key, sorted(known))
+            raise InputError(f"{config.at(name, key)}: unknown key; {hint}")
+    return stage
+
+
+def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, object]) -> Form:
+    """The form of the request of a verb that values choose.
+
+    Args:
+        verb: as it is declared.
+        name: of the verb, where several have one name.
+        values: by key.
+
+    Raises:
+        UsageError: there is no such kind; the message has the nearest.
+    """
+    if isinstance(verb, Verbs):
+        return Form(verb.verbs[name][0])
+    if isinstance(verb, type):
+        return Form(verb)
+    for key, choose in verb.by.items():
+        if values.get(key) is not None:
+            try:
+                return verb.form(choose(str(values[key])))
+            except UsageError as error:
+                raise UsageError(f"{option(key)}: {error}") from error
+    return verb.form(verb.default)
+
+
+def _takes(form: Form, key: str) -> bool:
+    return any(entry.key == key for entry in form.entries())
+
+
+def _command_stage(
+    config: Config,
+    name: str,
+    outputs: dict[str, Path],
+    arguments: tuple[str, ...],
+    inputs: dict[str, object] | None,
+    command: click.Command,
+) -> CommandStage:
+    if READER in config.stage(name):
+        command = _reading(config, name, command)
+    values = {**_common(config, command), **(inputs or {}), **config.stage(name)}
     variant = _variant_of(command, {**values, **outputs})
     given = _values(config, name, command, variant, {**values, **outputs})
     argument = next((p for p in command.params if isinstance(p, click.Argument)), None)
     if argument is not None and arguments:
         given = {str(argument.name): arguments if argument.nargs == -1 else arguments[0], **given}
-    return Stage(name, command, given | {"quiet": True}, variant, tuple(str(p) for p in outputs.values()))
+    return CommandStage(name, command, given | {"quiet": True}, variant, tuple(str(p) for p in outputs.values()))
 
 
 def _reading(config: Config, name: str, command: click.Command) -> click.Command:

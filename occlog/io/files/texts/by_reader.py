@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from occlog.errors import InputError, PluginError, UsageError
+from occlog.errors import InputError, PluginError, UsageError, option
 from occlog.io.files.provenance import READERS_USED
 from occlog.io.files.untrusted.inputs import STANDARD_INPUT, check_input
 from occlog.plugins.chosen import Chosen
@@ -45,6 +45,14 @@ class NamedReader:
     def endings(self) -> tuple[str, ...]:
         """Of the names of its files."""
         return tuple(self.chosen.plugin.load().endings)
+
+    def check_used(self) -> None:
+        """UsageError where no file had a use for it."""
+        if not self.used:
+            raise UsageError(
+                f"{option('reader')} {self.chosen.plugin.name}: no input has a name that ends in "
+                f"{' or '.join(self.endings)}; outputs were made without it"
+            )
 
 
 _NAMED: ContextVar[NamedReader | None] = ContextVar("NAMED_READER", default=None)

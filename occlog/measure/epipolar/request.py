@@ -1,0 +1,61 @@
+"""What `occlog epipolar` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Request, group, scene_file, sink, source
+from occlog.settings import setting
+
+from .config import EpipolarConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpipolarRequest(Request):
+    """Find the fundamental matrix of each pair of views: where a point of one view can be in the other.
+
+    It comes from --matches (or --from-tracks) where they are given, else from the poses of the scene.
+    Matches of one plane (people's feet), of a line, from one place, or too few are refused.
+    Where a scene tells lens distortion, it is taken off the points first.
+
+    With RECORDING and an output that ends in .mcap, a copy of the recording holds the matrices, and
+    `occlog track` finds them there.
+
+    \b
+      occlog epipolar --scene scene.yaml -o epipolar.json
+      occlog epipolar --matches matches.csv -o epipolar.json
+      occlog epipolar walk.mcap --matches matches.csv -o walk_epipolar.mcap
+      occlog epipolar --check --matches matches.csv --fundamental epipolar.json
+    """
+
+    OWNER: ClassVar[str] = "epipolar"
+    RUN: ClassVar[str] = "occlog.measure.epipolar.run:run_epipolar"
+    JUDGED: ClassVar[bool] = True
+    VERDICT: ClassVar[str] = "agree"
+    STRICT: ClassVar[str] = ""
+
+    recording: Path | None = source("A recording that is to hold the matrices.", argument=True, required=False)
+    output: Path | None = sink(
+        "Fundamental matrices (JSON), or a copy of the recording that holds them (MCAP).", option="-o/--output"
+    )
+    scene: Path | None = scene_file()
+    matches: Path | None = source(
+        "Points that two views both show: CSV, sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px.", metavar="FILE"
+    )
+    tracks: Path | None = source(
+        "Take the centres of targets in two views for matches: view tracks (Parquet), or a recording or "
+        "table with true boxes.",
+        option="--from-tracks",
+        metavar="FILE",
+    )
+    fundamental: Path | None = source("Use these matrices (JSON, or a recording that holds some).", metavar="FILE")
+    check: bool = setting(
+        False, "Say how well the matches agree with the matrices or the poses.", option="--check", shown=""
+    )
+    settings: Mapping[str, object] = group(lambda: EpipolarConfig)
+    cameras: tuple[str, ...] = setting(
+        (), "Only pairs of these cameras.", option="--cameras", metavar="A,B,...", shown=""
+    )

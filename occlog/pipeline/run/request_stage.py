@@ -1,0 +1,248 @@
+"""Stages of a run: requests made from the values of a configuration's keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from occlog import console
+from occlog.cli.input_paths import standard_input
+from occlog.errors import UsageError, did_you_mean, option
+from occlog.io.files.texts.by_reader import NamedReader, named_reader
+from occlog.io.files.untrusted.inputs import STANDARD_INPUT
+from occlog.plugins.chosen import Chosen
+from occlog.plugins.loading import READER, Plugin, find, installed
+from occlog.request import Entry, Form, Request, group
+from occlog.runner import exit_code, run
+from occlog.settings import (
+    SettingError,
+    Settings,
+    check_setting,
+    declaration,
+    declared,
+    kind_of,
+    plain_kind,
+    read_value,
+)
+
+READS, SET, STRICT = "reader", "set", "strict"
+"""Keys of every request: reader of a plug-in for its inputs, settings without a key, and a verdict as the exit code."""
+
+
+@dataclass(frozen=True)
+class RequestStage:
+    """A request that is made from the keys of a configuration.
+
+    Attributes:
+        name: of the stage.
+        form: of the request.
+        values: by key, as the configuration has them; outputs included.
+        output_paths: those of the values that are outputs.
+    """
+
+    name: str
+    form: Form
+    values: Mapping[str, object]
+    output_paths: tuple[str, ...]
+
+    def texts(self) -> list[str]:
+        """What the outputs depend on, as text: the names of all values, and each value or each of its items."""
+        return [text for name, value in self.values.items() for text in (f"{name}:", *map(str, listed(value)))]
+
+    def keys(self) -> list[str]:
+        """The keys that the stage can have.
+
+        Raises:
+            UsageError: a key names a plug-in that is not there.
+        """
+        settings = () if self.form.set_group() is None else (SET,)
+        strict = (STRICT,) if self.form.request.JUDGED and self.form.request.STRICT else ()
+        return [*(entry.key for entry in self._entries()), READS, *settings, *strict]
+
+    def without_key(self, name: str) -> bool:
+        """Whether a name is that of a setting that has no key of its own, but stands under `set`."""
+        return any(name == f.name for of in self._free() for f in declared(of))
+
+    def check(self) -> None:
+        """Read all values as the request will.
+
+        Raises:
+            UsageError: a value that cannot be; it names the key.
+        """
+        self._chosen_reader()
+        self._request()
+
+    def do(self) -> int:
+        """Do the request without a word of its summary; the exit code."""
+        with ExitStack() as stack:
+            kept = stack.enter_context(standard_input()) if STANDARD_INPUT in self.texts() else None
+            request, chosen = self._request(kept), self._chosen_reader()
+            reader: NamedReader | None = None if chosen is None else stack.enter_context(named_reader(chosen))
+            with self._keys_in_errors():
+                done = run(request, overwrite=True, quiet=True)
+            if reader is not None:
+                reader.check_used()
+        console.note_losses(done.losses)
+        for line in done.failed:
+            console.note(f"{option('fail_if')} {line}")
+        return exit_code(request, done, strict=self.values.get(STRICT) is True)
+
+    def _request(self, kept: Path | None = None) -> Request:
+        """The request, with a file in the place of standard input."""
+        given = {entry.name: self._read(entry, kept) for entry in self.form.entries() if self._has(entry)}
+        free, settings = self.form.set_group(), self._settings()
+        with self._keys_in_errors():
+            for entry in self.form.entries():
+                if entry.group is not None and entry.name in given:
+                    check_setting([entry.owner], entry.of.name, given[entry.name])
+            for name, value in settings.items():
+                self._check_free(name, value)
+            return self.form.build(given, {} if free is None else {free[0]: settings})
+
+    def _has(self, entry: Entry) -> bool:
+        return self.values.get(entry.key) is not None
+
+    def _entries(self) -> Iterator[Entry]:
+        """What the request takes, and the settings of the plug-ins that keys name."""
+        own = list(self.form.entries())
+        named = [plugin for entry in own if entry.plugged is not None for plugin in self._plugins(entry)]
+        if (reader := self._reader()) is not None:
+            named.append(reader)
+        return chain(own, *(form_of_plugin(plugin).entries() for plugin in named))
+
+    def _plugins(self, entry: Entry) -> list[Plugin]:
+        assert entry.plugged is not None
+        names = listed(self.values.get(entry.key, ()))
+        return [plugin_of(entry.key, str(name), entry.plugged.kind) for name in names]
+
+    def _reader(self) -> Plugin | None:
+        name = self.values.get(READS)
+        return None if name is None else plugin_of(READS, str(name), READER)
+
+    def _chosen_reader(self) -> Chosen | None:
+        plugin = self._reader()
+        return None if plugin is None else self._chosen(plugin)
+
+    def _chosen(self, plugin: Plugin) -> Chosen:
+        """A plug-in with its settings."""
+        entries = form_of_plugin(plugin).entries()
+        return Chosen(plugin, {entry.of.name: self._read(entry) for entry in entries if self._has(entry)})
+
+    def _read(self, entry: Entry, kept: Path | None = None) -> object:
+        """The value of a key, as the field of the request has it."""
+        value, of = self.values[entry.key], entry.file
+        if entry.plugged is not None:
+            return tuple(self._chosen(plugin) for plugin in self._plugins(entry))
+        if of is None:
+            return setting_of(entry, value)
+        if plain_kind(kind_of(entry.owner, entry.of.name)) is not tuple:
+            return _file(entry, value, kept)
+        items = listed(value)
+        if of.together == 1:
+            return tuple(_file(entry, item, kept) for item in items)
+        flat = [_file(entry, each, kept) for item in items for each in listed(item)]
+        return tuple(zip(*(flat[n :: of.together] for n in range(of.together)), strict=True))
+
+    def _settings(self) -> dict[str, str]:
+        """What stands under `set`, as texts by name."""
+        given = self.values.get(SET) or {}
+        if isinstance(given, Mapping):
+            return {str(name): ",".join(map(str, listed(value))) for name, value in given.items()}
+        parts = [str(text).partition("=") for text in listed(given)]
+        for name, equals, _ in parts:
+            if not equals:
+                raise UsageError(f"{option(SET)}: {name}: want NAME=VALUE")
+        return {name.strip(): value for name, _, value in parts}
+
+    def _free(self) -> list[type[Settings]]:
+        """Classes of the settings that `set` gives."""
+        free = self.form.set_group()
+        return [] if free is None else [self.form.classes()[free[0]], *self.form.around]
+
+    def _check_free(self, name: str, value: str) -> None:
+        try:
+            check_setting(self._free(), name, value)
+        except UsageError as error:
+            key = option(f"set.{name}" if name.isidentifier() else SET)
+            raise UsageError(f"{key}: {str(error).removeprefix(f'setting {name}: ')}") from error
+
+    @contextmanager
+    def _keys_in_errors(self) -> Iterator[None]:
+        """Let the error of a setting name the key that gave it; one that no key gave is as it is."""
+        try:
+            yield
+        except SettingError as error:
+            for entry in self.form.entries():
+                if (entry.owner.OWNER, entry.of.name) == (error.owner, error.setting) and self._has(entry):
+                    typed = ",".join(map(str, listed(self.values[entry.key])))
+                    raise UsageError(f"{option(entry.key)}: {typed}: must be {error.limit}") from error
+            if error.setting in (settings := self._settings()):
+                where = option(f"set.{error.setting}")
+                raise UsageError(f"{where}: {settings[error.setting]}: must be {error.limit}") from error
+            raise UsageError(f"{option(error.setting)}: {error}") from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Plugged(Request):
+    """Settings of a plug-in."""
+
+    own: Mapping[str, object] = group(None)
+
+
+def form_of_plugin(plugin: Plugin) -> Form:
+    """What a plug-in takes: its settings, each under its name."""
+    return Form(_Plugged, settings={"own": plugin.load().settings}, under={"own": plugin.name})
+
+
+def plugin_of(key: str, name: str, kind: str) -> Plugin:
+    """The plug-in of a name; UsageError, with the nearest name, where there is none."""
+    plugin = find(name, kind)
+    if plugin is None:
+        known = did_you_mean(name, (each.name for each in installed(kind)))
+        raise UsageError(f"{option(key)}: {name!r}: no such {kind}; {known}")
+    return plugin
+
+
+def setting_of(entry: Entry, value: object) -> object:
+    """The value of a setting, of what YAML has for it; UsageError, which names the key, where it says none."""
+    said, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
+    if plain_kind(kind) is bool:
+        if not isinstance(value, bool):
+            raise UsageError(f"{option(entry.key)}: want true or false, got {value!r}")
+        return value
+    texts = [str(each) for each in listed(value)]
+    if said.whole:
+        return tuple(texts)
+    try:
+        found: Any = read_value(",".join(texts), kind, entry.key)
+    except UsageError as error:
+        raise UsageError(f"{option(entry.key)}: {str(error).removeprefix(f'setting {entry.key}: ')}") from error
+    return found if said.scale == 1.0 or found is None else found * said.scale
+
+
+def _file(entry: Entry, value: object, kept: Path | None) -> float | Path:
+    """A path, or the number that may stand in its place."""
+    text = ",".join(map(str, listed(value)))
+    if kept is not None and text == STANDARD_INPUT:
+        return kept
+    assert entry.file is not None
+    if entry.file.number is None:
+        return Path(text)
+    try:
+        number = float(text)
+    except ValueError:
+        return Path(text)
+    if not number >= entry.file.number:
+        raise UsageError(f"{option(entry.key)}: {text}: must be at least {entry.file.number:g}")
+    return number
+
+
+def listed(value: object) -> list[object]:
+    """The items of a value: of a mapping `key=value` each, of what is no list itself."""
+    if isinstance(value, Mapping):
+        return [f"{k}={v}" for k, v in value.items()]
+    return list(value) if isinstance(value, list | tuple) else [value]
