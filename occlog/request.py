@@ -40,6 +40,7 @@ class File:
         scene: a scene is read from it.
         there: click looks whether it is there, and `-` is standard input.
         kinds: kinds of input that it is for, where the request is of several (`Request.KIND`); empty: all.
+        suffix: output: how the name of the file ends that a Python function makes.
     """
 
     help: str
@@ -55,6 +56,7 @@ class File:
     scene: bool = False
     there: bool = True
     kinds: tuple[str, ...] = ()
+    suffix: str = ".parquet"
 
 
 @dataclass(frozen=True)
@@ -357,6 +359,7 @@ class Verb:
         default: the kind where no value chooses one.
         by: keys of the values that choose, the first that is given before the others, and which kind a text of the
             value chooses.
+        counted: kinds that so many arguments choose where no value does; more choose that of the largest number.
         what: how a kind is called, for example `method`.
         chosen_by: how a kind is chosen on the command line, with {} for its name.
         more: makes kinds of plug-ins.
@@ -368,6 +371,7 @@ class Verb:
     kinds: Mapping[str, Kind]
     default: str
     by: Mapping[str, Callable[[str], str]]
+    counted: Mapping[int, str] = field(default_factory=dict)
     what: str = "kind"
     chosen_by: str = "{}"
     more: Callable[[], Mapping[str, Kind]] = dict

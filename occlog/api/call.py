@@ -38,7 +38,7 @@ def call(
     Args:
         form: of the request.
         arguments: those of the function by name: fields of the request, groups of settings that are one argument,
-            `settings` (keywords), `also` (names of tables on request) and `progress`.
+            `settings` (keywords), `also` (names of tables on request), paths of outputs, `overwrite` and `progress`.
         result: class of what is given back.
         called: names of inputs for messages, by those of fields (`field[0]` of several files), where they differ.
         more: make attributes of the result from the request, while its inputs are there.
@@ -55,7 +55,7 @@ def call(
         given = {entry.name: _value(entry, arguments, inputs, called or {}) for entry in plain}
         request = form.build({**given, **outputs}, _groups(form, arguments))
         request = _fitting(request, outputs)
-        done = run(request, quiet=not arguments.get("progress", False))
+        done = run(request, overwrite=arguments.get("overwrite", False), quiet=not arguments.get("progress", False))
         found = {name: of(request) for name, of in more.items()}
         said = [inputs.named(text) for text in notes]
     warnings, notes_left = sentences(said)
@@ -138,8 +138,9 @@ def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str
     for entry in form.entries():
         of = entry.file
         if of is not None and of.output and _asked(entry, of, arguments):
-            called = of.result or (of.table if entry.required else entry.field)
-            found[entry.name] = home.file(f"{called}.parquet")
+            given, called = arguments.get(entry.field), of.result or (of.table if entry.required else entry.field)
+            own = Path(given) if isinstance(given, str | os.PathLike) else None
+            found[entry.name] = home.file(f"{called}{of.suffix}") if own is None else own
     return found
 
 
@@ -152,7 +153,8 @@ def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
 def _asked(entry: Entry, of: File, arguments: Mapping[str, Any]) -> bool:
     if of.asked == "also":
         return entry.field in arguments.get("also", ())
-    return of.asked == "always" or arguments.get(of.asked) is not None
+    value = arguments.get(of.asked)
+    return of.asked == "always" or not (value is None or value is False)
 
 
 def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs, called: Mapping[str, str]) -> object:

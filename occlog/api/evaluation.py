@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
 
-from occlog import console
-from occlog.errors import UsageError
-from occlog.records.verdicts import texts_of
+from occlog.evaluate.request import EvaluateRequest
+from occlog.request import Form
 
-from .folders import Folder
-from .keywords import Setting, settings_by_class
-from .results import EvaluateResult, TrackResult, sentences, tables_in, warn
-from .sources import Inputs, SceneSource, Source
+from .call import call, check_taken
+from .keywords import Setting
+from .results import EvaluateResult, TrackResult
+from .sources import SceneSource, Source
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from occlog.evaluate.inputs import Paths
-    from occlog.plugins.chosen import Chosen
-
-SOURCES = ("tracks", "truth", "bearings", "doa", "measurements", "views", "cooperation", "diagnostics")
-TABLES = ("errors", "bound")
-OF_MANY = ("failures", "counts")
-"""Tables on request, of many targets."""
+JUDGED = ("plausible", "warnings")
+"""Of a summary what is no figure."""
 
 
 def evaluate(
@@ -77,88 +68,13 @@ def evaluate(
     Warns:
         OcclogWarning: the tracks are not plausible.
     """
-    from occlog.evaluate.command import command
-    from occlog.evaluate.inputs import Paths, provenance_of
-    from occlog.evaluate.matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
-    from occlog.evaluate.mot.config import ManyConfig
-    from occlog.evaluate.mot.run import in_images, run_evaluate_many
-    from occlog.evaluate.options import check_kind
-    from occlog.evaluate.run import run_evaluate
-    from occlog.settings import configure
-
-    plugged = _chosen(metrics)
     if isinstance(tracks, TrackResult):
         diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics
         tracks = tracks.tracks
-    sources = (tracks, truth, bearings, doa, measurements, views, cooperation, diagnostics)
-    given: dict[str, Source | None] = dict(zip(SOURCES, sources, strict=True))
-    classes = [("", EvaluateConfig), ("", ManyConfig)]
-    chosen, many = settings_by_class("evaluate", settings, classes, (*SOURCES, "scene", "frames"))
-    for name in also:
-        if name not in OF_MANY:
-            raise UsageError(f"also: there is no table {name!r} on request; there are: {', '.join(OF_MANY)}")
-    home = Folder()
-    with Inputs() as inputs, console.notes_kept() as notes:
-        files: dict[str, Any] = {name: inputs.optional(value, name) for name, value in given.items()}
-        paths = Paths(scene=inputs.scene(scene), doa_labels=doa_labels, **files)
-        azimuths = inputs.optional(truth_azimuths, "truth_azimuths")
-        pictured = azimuths is None and in_images(paths.tracks)
-        on_ground = GROUND if tracks is not None and truth is not None else OTHERS
-        more = {"scene": scene, "frames": frames, "truth_azimuths": azimuths, "doa_gate_deg": doa_gate_deg}
-        told = [n for n, value in {**given, **more}.items() if value is not None]
-        kind = AZIMUTHS if azimuths is not None else IMAGES if pictured else on_ground
-        flags = [name for name, value in (("doa_labels", doa_labels), ("metrics", plugged)) if value]
-        check_kind(command.params, [*told, *settings, *also, *flags], kind)
-        if azimuths is not None:
-            return _of_directions(paths, azimuths, doa_gate_deg, configure(EvaluateConfig(), chosen).bridge_s)
-        paths = _with_outputs(paths, home, also if pictured else (*TABLES, *also))
-        if pictured:
-            config = configure(EvaluateConfig(), chosen)
-            of_frames = {} if frames is None else {"frames": frames}
-            result = run_evaluate_many(paths, config.box_overlap, {**many, **of_frames})
-        else:
-            result, _ = run_evaluate(paths, chosen, many, frames, plugged)
-        lines = [inputs.named(text) for text in (*notes, *result.notes)]
-        lines += [inputs.named(text) for text in texts_of(result.verdicts, "evaluate")]
-        losses = provenance_of(paths, {}).losses
-    said, rest = sentences(lines)
-    warn(said, losses)
-    tables = {name: table for name, table in tables_in(home, (*TABLES, *OF_MANY)).items() if len(table)}
-    figures: Mapping[str, Any] = result.figures
-    return EvaluateResult(
-        summary=figures, tables=tables, losses=losses, warnings=said, notes=rest, metrics=dict(result.metrics)
-    )
-
-
-def _of_directions(paths: Paths, truth: Path, gate_deg: float | None, max_gap_s: float) -> EvaluateResult:
-    """Directions of arrival against true ones."""
-    from occlog.evaluate.run import run_evaluate_doa
-
-    gate = 10.0 if gate_deg is None else gate_deg
-    if not 0.0 <= gate <= 180.0:
-        raise UsageError(f"doa_gate_deg: {gate}: must be from 0 to 180")
-    figures, losses = run_evaluate_doa(paths, truth, gate, max_gap_s)
-    warn((), losses)
-    return EvaluateResult(summary=figures, losses=losses, metrics=figures)
-
-
-def _chosen(metrics: Sequence[str] | Mapping[str, Mapping[str, Setting]]) -> list[Chosen]:
-    """Metrics of plug-ins with their settings."""
-    from occlog.cli.plugged import wanted
-    from occlog.plugins.chosen import Chosen
-    from occlog.plugins.loading import METRIC
-
-    given = metrics if isinstance(metrics, Mapping) else {name: {} for name in metrics}
-    found = []
-    for name, values in given.items():
-        plugin = wanted(name, METRIC, "metrics")
-        (config,) = settings_by_class(f"metric {name}", dict(values), [("", plugin.load().settings)], ())
-        found.append(Chosen(plugin, config))
-    return found
-
-
-def _with_outputs(paths: Paths, home: Folder, names: tuple[str, ...]) -> Paths:
-    from dataclasses import replace
-
-    written: dict[str, Any] = {name: home.file(f"{name}.parquet") for name in names}
-    return replace(paths, **written)
+    arguments = dict(locals())
+    form = Form(EvaluateRequest)
+    check_taken(form, {}, also, "evaluate")
+    result = call(form, arguments, EvaluateResult)
+    figures = {name: value for name, value in result.summary.items() if name not in JUDGED}
+    tables = {name: table for name, table in result.tables.items() if len(table)}
+    return replace(result, tables=tables, metrics=figures)

@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from occlog import console
 from occlog.errors import UsageError
-from occlog.records.verdicts import summary_of, texts_of
+from occlog.report.request import OverlayRequest, PageRequest, Report
+from occlog.request import Form, Request
 
-from .folders import Folder
-from .keywords import names_of
-from .results import OverlayResult, ReportResult, TrackResult, sentences, warn
-from .sources import Inputs, SceneSource, Source
+from .call import call
+from .results import OverlayResult, ReportResult, TrackResult
+from .sources import SceneSource, Source
 
-SOURCES = ("tracks", "truth", "bearings", "errors", "bound", "diagnostics", "events", "occluders")
+BESIDE = {"png": ".png", "markdown": ".md"}
+"""How files end that are made beside a page."""
 
 
 def report(
@@ -67,43 +67,31 @@ def report(
     Warns:
         OcclogWarning: the tracks are not plausible, or input was lost.
     """
-    from occlog.report.inputs import Paths
-    from occlog.report.run import run_report
-
     if isinstance(tracks, TrackResult):
         diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics
         events = tracks.tables.get("events") if events is None else events
         scene = tracks.scene if scene is None else scene
         tracks = tracks.tracks
-    given = (tracks, truth, bearings, errors, bound, diagnostics, events, occluders)
-    home = Folder()
-    page = home.file("report.html") if output is None else Path(output)
-    with Inputs() as inputs, console.notes_kept():
-        tables: dict[str, Any] = {n: inputs.optional(value, n) for n, value in zip(SOURCES, given, strict=True)}
-        paths = Paths(
-            output=page,
-            scene=inputs.scene(scene),
-            metrics=None if metrics is None else Path(metrics),
-            images=inputs.optional(images, "images"),
-            images_limit=images_limit,
-            png=page.with_suffix(".png") if png else None,
-            markdown=page.with_suffix(".md") if markdown else None,
-            overwrite=overwrite,
-            **tables,
-        )
-        data, _ = run_report(paths, title)
-        told, rest = sentences(inputs.named(text) for text in texts_of(data.verdicts, "report"))
-    warn(told, data.losses)
-    shown = summary_of(data.verdicts)
-    return ReportResult(
-        summary={"targets": len(data.targets), **shown},
-        losses=data.losses,
-        warnings=told,
-        notes=rest,
-        html=page.read_text(encoding="utf-8"),
-        png=paths.png.read_bytes() if paths.png is not None else None,
-        markdown=paths.markdown.read_text(encoding="utf-8") if paths.markdown is not None else None,
-    )
+    arguments: dict[str, Any] = dict(locals())
+    if output is not None:
+        arguments |= {name: Path(output).with_suffix(end) for name, end in BESIDE.items() if arguments[name]}
+    return call(Form(PageRequest), arguments, ReportResult, html=_page, png=_picture, markdown=_words)
+
+
+def _page(request: Request) -> str:
+    assert isinstance(request, PageRequest)
+    assert request.output is not None
+    return request.output.read_text(encoding="utf-8")
+
+
+def _words(request: Request) -> str | None:
+    assert isinstance(request, PageRequest)
+    return None if request.markdown is None else request.markdown.read_text(encoding="utf-8")
+
+
+def _picture(request: Request) -> bytes | None:
+    assert isinstance(request, Report)
+    return None if request.png is None else request.png.read_bytes()
 
 
 def overlay(
@@ -155,57 +143,15 @@ def overlay(
 
     Raises:
         UsageError: there is nothing to draw, or neither `video` nor `frame` is given.
+        SettingError: a number out of its range.
         InputError: an input is missing, damaged, or of another recording.
         OutputExistsError: the video is there, and may not be replaced.
 
     Warns:
         OcclogWarning: the tracks are of another recording's video.
     """
-    from occlog.report.overlay.command import run_overlay
-    from occlog.report.overlay.pictures import Asked
-
-    for name, value, low, high in (
-        ("scale", scale, 0.05, 16),
-        ("fps", fps, 0.1, 1000),
-        ("frame", frame, 0, 2**31),
-        ("trail", trail, 0, 3600),
-    ):
-        if value is not None and not low <= value <= high:
-            raise UsageError(f"{name}: {value}: must be from {low} to {high}")
-    if frames is not None and not 0 <= frames[0] < frames[1]:
-        raise UsageError(f"frames: {frames}: must be first < stop, from 0")
+    if isinstance(tracks, TrackResult):
+        tracks = tracks.tracks
     if video is None and frame is None:
         raise UsageError("no output: give video (a file to make), frame (a number), or both")
-    home = Folder()
-    picture = None if frame is None else home.file("frame.png")
-    with Inputs() as inputs, console.notes_kept() as notes:
-        asked = Asked(
-            recording=inputs.rows(recording, "recording"),
-            tracks=inputs.optional(tracks.tracks if isinstance(tracks, TrackResult) else tracks, "tracks"),
-            truth=inputs.optional(truth, "truth"),
-            failures=inputs.optional(failures, "failures"),
-            fundamental=inputs.optional(fundamental, "fundamental"),
-            scene=inputs.scene(scene),
-            video=None if video is None else Path(video),
-            png=picture,
-            frame=frame,
-            frames=frames,
-            cameras=names_of(cameras),
-            scale=scale,
-            fps=fps,
-            world=inputs.optional(world, "world"),
-            diagnostics=inputs.optional(diagnostics, "diagnostics"),
-            plan=plan,
-            trail=trail,
-            overwrite=overwrite,
-        )
-        summary, losses = run_overlay(asked, quiet=not progress)
-        told, rest = sentences(inputs.named(text) for text in notes)
-    warn(told, losses)
-    return OverlayResult(
-        summary=home.without_paths(summary),
-        losses=losses,
-        warnings=told,
-        notes=rest,
-        png=None if picture is None else picture.read_bytes(),
-    )
+    return call(Form(OverlayRequest), dict(locals()), OverlayResult, png=_picture)

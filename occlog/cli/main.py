@@ -37,7 +37,9 @@ COMMANDS = {
     "traffic": Command(
         "occlog.papers.lee.traffic.request:TrafficRequest", "Simulate the data traffic of sensors that help each other."
     ),
-    "listen": Command("occlog.measure.listen.command", "Find directions of arrival in the sound of microphone arrays."),
+    "listen": Command(
+        "occlog.measure.listen.request:ListenRequest", "Find directions of arrival in the sound of microphone arrays."
+    ),
     "epipolar": Command(
         "occlog.measure.epipolar.request:EpipolarRequest", "Find how pairs of views see the same point, or check it."
     ),
@@ -65,11 +67,13 @@ COMMANDS = {
         "Drive a robot through a scene, around obstacles and tracked people.",
     ),
     "plan": Command("occlog.plan.request:PlanRequest", "Expected errors of sensors, and what one more would help."),
-    "evaluate": Command("occlog.evaluate.command", "Compare tracks with the truth and with the Cramer-Rao bound."),
+    "evaluate": Command(
+        "occlog.evaluate.request:EvaluateRequest", "Compare tracks with the truth and with the Cramer-Rao bound."
+    ),
     "compare": Command(
         "occlog.evaluate.compare.request:CompareRequest", "Say whether runs on the same recordings differ."
     ),
-    "report": Command("occlog.report.command", "Show a run as one offline page and a picture."),
+    "report": Command("occlog.report.request:VERB", "Show a run as one offline page and a picture."),
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
     "batch": Command("occlog.pipeline.batch.command", "Do the stages of a run for each of many recordings."),
     "pack": Command("occlog.pipeline.pack.command", "Put a run folder with its inputs and versions into one file."),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -46,9 +46,13 @@ def _one(request: type[Request], name: str, short_help: str) -> SettingsCommand:
 def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
     flags = {f"--{key.replace('_', '-')}": choose for key, choose in verb.by.items()}
 
-    def choose(args: Iterable[str]) -> str | None:
-        given = ((of, value_after(list(args), flag)) for flag, of in flags.items())
-        return next((of(value) for of, value in given if value is not None), None)
+    def choose(args: Sequence[str]) -> str | None:
+        given = ((of, value_after(args, flag)) for flag, of in flags.items())
+        chosen = next((of(value) for of, value in given if value is not None), None)
+        if chosen is not None or not verb.counted:
+            return chosen
+        count = _arguments(args, [*command.params, *(p for each in command.variants.values() for p in each.params())])
+        return next((kind for least, kind in sorted(verb.counted.items(), reverse=True) if count >= least), None)
 
     command = VariantCommand(
         name=name,
@@ -65,6 +69,31 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
     )
     command.callback = partial(_do_chosen, verb)
     return command
+
+
+def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> int:
+    """How many words of a command line are no options and no values of options.
+
+    Args:
+        args: the words.
+        known: parameters of all kinds.
+    """
+    takes = {name for p in known if isinstance(p, click.Option) and not p.is_flag for name in p.opts}
+    found = skip = 0
+    for place, arg in enumerate(args):
+        if skip:
+            skip = 0
+        elif arg == "--":
+            return found + len(args) - place - 1
+        elif arg.startswith("--"):
+            skip = arg in takes
+        elif arg.startswith("-") and arg != "-":
+            # Short options may stand together (-qo FILE); a value follows at once (-oFILE) or next
+            valued = next((k for k, letter in enumerate(arg[1:], 1) if f"-{letter}" in takes), 0)
+            skip = valued == len(arg) - 1
+        else:
+            found += 1
+    return found
 
 
 def _variant(verb: Verb, kind: Kind) -> Variant:
@@ -118,7 +147,7 @@ def _do(
         click.echo(done.shown(as_json))
     for line in done.failed:
         click.echo(f"occlog: --fail-if {line}", err=True)
-    for path in request.outputs if done.shown is not None else ():
+    for path in request.files(output=True).values() if done.shown is not None else ():
         console.note(f"wrote {path}", quiet)
     return exit_code(request, done, strict=strict)
 

@@ -10,4 +10,5 @@ from occlog.console.notes import notes_kept as notes_kept
 from occlog.console.progress import progress as progress
 from occlog.console.summary import echo_summary as echo_summary
 from occlog.console.summary import finish as finish
+from occlog.console.summary import lines_of as lines_of
 from occlog.console.summary import strict_code as strict_code

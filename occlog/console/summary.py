@@ -31,19 +31,24 @@ FROM_WHOLE, TO_WHOLE = 1e4, 1e15
 """Numbers of this size are told as whole ones: four digits of them would need a power of ten."""
 
 
-def echo_summary(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = ()) -> None:
-    """The result on standard output: one JSON object, or `key: value` lines for a person.
+def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
+    """The result on standard output; see `lines_of`."""
+    for line in lines_of(summary, as_json):
+        write_line(line, sys.stdout)
+
+
+def lines_of(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = ()) -> list[str]:
+    """The result as text: one JSON object, or `key: value` lines for a person.
 
     Keys of the object are in the order of the alphabet, behind those that come `first`.
     """
     if as_json:
         plain = json.loads(json.dumps(_plain(summary), sort_keys=True))
-        write_line(json.dumps({key: plain[key] for key in first if key in plain} | plain), sys.stdout)
-        return
+        return [json.dumps({key: plain[key] for key in first if key in plain} | plain)]
     shown = {k: v for k, v in summary.items() if k not in ("plausible", "warnings")}
     if "plausible" in summary:
         shown["plausible"] = plausible_in_words(summary)
-    width = max((len(k) for k in shown), default=0)
+    width, out = max((len(k) for k in shown), default=0), list[str]()
     for key, value in shown.items():
         if isinstance(value, list | tuple | dict) and not value:
             continue
@@ -51,7 +56,8 @@ def echo_summary(summary: Mapping[str, object], as_json: bool, first: Iterable[s
         lines = [f"{k}: {_in_words(v)}".rstrip() for k, v in value.items()] if _nested(value) else [_shown(value)]
         for n, line in enumerate(lines):
             head = "" if n else f"{key.replace('_', ' ')}:"
-            write_line(f"{head:<{width + 2}}{line}", sys.stdout)
+            out.append(f"{head:<{width + 2}}{line}")
+    return out
 
 
 def _nested(value: object) -> TypeGuard[dict[object, object]]:

@@ -1,15 +1,13 @@
-"""What `occlog evaluate` reads (tracks, truth, bearings, directions, views, scene), and how that was made."""
+"""What `occlog evaluate` reads: tracks, truth, bearings, directions, views, scene."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
 from occlog.io.files.put_aside.table import Aside
 from occlog.io.open import Opened, check_unit, common_unit, load_scene, losses_of, open_if_ours, open_input
 from occlog.records.columns import Table
@@ -31,60 +29,22 @@ from occlog.scans.config import MeasuredConfig
 from occlog.scans.measured import Radio, measurements_of_reads
 from occlog.scans.shadowing import Shadowing
 
+from .request import EvaluateRequest
 from .sources import MeasuredSource, Sources, opened_rows, streamed_bearings
 from .verdict import Made
 
 
-@dataclass(frozen=True)
-class Paths:
-    """Files to read and to write; None where not given."""
-
-    tracks: Path | None = None
-    truth: Path | None = None
-    bearings: Path | None = None
-    doa: Path | None = None
-    views: Path | None = None
-    measurements: Path | None = None
-    cooperation: Path | None = None
-    diagnostics: Path | None = None
-    scene: Path | None = None
-    output: Path | None = None
-    errors: Path | None = None
-    bound: Path | None = None
-    write_scene: Path | None = None
-    failures: Path | None = None
-    counts: Path | None = None
-    mot: Path | None = None
-    doa_labels: bool = False
-    overwrite: bool = False
-
-    @property
-    def directions(self) -> Path | None:
-        """What holds bearings or directions of arrival, for messages."""
-        return self.bearings or self.doa
-
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """Every file that is read."""
-        files = (self.tracks, self.truth, self.bearings, self.doa, self.views, self.cooperation, self.diagnostics)
-        given = (*files, self.measurements, self.scene)
-        return tuple(dict.fromkeys(p for p in given if p is not None))
-
-
-def open_sources(
-    paths: Paths, frames: tuple[int, int] | None, *, held_boxes: bool
-) -> tuple[Sources, Scene, Opened | None]:
+def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[Sources, Scene, Opened | None]:
     """Everything that is named, of which nothing is read yet; the scene, and the tracks.
 
     Args:
-        paths: the inputs.
-        frames: first frame that counts, and the one after the last; None: all.
+        request: names the inputs.
         held_boxes: views, or boxes, are not compared with true boxes, but predicted in cameras that are held out.
     """
-    tracks, truth, scene = open_tables(paths)
-    if paths.views is not None and truth is not None and not held_boxes:
+    tracks, truth, scene = open_tables(request)
+    if request.views is not None and truth is not None and not held_boxes:
         truth.require(TruthBoxes)
-    views = _opened(paths.views, *((Boxes, Views) if held_boxes else (Views,)))
+    views = _opened(request.views, *((Boxes, Views) if held_boxes else (Views,)))
     boxes: Any = None
     if held_boxes and views is not None:
         # Of a recording with both those of the detector
@@ -92,27 +52,27 @@ def open_sources(
     sources = Sources(
         tracks=opened_rows(tracks, PeopleTracks if held_boxes else Tracks),
         truth=opened_rows(truth, Truth),
-        bearings=streamed_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
-        diagnostics=opened_rows(_opened(paths.diagnostics, Diagnostics), Diagnostics),
-        measured=None if paths.measurements is None else open_measured(paths.measurements, tracks, scene),
+        bearings=streamed_bearings(request.bearings, request.doa, request.doa_labels, scene),
+        diagnostics=opened_rows(_opened(request.diagnostics, Diagnostics), Diagnostics),
+        measured=None if request.measurements is None else open_measured(request.measurements, tracks, scene),
         views=None if held_boxes else opened_rows(views, Views),
         truth_boxes=opened_rows(truth, TruthBoxes),
-        cooperation=opened_rows(_opened(paths.cooperation, Cooperation), Cooperation),
+        cooperation=opened_rows(_opened(request.cooperation, Cooperation), Cooperation),
         boxes=boxes,
         made=Made() if tracks is None else Made.of(tracks.provenance),
     )
-    return (sources if frames is None else sources.in_frames(frames)), scene, tracks
+    return (sources if request.frames is None else sources.in_frames(request.frames)), scene, tracks
 
 
 def _opened(path: Path | None, *tables: type[Table]) -> Opened | None:
     return None if path is None else open_input(path, *tables)
 
 
-def open_tables(paths: Paths) -> tuple[Opened | None, Opened | None, Scene]:
+def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None, Scene]:
     """Tracks and truth, of which nothing is read yet, and the scene, whose unit of lengths they have."""
-    truth = None if paths.truth is None else _open_truth(paths.truth)
-    tracks = None if paths.tracks is None else open_input(paths.tracks, Tracks)
-    scene = _scene(paths, tracks, truth)
+    truth = None if request.truth is None else _open_truth(request.truth)
+    tracks = None if request.tracks is None else open_input(request.tracks, Tracks)
+    scene = _scene(request, tracks, truth)
     for opened in (tracks, truth):
         if opened is not None:
             check_unit(opened, scene.length_unit, error=InputError)
@@ -151,25 +111,20 @@ def _open_truth(path: Path) -> Opened:
     return open_input(path, Truth, TruthBoxes, remedy=remedy)
 
 
-def _scene(paths: Paths, tracks: Opened | None, truth: Opened | None) -> Scene:
+def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None) -> Scene:
     """The scene of `--scene` or of the recording.
 
     Views are compared without one, and so are tracks with a truth, in the unit that they state, or in metres.
     """
     recorded = None if truth is None else truth.scene
-    if paths.scene is None and recorded is None and paths.directions is None and paths.views is None:
+    if request.scene is None and recorded is None and request.directions is None and request.views is None:
         return Scene(length_unit=common_unit((truth, tracks))[0])
-    if paths.tracks is None and paths.directions is None and paths.scene is None:
+    if request.tracks is None and request.directions is None and request.scene is None:
         return recorded or Scene()
-    for path in (paths.bearings, paths.doa, paths.views):
-        if recorded is None and paths.scene is None and path is not None:
+    for path in (request.bearings, request.doa, request.views):
+        if recorded is None and request.scene is None and path is not None:
             recorded = open_input(path).scene
-    return load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
-
-
-def provenance_of(paths: Paths, parameters: Mapping[str, object]) -> Provenance:
-    """Parameters, inputs, and what was lost in making the inputs."""
-    return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), lost_earlier(paths.inputs))
+    return load_scene(request.scene, recorded, request.truth or request.inputs[0])
 
 
 def lost_earlier(paths: Iterable[Path]) -> tuple[Loss, ...]:

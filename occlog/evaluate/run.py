@@ -1,136 +1,185 @@
-"""Work of `occlog evaluate`: files and option values to an evaluation, and that to files.
-
-`run_evaluate` compares tracks and bearings with the truth, `run_evaluate_doa` directions of arrival with true ones.
-"""
+"""What `occlog evaluate` does: files and settings to figures, and these to files."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
+from occlog import console
 from occlog.array_types import NS
 from occlog.console.details import begin_work
+from occlog.console.summary import plausible_in_words
 from occlog.errors import InputError, UsageError, option
-from occlog.evaluate.bearings.azimuths import doa_metrics
-from occlog.evaluate.bearings.known_places import MeasuredNoise, comment, scene_with
-from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.config import ManyConfig, many_config, own_targets_by
-from occlog.io.files.atomic import check_outputs, write_bytes
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.table_writer import TableWriter
+from occlog.io.files.atomic import write_bytes
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
-from occlog.plugins.chosen import Chosen
 from occlog.records.columns import Table
-from occlog.records.declared.views import Counts, Failures
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Bound, Doa, Errors, Tracks, Truth
+from occlog.records.tables import Doa, Errors, Tracks, Truth
+from occlog.records.verdicts import Verdict, summary_of, texts_of
+from occlog.runner import Done, Job
 from occlog.settings import configure, declaration, declared
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
-from .by_plugin import with_plugins
-from .inputs import Paths, lost_earlier, open_sources, provenance_of
-from .results import Evaluation
+from .bearings.azimuths import doa_metrics
+from .bearings.known_places import MeasuredNoise, comment, scene_with
+from .by_plugin import names_of_figures, with_plugins
+from .figures import hint_if_unknown
+from .inputs import lost_earlier, open_sources
+from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
+from .mot import headline
+from .mot.config import ManyConfig, many_config, own_targets_by
+from .mot.run import evaluate_in_images, in_images
+from .request import EvaluateRequest
+from .results import Evaluation, Threshold, failures, parse_threshold
+from .several import evaluate_several
 from .stage import Evaluator
+from .text import LABEL, number, recording_lines, summary_lines, thinned
+
+GATE_DEG = 10.0
+"""Directions further from the truth are false, unless a gate is given [deg]."""
 
 
-def run_evaluate(
-    paths: Paths,
-    given: Mapping[str, object],
-    many_given: Mapping[str, object],
-    frames: tuple[int, int] | None = None,
-    plugged: Sequence[Chosen] = (),
-) -> tuple[Evaluation, str]:
-    """Read, evaluate, write; the evaluation and the scene's length unit.
+def kind_of_input(request: EvaluateRequest) -> str:
+    """The kind of input of a request, the first that fits."""
+    if request.truth_azimuths is not None:
+        return AZIMUTHS
+    if in_images(request.tracks):
+        return IMAGES
+    return GROUND if request.tracks is not None and request.truth is not None else OTHERS
 
-    Args:
-        paths: inputs and outputs; outputs are written whole or not at all.
-        given: settings of `EvaluateConfig` that were given.
-        many_given: settings of `ManyConfig` that were given.
-        frames: first frame to compare, and the one after the last; see `in_frames`.
-        plugged: metrics of plug-ins, for tracks and truth.
+
+def run_evaluate(request: EvaluateRequest, job: Job) -> Done:
+    """Compare and write."""
+    thresholds = _thresholds(request.fail_if, names_of_figures(request.metrics))
+    if job.kind == AZIMUTHS:
+        figures, losses = _of_directions(request, job)
+        failed = failures(figures, thresholds)
+        return Done(dict(figures), earlier=losses, failed=failed, shown=lambda as_json: _lines(figures, as_json))
+    if request.more:
+        found = evaluate_several(request, job)
+        _note(job, (), found.verdicts)
+        verdict = summary_of(found.verdicts)
+        summary: dict[str, object] = {**found.metrics, **verdict}
+
+        def shown(as_json: bool) -> str:
+            judged = ["", f"plausible: {plausible_in_words(verdict)}"] if verdict else []
+            table = [*recording_lines(found.each, found.combined, found.unit), *judged]
+            return _lines(summary, True) if as_json else "\n".join(table)
+
+        failed = failures(found.metrics, thresholds)
+        return Done(summary, earlier=found.losses, failed=failed, shown=shown)
+    result, unit = (evaluate_in_images(request, job), "px") if job.kind == IMAGES else _in_world(request, job)
+    _note(job, result.notes, result.verdicts)
+    earlier, failed = lost_earlier(request.inputs), failures(result.metrics, thresholds)
+    return Done(result.figures, earlier=earlier, failed=failed, shown=lambda as_json: _shown(result, unit, as_json))
+
+
+def _note(job: Job, notes: Iterable[str], verdicts: Sequence[Verdict]) -> None:
+    for line in (*notes, *texts_of(verdicts, "evaluate")):
+        job.note(line)
+
+
+def _lines(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = ()) -> str:
+    return "\n".join(console.lines_of(summary, as_json, first))
+
+
+def _shown(result: Evaluation, unit: str, as_json: bool) -> str:
+    """The figures as text."""
+    if as_json:
+        first = headline.first_of(result.metrics) if headline.own_identities(result.metrics) else ()
+        return _lines(thinned(result.figures), True, first)
+    lines = summary_lines(result.metrics, unit)
+    if result.plugged:
+        lines += ["", "plug-ins", *(f"  {name:<{LABEL}}{number(result.metrics[name]):>12}" for name in result.plugged)]
+    if result.verdicts:
+        lines += ["", f"plausible: {plausible_in_words(result.figures)}"]
+    return "\n".join(lines)
+
+
+def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
+    """Conditions of `fail_if`; UsageError for a text that is none, and for a metric that no evaluation gives.
+
+    `more` are names of figures of plug-ins.
     """
-    _check_request(paths, given)
-    written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
-    check_outputs(paths.inputs, written, paths.overwrite)
-    held_boxes = bool(given.get("held_out")) and paths.views is not None
-    sources, scene, tracks = open_sources(paths, frames, held_boxes=held_boxes)
+    found = []
+    for text in texts:
+        try:
+            found.append(parse_threshold(text))
+        except UsageError as error:
+            raise UsageError(f"{option('fail_if')} {error}") from error
+        hint = hint_if_unknown(found[-1].metric, more)
+        if hint is not None:
+            raise UsageError(f"{option('fail_if')} {text!r}: there is no metric {found[-1].metric!r}; {hint}")
+    return found
+
+
+def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
+    """Read, evaluate, write; the evaluation and the scene's length unit."""
+    given, many_given = request.settings, request.many
+    _check_request(request, given)
+    held_boxes = bool(given.get("held_out")) and request.views is not None
+    sources, scene, tracks = open_sources(request, held_boxes=held_boxes)
     unit = scene.length_unit
     # A tracker that numbers its tracks itself gives them numbers of targets by chance only
-    numbered_itself = born_from_detections(paths.tracks) or of_others(paths.tracks)
+    numbered_itself = born_from_detections(request.tracks) or of_others(request.tracks)
     own_numbers = "match" not in given and numbered_itself
     paired = {"match": "optimal"} if own_numbers else {}
-    config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **paired, **given})
+    config = configure(EvaluateConfig.in_unit(unit), {**simulated(request.truth), **paired, **given})
     _check_held_out(tracks, config.held_out)
     begin_work()
     evaluator = Evaluator(sources, scene, config)
     many, unknown = None, None
-    asked_for = bool(many_given) or paths.failures is not None or paths.counts is not None
+    asked_for = bool(many_given) or request.failures is not None or request.counts is not None
     if sources.tracks is not None and sources.truth is not None and (evaluator.several or asked_for):
         many, unknown = many_config(unit, own_targets_by(config, numbered_itself=numbered_itself), many_given)
     asked = None if many_given.get("own") is None else str(many_given["own"])
-    numbers = () if many is None else own_notes(paths.tracks, many.own, asked)
-    parameters = _parameters(paths, config, many)
-    if plugged:
-        parameters |= {"metrics": [each.provenance(unit) for each in plugged]}
-    provenance = provenance_of(paths, parameters)
+    numbers = () if many is None else own_notes(request.tracks, many.own, asked)
+    provenance = job.provenance(_parameters(request, config, many, unit), lost_earlier(request.inputs))
     kept: list[Errors] = []
-    with ExitStack() as stack:
-        writers = {
-            table.NAME: stack.enter_context(
-                TableWriter(path, table, provenance, overwrite=paths.overwrite, length_unit=unit)
-            )
-            for table, path in _tables(paths)
-            if path is not None
-        }
+    with job.tables(provenance, unit) as tables:
 
         def take(rows: Table) -> None:
-            if rows.NAME in writers:
-                writers[rows.NAME].write(rows)
-            if plugged and isinstance(rows, Errors):
+            tables.write(**{rows.NAME: rows})
+            if request.metrics and isinstance(rows, Errors):
                 kept.append(rows)
 
-        result = evaluator.run(take, many, places=paths.write_scene is not None, numbers=numbers)
+        result = evaluator.run(take, many, places=request.write_scene is not None, numbers=numbers)
         if result.checks is not None:
             provenance = provenance.with_checks(result.checks)
-            for writer in writers.values():
-                writer.annotate(provenance)
-        if plugged and sources.tracks is not None and sources.truth is not None:
+            tables.annotate(provenance)
+        if request.metrics and sources.tracks is not None and sources.truth is not None:
             whole = Tracks.concat(sources.tracks()), Truth.concat(sources.truth())
-            result = with_plugins(replace(result, errors=Errors.concat(kept)), plugged, *whole, unit)
+            result = with_plugins(replace(result, errors=Errors.concat(kept)), request.metrics, *whole, unit)
     how = f"{option('match')} optimal"
-    told = f"{paths.tracks}: track IDs are not those of the truth; matching by distance ({how})"
+    told = f"{request.tracks}: track IDs are not those of the truth; matching by distance ({how})"
     more = () if unknown is None else (unknown,)
-    other = other_video(paths.tracks, [paths.truth])
+    other = other_video(request.tracks, [request.truth])
     notes = (*((told,) if own_numbers else ()), *result.notes, *more, *other)
     result = replace(result, notes=notes, verdicts=provenance.judged)
-    if paths.write_scene is not None:
-        _write_scene(paths.write_scene, scene, evaluator.noise, overwrite=paths.overwrite)
-    if paths.output is not None:
+    if request.write_scene is not None:
+        _write_scene(request.write_scene, scene, evaluator.noise, overwrite=job.overwrite)
+    if request.output is not None:
         values = {**result.figures, "_provenance": provenance.as_dict()}
-        write_json(paths.output, values, overwrite=paths.overwrite)
+        write_json(request.output, values, overwrite=job.overwrite)
     return result, unit
 
 
-def _tables(paths: Paths) -> list[tuple[type[Table], Path | None]]:
-    """Tables that are written while they are made."""
-    return [(Errors, paths.errors), (Bound, paths.bound), (Failures, paths.failures), (Counts, paths.counts)]
-
-
-def _parameters(paths: Paths, config: EvaluateConfig, many: ManyConfig | None) -> dict[str, object]:
+def _parameters(
+    request: EvaluateRequest, config: EvaluateConfig, many: ManyConfig | None, unit: str
+) -> dict[str, object]:
     """Parameters of the comparison, as the provenance of outputs has them."""
-    labels = {"doa_labels": True} if paths.doa_labels else {}
-    return {**asdict(config), **labels, **({} if many is None else {"many": asdict(many)})}
+    out = asdict(config) | ({"doa_labels": True} if request.doa_labels else {})
+    out |= {} if many is None else {"many": asdict(many)}
+    return out | ({"metrics": [each.provenance(unit) for each in request.metrics]} if request.metrics else {})
 
 
 def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *, overwrite: bool) -> None:
@@ -139,31 +188,31 @@ def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *
     write_bytes(path, text.encode(), overwrite)
 
 
-def _check_request(paths: Paths, given: Mapping[str, object]) -> None:
-    held_boxes = bool(given.get("held_out")) and paths.tracks is not None and paths.views is not None
-    if paths.views is not None and paths.truth is None and not held_boxes:
+def _check_request(request: EvaluateRequest, given: Mapping[str, object]) -> None:
+    held_boxes = bool(given.get("held_out")) and request.tracks is not None and request.views is not None
+    if request.views is not None and request.truth is None and not held_boxes:
         raise UsageError(
             f"{option('views')} needs {option('truth')} with true boxes, or TRACKS and {option('held_out')}"
         )
-    if paths.tracks is None and paths.views is None and (paths.directions is None or paths.truth is None):
+    if request.tracks is None and request.views is None and (request.directions is None or request.truth is None):
         raise UsageError(
             f"nothing to compare: give TRACKS with {option('truth')} or "
             f"{option('bearings')}, or {option('bearings')} with {option('truth')}"
         )
-    if paths.write_scene is not None and (paths.truth is None or paths.directions is None):
+    if request.write_scene is not None and (request.truth is None or request.directions is None):
         raise UsageError(
             f"{option('write_scene')} measures noise at known places; give {option('bearings')} and {option('truth')}"
         )
-    if paths.tracks is not None and paths.truth is None and paths.directions is None and not held_boxes:
+    if request.tracks is not None and request.truth is None and request.directions is None and not held_boxes:
         raise UsageError(f"TRACKS alone cannot be evaluated; give {option('truth')}, {option('bearings')} or both")
-    if paths.measurements is not None and (paths.tracks is None or paths.truth is None):
+    if request.measurements is not None and (request.tracks is None or request.truth is None):
         raise UsageError(f"{option('measurements')} are for the bound; give TRACKS and {option('truth')} as well")
-    if given.get("held_out") and (paths.tracks is None or (paths.directions is None and not held_boxes)):
+    if given.get("held_out") and (request.tracks is None or (request.directions is None and not held_boxes)):
         raise UsageError(
             f"{option('held_out')} needs TRACKS made without that sensor, and "
             f"{option('bearings')} or {option('views')} that include it"
         )
-    _check_used(paths, given)
+    _check_used(request, given)
 
 
 LOOKS = "bearings against the truth", f"{option('bearings')} (or {option('doa')}) and {option('truth')}"
@@ -181,15 +230,15 @@ OF_WHAT = {
 """What settings are of that change nothing without some inputs, and these."""
 
 
-def _check_used(paths: Paths, given: Mapping[str, object]) -> None:
+def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
     """UsageError for a setting that was given, but of figures for which there are no inputs."""
-    looks, truth, held = paths.directions is not None, paths.truth is not None, bool(given.get("held_out"))
-    bound = truth and (looks or paths.measurements is not None)
+    looks, truth, held = request.directions is not None, request.truth is not None, bool(given.get("held_out"))
+    bound = truth and (looks or request.measurements is not None)
     there = {LOOKS: looks and truth, BOUND: bound, LINES: looks}
     used = {name: there.get(of, False) for name, of in OF_WHAT.items()}
     used["acceleration_density"] = used["sigma_speed"] = bound and given.get("motion") == "cv"
-    used |= {"held_out_gate": held and looks, "held_out_gate_px": held and paths.views is not None}
-    used["box_overlap"] = truth and paths.views is not None
+    used |= {"held_out_gate": held and looks, "held_out_gate_px": held and request.views is not None}
+    used["box_overlap"] = truth and request.views is not None
     options_of = {f.name: declaration(f).option for f in declared(EvaluateConfig)}
     for name in given:
         if not used.get(name, True):
@@ -221,25 +270,17 @@ def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
         raise InputError(f"{tracks.path}: was made with {names}; make it again with `occlog track --without {names}`")
 
 
-def run_evaluate_doa(
-    paths: Paths, truth: Path, gate_deg: float, max_gap_s: float
-) -> tuple[dict[str, float], tuple[Loss, ...]]:
-    """Read, compare, write; the figures, and what was lost in making the inputs.
-
-    Args:
-        paths: `doa`, directions: a table, or a recording that holds them; `output`, JSON to write.
-        truth: true directions: the same, or a log (CSV: time, azimuth_deg, perhaps sensor).
-        gate_deg: pairs further apart are a missed and a false direction.
-        max_gap_s: a set is compared with the true one nearest in time, at most half of this away.
-    """
-    doa, output = paths.doa, paths.output
-    if paths.tracks is not None:
+def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float], tuple[Loss, ...]]:
+    """Compare directions of arrival with true ones, write; the figures, and what was lost in making the inputs."""
+    doa, truth = request.doa, request.truth_azimuths
+    if request.tracks is not None:
         raise UsageError(
             f"{option('truth_azimuths')} goes with {option('doa')} and nothing else to compare; leave TRACKS out"
         )
-    if doa is None:
+    if doa is None or truth is None:
         raise UsageError(f"{option('truth_azimuths')} wants directions to compare; give them with {option('doa')}")
-    check_outputs([doa, truth], [output], paths.overwrite)
+    gate_deg = GATE_DEG if request.doa_gate_deg is None else request.doa_gate_deg
+    max_gap_s = configure(EvaluateConfig(), request.settings).bridge_s
     found = open_input(doa).read(Doa)
     if not len(found):
         raise InputError(f"{doa}: has no directions; nothing can be compared")
@@ -250,10 +291,9 @@ def run_evaluate_doa(
             f"{truth}: has no time near those of {doa}; look at the times, or give a larger {option('max_gap')}"
         )
     losses = lost_earlier([doa, truth])
-    if output is not None:
-        parameters = {"doa_gate_deg": gate_deg, "max_gap_s": max_gap_s}
-        provenance = Provenance("evaluate", parameters, None, hash_inputs([doa, truth]), losses)
-        write_json(output, {**metrics, "_provenance": provenance.as_dict()}, overwrite=paths.overwrite)
+    if request.output is not None:
+        provenance = job.provenance({"doa_gate_deg": gate_deg, "max_gap_s": max_gap_s}, losses)
+        write_json(request.output, {**metrics, "_provenance": provenance.as_dict()}, overwrite=job.overwrite)
     return metrics, losses
 
 

@@ -8,27 +8,27 @@ them, as TrackEval's COMBINED does.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
 from occlog.console.details import begin_work
-from occlog.errors import UsageError
-from occlog.evaluate.inputs import Paths, lost_earlier, open_sources
+from occlog.errors import UsageError, option
+from occlog.evaluate.inputs import lost_earlier, open_sources
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig, own_targets_by
 from occlog.evaluate.mot.run import compared_boxes, in_images
-from occlog.io.files.atomic import check_outputs
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.open import of_others
 from occlog.records.losses import Loss
 from occlog.records.verdicts import Verdict, summary_of
+from occlog.request import Form
+from occlog.runner import Job
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections
 
+from .request import EvaluateRequest
 from .stage import Evaluator
 
 Metrics = dict[str, float]
@@ -59,51 +59,47 @@ class Several(NamedTuple):
         return self.combined | own
 
 
-def run_evaluate_several(
-    recordings: Sequence[Recording],
-    paths: Paths,
-    chosen: EvaluateConfig,
-    given: Mapping[str, object],
-    frames: tuple[int, int] | None,
-) -> Several:
-    """Read, compare, write the figures of several recordings.
+ALONE = (
+    *("metrics", "bearings", "measurements", "doa", "views", "cooperation", "diagnostics"),
+    *("errors", "bound", "failures", "counts", "mot"),
+)
+"""What is of one recording."""
 
-    Args:
-        recordings: two or more, all with tracks in images or all with tracks on the ground.
-        paths: scene and output; nothing else is used.
-        chosen: settings of the comparison.
-        given: settings of `ManyConfig` that were given.
-        frames: first frame of each to compare, and the one after the last.
-    """
-    files = [path for recording in recordings for path in recording]
-    files += [] if paths.scene is None else [paths.scene]
-    check_outputs(files, (paths.output,), paths.overwrite)
+
+def evaluate_several(request: EvaluateRequest, job: Job) -> Several:
+    """Read, compare, write the figures of several recordings, all with tracks in images or all on the ground."""
+    for entry in Form(EvaluateRequest).entries():
+        if entry.field in ALONE and getattr(request, entry.field):
+            raise UsageError(f"{option(entry.key)} is of one recording; leave out {option('also')}")
+    if request.tracks is None or request.truth is None:
+        raise UsageError(f"{option('also')} wants TRACKS with {option('truth')} beside it")
+    recordings = [Recording(request.tracks, request.truth), *(Recording(*pair) for pair in request.more)]
     kinds = {in_images(recording.tracks) for recording in recordings}
     if len(kinds) > 1:
-        raise UsageError("also: tracks in images and tracks on the ground cannot be put together")
+        raise UsageError(f"{option('also')}: tracks in images and tracks on the ground cannot be put together")
     begin_work()
-    sides = [Paths(tracks=each.tracks, truth=each.truth, scene=paths.scene) for each in recordings]
+    chosen = configure(EvaluateConfig(), request.settings)
+    sides = [replace(request, tracks=each.tracks, truth=each.truth, more=()) for each in recordings]
     if kinds.pop():
-        parameters = {**given} if frames is None else {**given, "frames": frames}
-        each, whole, unit = *_in_images(sides, chosen.box_overlap, parameters), "px"
+        each, whole, unit = *_in_images(sides), "px"
     else:
-        each, whole, unit = _on_ground(sides, chosen, given, frames)
+        each, whole, unit = _on_ground(sides, chosen)
     combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}
-    provenance = Provenance("evaluate", {**asdict(chosen), **given}, None, hash_inputs(files), lost_earlier(files))
+    provenance = job.provenance({**asdict(chosen), **request.many}, lost_earlier(request.inputs))
     named = dict(zip(_names(recordings), each, strict=True))
     found = Several(named, combined, unit, provenance.losses, provenance.judged)
-    if paths.output is not None:
+    if request.output is not None:
         values = {**found.metrics, **summary_of(found.verdicts), "_provenance": provenance.as_dict()}
-        write_json(paths.output, values, overwrite=paths.overwrite)
+        write_json(request.output, values, overwrite=job.overwrite)
     return found
 
 
-def _in_images(sides: Sequence[Paths], overlap: float, given: Mapping[str, object]) -> tuple[list[Metrics], Metrics]:
+def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics]:
     """Figures of each recording, and of all together, in which every view of a recording is a view of its own."""
     each, whole = list[Metrics](), None
     views, counts = list[int](), Counter[str]()
-    for paths in sides:
-        compared, _, _ = compared_boxes(paths, overlap, given)
+    for side in sides:
+        compared, _, _ = compared_boxes(side)
         figures = compared.figures()
         each.append(figures.result(compared.frames, compared.counts))
         views += compared.frames
@@ -116,21 +112,21 @@ def _in_images(sides: Sequence[Paths], overlap: float, given: Mapping[str, objec
     return each, whole.result(views, dict(counts))
 
 
-def _on_ground(
-    sides: Sequence[Paths], chosen: EvaluateConfig, given: Mapping[str, object], frames: tuple[int, int] | None
-) -> tuple[list[Metrics], Metrics, str]:
+def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tuple[list[Metrics], Metrics, str]:
     """Figures of each recording, of all together, and the unit of lengths."""
-    opened = [open_sources(paths, frames, held_boxes=False) for paths in sides]
+    opened = [open_sources(side, held_boxes=False) for side in sides]
     units = [scene.length_unit for _, scene, _ in opened]
     if len(set(units)) > 1:
-        raise UsageError(f"also: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together")
+        raise UsageError(
+            f"{option('also')}: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together"
+        )
     each, whole = list[Metrics](), None
-    for paths, (sources, scene, _) in zip(sides, opened, strict=True):
+    for side, (sources, scene, _) in zip(sides, opened, strict=True):
         if sources.truth is None:
-            raise UsageError(f"also: {paths.truth} holds no true positions")
-        born = born_from_detections(paths.tracks) or of_others(paths.tracks)
+            raise UsageError(f"{option('also')}: {side.truth} holds no true positions")
+        born = born_from_detections(side.tracks) or of_others(side.tracks)
         own = "start" if born else own_targets_by(chosen, numbered_itself=False)
-        config = configure(ManyConfig.in_unit(scene.length_unit), {"own": own, **given})
+        config = configure(ManyConfig.in_unit(scene.length_unit), {"own": own, **side.many})
         figures = Evaluator(sources, scene, chosen).of_many(config)
         each.append(figures.result())
         if whole is None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from occlog.errors import InputError
+
+from .request import PageRequest
 
 if TYPE_CHECKING:
     from occlog.evaluate.verdict import Made
@@ -17,45 +19,11 @@ if TYPE_CHECKING:
     from occlog.report.content.model import ReportInput
 
 
-@dataclass(frozen=True)
-class Paths:
-    """Files to read and to write; None where not given."""
-
-    output: Path
-    tracks: Path | None = None
-    scene: Path | None = None
-    truth: Path | None = None
-    bearings: Path | None = None
-    errors: Path | None = None
-    bound: Path | None = None
-    diagnostics: Path | None = None
-    events: Path | None = None
-    occluders: Path | None = None
-    metrics: Path | None = None
-    images: Path | None = None
-    images_limit: float = 5.0
-    png: Path | None = None
-    markdown: Path | None = None
-    overwrite: bool = False
-
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """Every file that is read, each once."""
-        other = ("output", "png", "markdown", "overwrite", "images_limit")
-        given = (getattr(self, f.name) for f in fields(self) if f.name not in other)
-        return tuple(dict.fromkeys(path for path in given if path is not None))
-
-    @property
-    def outputs(self) -> tuple[Path, ...]:
-        """Every file that is written."""
-        return tuple(path for path in (self.output, self.png, self.markdown) if path is not None)
-
-
-def from_folder(paths: Paths) -> Paths:
+def from_folder(request: PageRequest) -> PageRequest:
     """Where TRACKS is a run folder, what it holds in place of what is not named."""
-    folder = paths.tracks
+    folder = request.tracks
     if folder is None or not folder.is_dir():
-        return paths
+        return request
     names = {n: f"{n}.parquet" for n in ("tracks", "bearings", "errors", "bound", "diagnostics", "events")}
     names |= {"metrics": "metrics.json", "scene": "recording.mcap"}
     names["occluders"] = "hulls.parquet" if (folder / "hulls.parquet").is_file() else "occluders.parquet"
@@ -64,8 +32,8 @@ def from_folder(paths: Paths) -> Paths:
         raise InputError(f"{folder}: holds no tracks.parquet, so it is not the folder of a finished run")
     if "scene" in found and _has_truth(found["scene"]):
         found["truth"] = found["scene"]
-    unnamed: dict[str, Any] = {n: p for n, p in found.items() if n == "tracks" or getattr(paths, n) is None}
-    return replace(paths, **unnamed)
+    unnamed: dict[str, Any] = {n: p for n, p in found.items() if n == "tracks" or getattr(request, n) is None}
+    return replace(request, **unnamed)
 
 
 def _has_truth(recording: Path) -> bool:
@@ -75,12 +43,11 @@ def _has_truth(recording: Path) -> bool:
     return open_recording(recording).has(Truth)
 
 
-def read_input(paths: Paths, title: str, whole: Collection[str] = ()) -> ReportInput:
+def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput:
     """Everything that was named; the scene of the recording with the truth or the bearings if no other is named.
 
     Args:
-        paths: what is read.
-        title: of the page.
+        request: what is read.
         whole: names of tables that are drawn whole, however long they are.
     """
     from occlog.io.files.texts.json_file import read_json
@@ -88,6 +55,7 @@ def read_input(paths: Paths, title: str, whole: Collection[str] = ()) -> ReportI
 
     from .gather import TABLES, gather, in_files
 
+    paths, title = request.found, request.title
     scene = _scene(paths)
     unit = _unit(paths, scene)
     provenance, losses, verdicts = _made(paths, title)
@@ -118,7 +86,7 @@ def _made_tracks(tracks: Path | None) -> Made:
     return Made() if opened is None else Made.of(opened.provenance)
 
 
-def _scene(paths: Paths) -> Scene | None:
+def _scene(paths: PageRequest) -> Scene | None:
     from occlog.io.open import load_scene, open_input
 
     if paths.scene is not None:
@@ -127,7 +95,7 @@ def _scene(paths: Paths) -> Scene | None:
     return next((each.scene for each in opened if each.recording is not None), None)
 
 
-def _unit(paths: Paths, scene: Scene | None) -> str:
+def _unit(paths: PageRequest, scene: Scene | None) -> str:
     """The unit of lengths; InputError where a table has another than the scene or the tracks."""
     from occlog.io.open import check_unit, common_unit, open_input
 
@@ -139,7 +107,7 @@ def _unit(paths: Paths, scene: Scene | None) -> str:
     return unit
 
 
-def _made(paths: Paths, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
+def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
     """How this report and each of its inputs were made, what was lost in making them, and what was found in them."""
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance

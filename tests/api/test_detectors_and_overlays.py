@@ -122,5 +122,5 @@ def test_pictures_and_video_are_those_of_the_command(tmp_path: Path) -> None:
         occlog.overlay(recording=recording, frame=1)
     with pytest.raises(occlog.UsageError, match=r"no output: give video .*, frame"):
         occlog.overlay(recording=recording, truth=recording)
-    with pytest.raises(occlog.UsageError, match="scale: 99: must be from"):
+    with pytest.raises(occlog.SettingError, match=r"scale is 99.*at most 16"):
         occlog.overlay(recording=recording, truth=recording, frame=1, scale=99)

@@ -48,8 +48,8 @@ TABLES = {
 """Outputs that are tables of the result."""
 MISSING = {
     "label": {"--gallery", "--images", "--named"},
-    "evaluate": {"--write-scene", "--fail-if", "--mot"},
-    "report": {"other", "--seed"},  # of two runs side by side
+    "evaluate": {"--write-scene", "--also", "--mot"},
+    "report": {"other"},  # of two runs side by side
 }
 EVERYWHERE = {"--input-units", "--reader"}
 """Options that have no argument on purpose."""

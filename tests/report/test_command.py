@@ -20,7 +20,8 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Tracks, Truth
-from occlog.report.inputs import Paths, read_input
+from occlog.report.inputs import read_input
+from occlog.report.request import PageRequest
 
 SCENE = """
 occlog_scene: 1
@@ -163,9 +164,9 @@ def in_csv(path: Path, tracks: Tracks, unit: str, scale: float) -> Path:
 @pytest.mark.parametrize(("unit", "scale"), [("_cm", 100.0), ("_mm", 1000.0), ("", 1.0)])
 def test_tables_of_others_are_shown_in_the_unit_of_the_scene(folder: Path, unit: str, scale: float) -> None:
     tracks = in_csv(folder / "tracks.csv", read_table(folder / "tracks.parquet", Tracks), unit, scale)
-    paths = Paths(output=folder / "page.html", tracks=tracks, scene=folder.parent / "scene.yaml")
+    paths = PageRequest(output=folder / "page.html", tracks=tracks, scene=folder.parent / "scene.yaml")
     paths = replace(paths, truth=folder / "recording.mcap", bearings=folder / "bearings.parquet")
-    data = read_input(paths, "page")
+    data = read_input(paths)
     assert data.tracks is not None
     np.testing.assert_allclose(data.tracks.x, 10.5)
     assert (data.length_unit, data.unit) == ("m", "m")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,9 @@ import numpy as np
 
 from occlog.console.details import begin_work
 from occlog.errors import InputError, UsageError, option
-from occlog.evaluate.inputs import Paths, provenance_of
+from occlog.evaluate.inputs import lost_earlier
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.request import EvaluateRequest
 from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import opened_rows, rows_of
 from occlog.io.boxes.kitti import is_kitti
@@ -21,16 +23,15 @@ from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layou
 from occlog.io.boxes.mot_classes import DISTRACTORS, has_classes, read_marks
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.rows import fill_frames
-from occlog.io.files.atomic import check_outputs
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.texts.csv_rows import first_line, is_header
 from occlog.io.files.texts.json_file import write_json
 from occlog.io.files.times.frame_times import FrameTimes
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
-from occlog.records.declared.views import Failures, ViewTracks, boxes_of_ellipses
+from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
 from occlog.records.pieces import windows
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
+from occlog.runner import Job
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
@@ -61,46 +62,32 @@ def in_images(path: Path | None) -> bool:
     return opened.recording is None and any(opened.has(table) for table in (ViewTracks, Boxes, TruthBoxes))
 
 
-def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object]) -> Evaluation:
-    """Read, compare, write; what came out.
-
-    Args:
-        paths: inputs and outputs; outputs are written whole or not at all.
-        overlap: intersection over union from which a track is of a true box.
-        given: settings of `ManyConfig` that were given.
-    """
-    check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
-    compared, config, scene = compared_boxes(paths, overlap, given)
+def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
+    """Read, compare, write; what came out."""
+    compared, config, scene = compared_boxes(request)
     begin_work()
-    provenance = provenance_of(paths, asdict(config))
-    with ExitStack() as stack:
-        take: Callable[[Failures], None] | None = None
-        if paths.failures is not None:
-            writer = TableWriter(paths.failures, Failures, provenance, overwrite=paths.overwrite)
-            take = stack.enter_context(writer).write
-        result = compared.evaluate(take)
-    result = _with_notes(result, paths, config, given)
-    if paths.mot is not None and paths.tracks is not None:
+    provenance = job.provenance(asdict(config), lost_earlier(request.inputs))
+    with job.tables(provenance, "m") as tables:
+        result = compared.evaluate(None if request.failures is None else lambda rows: tables.write(failures=rows))
+    told = own_notes(request.tracks, config.own, _asked(request.many))
+    notes = (*result.notes, *told, *other_video(request.tracks, [request.truth]))
+    result = replace(result, notes=notes, verdicts=provenance.judged)
+    if request.mot is not None and request.tracks is not None:
         whole = joined([part for _, part in compared.parts()])
-        write_layout(paths.mot, paths.tracks.stem, _sequences(whole, scene), overwrite=paths.overwrite)
-    result = replace(result, verdicts=provenance.judged)
-    if paths.output is not None:
+        write_layout(request.mot, request.tracks.stem, _sequences(whole, scene), overwrite=job.overwrite)
+    if request.output is not None:
         values = {**result.figures, "_provenance": provenance.as_dict()}
-        write_json(paths.output, values, overwrite=paths.overwrite)
+        write_json(request.output, values, overwrite=job.overwrite)
     return result
 
 
-def _with_notes(result: Evaluation, paths: Paths, config: ManyConfig, given: Mapping[str, object]) -> Evaluation:
-    """The evaluation with what the user must know of the inputs."""
-    told = own_notes(paths.tracks, config.own, _asked(given))
-    return replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
-
-
-def _configured(paths: Paths, ours: Opened | None, overlap: float, given: Mapping[str, object]) -> ManyConfig:
+def _configured(request: EvaluateRequest, ours: Opened | None) -> ManyConfig:
     """Settings; UsageError for a cutoff that boxes do not have."""
     named = ours is not None and ours.has(ViewTracks)
-    own = "label" if named and not born_from_detections(paths.tracks) else "start"
-    config = configure(ManyConfig(), {"own": own, "overlap": overlap, **given})
+    own = "label" if named and not born_from_detections(request.tracks) else "start"
+    overlap = configure(EvaluateConfig(), request.settings).box_overlap
+    frames = {} if request.frames is None else {"frames": request.frames}
+    config = configure(ManyConfig(), {"own": own, "overlap": overlap, **request.many, **frames})
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(
             f"{option('gospa_cutoff')} {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
@@ -109,39 +96,31 @@ def _configured(paths: Paths, ours: Opened | None, overlap: float, given: Mappin
     return config
 
 
-def compared_boxes(
-    paths: Paths, overlap: float, given: Mapping[str, object]
-) -> tuple[ComparedBoxes, ManyConfig, Scene | None]:
-    """Open tracks and truth and lay them against each other; with the settings, and the scene of the truth.
-
-    Args:
-        paths: tracks and truth.
-        overlap: intersection over union from which a track is of a true box.
-        given: settings of `ManyConfig` that were given.
-    """
-    if paths.tracks is None or paths.truth is None:
+def compared_boxes(request: EvaluateRequest) -> tuple[ComparedBoxes, ManyConfig, Scene | None]:
+    """Open tracks and truth and lay them against each other; with the settings, and the scene of the truth."""
+    if request.tracks is None or request.truth is None:
         raise UsageError(
             f"tracks in images need {option('truth')}: a recording or a table with true boxes, or MOTChallenge text"
         )
-    text, counted = _is_text(paths.tracks), annotation_format(paths.truth)
-    ours = None if text else open_input(paths.tracks)
-    config = _configured(paths, ours, overlap, given)
-    in_text = counted is None and _is_text(paths.truth)
-    check_counted(paths.truth, counted, in_text, config)
-    rule = _benchmark(paths.truth, config, in_text)
+    text, counted = _is_text(request.tracks), annotation_format(request.truth)
+    ours = None if text else open_input(request.tracks)
+    config = _configured(request, ours)
+    in_text = counted is None and _is_text(request.truth)
+    check_counted(request.truth, counted, in_text, config)
+    rule = _benchmark(request.truth, config, in_text)
     looked = _strings(ours.provenance.parameters.get("cameras")) if ours is not None and ours.has(ViewTracks) else ()
-    with _named({"tracks": paths.tracks, "truth": paths.truth}):
+    with _named({"tracks": request.tracks, "truth": request.truth}):
         if ours is not None and counted is None and not in_text:
-            theirs = open_input(paths.truth)
+            theirs = open_input(request.truth)
             theirs.require(TruthBoxes)
             return ComparedBoxes(_timed(ours, theirs), config, looked=looked), config, theirs.scene
         if counted is None:
-            tracks, truth, scene = _read_both(paths.tracks, paths.truth, config, rule)
+            tracks, truth, scene = _read_both(request.tracks, request.truth, config, rule)
         else:
-            (tracks, truth), scene = _read_annotated(paths.tracks, paths.truth, config, counted), None
+            (tracks, truth), scene = _read_annotated(request.tracks, request.truth, config, counted), None
         adjust = None
         if rule in DISTRACTORS:
-            adjust = partial(pedestrians, marks=read_marks(paths.truth), distractors=DISTRACTORS[rule])
+            adjust = partial(pedestrians, marks=read_marks(request.truth), distractors=DISTRACTORS[rule])
         sides: Sides = lambda: iter([(tracks, truth)])  # noqa: E731
         compared = ComparedBoxes(sides, config, looked=looked, by_number=True, adjust=adjust)
     return compared, config, scene

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from occlog import console
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
 from occlog.ingest.plan import for_sensor, pairs
-from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.names.sensors import match_sensor
-from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.files.times.frame_times import to_world_time
 from occlog.io.files.times.timestamps import parse_time
 from occlog.io.open import load_scene
@@ -27,57 +23,58 @@ from occlog.records.losses import Loss
 from occlog.records.names import first_double
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa
+from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import ListenConfig
 from .locate import library
+from .request import ListenRequest
 from .stage import ListenTally, frame_size, frames_of, listen
 
 T = TypeVar("T")
 Pairs = tuple[tuple[str | None, T], ...]
 
 
-@dataclass(frozen=True)
-class ListenRequest:
+class _Plan(NamedTuple):
     """What to listen to and how."""
 
-    sounds: Pairs[Path]  # (array or None, path)
     scene: Path | None
+    sounds: Pairs[Path]  # (array or None, path)
     arrays: Pairs[Path]  # (name or None, path)
     channels: tuple[int, ...]  # from 0; empty: all
     start_time: Pairs[str]  # (array or None, text)
     config: ListenConfig
 
-    @classmethod
-    def of(
-        cls,
-        *,
-        sounds: tuple[str, ...],
-        scene: Path | None,
-        arrays: tuple[str, ...],
-        channels: str,
-        start_time: tuple[str, ...],
-        settings: dict[str, object],
-    ) -> ListenRequest:
-        """The request that the command's options make; UsageError or SettingError for what cannot be."""
-        return cls(
-            sounds=pairs(sounds, Path),
-            scene=scene,
-            arrays=pairs(arrays, Path),
-            channels=parse_channels(channels),
-            start_time=pairs(start_time, str),
-            config=configure(ListenConfig(), settings),
-        )
 
-    def inputs(self) -> list[Path]:
-        """Every file that is read."""
-        scene = [] if self.scene is None else [self.scene]
-        return [*(path for _, path in self.sounds), *scene, *(path for _, path in self.arrays)]
+def _plan(request: ListenRequest) -> _Plan:
+    """The plan of a request; UsageError or SettingError for what cannot be."""
+    settings = dict(request.settings)
+    if request.most is not None:
+        settings["sources"] = parse_most(request.most)
+    if request.band is not None:
+        settings |= {"low_hz": request.band[0], "high_hz": request.band[1]}
+    return _Plan(
+        scene=request.scene,
+        sounds=pairs(map(str, request.sounds), Path),
+        arrays=pairs(request.arrays, Path),
+        channels=parse_channels(request.channels),
+        start_time=pairs(request.start_time, str),
+        config=configure(ListenConfig(), settings),
+    )
 
 
-def parse_channels(text: str) -> tuple[int, ...]:
+def parse_most(text: str) -> int:
+    """Number of directions a frame, 1 to 100; 0 for `auto`."""
+    if text == "auto":
+        return 0
+    if not (text.isdecimal() and 1 <= int(text) <= 100):
+        raise UsageError(f"{option('sources')} {text}: must be 1 to 100, or auto")
+    return int(text)
+
+
+def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
     """Channels from 0 of a list from 1."""
-    parts = [part.strip() for part in text.split(",") if part.strip()]
+    text = ",".join(parts)
     if not all(part.isdecimal() and 1 <= int(part) <= 4096 for part in parts):
         raise UsageError(f"{option('channels')} {text}: want numbers from 1, with commas")
     found = tuple(int(part) - 1 for part in parts)
@@ -86,33 +83,32 @@ def parse_channels(text: str) -> tuple[int, ...]:
     return found
 
 
-def run_listen(
-    request: ListenRequest, output: Path, overwrite: bool, quiet: bool
-) -> tuple[dict[str, object], list[Loss]]:
+def run_listen(request: ListenRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
     """Listen and write; the summary, and what was lost."""
+    plan = _plan(request)
     library()  # before anything is read
-    scene = _scene(request)
-    chosen = _arrays(request, scene)
+    scene = _scene(plan)
+    chosen = _arrays(plan, scene)
     sounds = {name: open_sound(path) for name, path in chosen.items()}
     tallies = {name: ListenTally() for name in chosen}
-    streams = [_directions(scene, name, sounds[name], request, tallies[name], quiet) for name in chosen]
+    streams = [_directions(scene, name, sounds[name], plan, tallies[name], job) for name in chosen]
     parameters = {
-        **asdict(request.config),
+        **asdict(plan.config),
         "sounds": {n: p.name for n, p in chosen.items()},
-        "channels": [c + 1 for c in request.channels],
-        "start_time": [list(p) for p in request.start_time],
+        "channels": [c + 1 for c in plan.channels],
+        "start_time": [list(p) for p in plan.start_time],
     }
-    provenance = Provenance("listen", parameters, None, hash_inputs(request.inputs()))
+    provenance = job.provenance(parameters)
     rows = dict.fromkeys(chosen, 0)
-    with TableWriter(output, Doa, provenance, overwrite=overwrite, length_unit=scene.length_unit) as writer:
+    with job.tables(provenance, scene.length_unit) as tables:
         for table in heapq.merge(*streams, key=lambda t: (int(t.t_ns[0]), str(t.sensor[0]))):
-            writer.write(table)
+            tables.write(output=table)
             rows[str(table.sensor[0])] += len(table)
         losses = [loss for sound in sounds.values() for loss in sound.losses]
-        writer.annotate(replace(provenance, losses=tuple(losses)))
+        tables.annotate(replace(provenance, losses=tuple(losses)))
     seconds = {name: sound.frames / sound.rate for name, sound in sounds.items()}
     return {
-        "doa": str(output),
+        "doa": str(request.output),
         "rows": rows,
         "seconds": {name: round(s, 3) for name, s in seconds.items()},
         "frames": {name: t.frames for name, t in tallies.items()},
@@ -121,12 +117,12 @@ def run_listen(
     }, losses
 
 
-def _scene(request: ListenRequest) -> Scene:
-    scene = load_scene(request.scene, None, request.scene) if request.scene is not None else Scene()
-    more = [a for name, path in request.arrays for a in read_arrays(path, name)]
+def _scene(plan: _Plan) -> Scene:
+    scene = load_scene(plan.scene, None, plan.scene) if plan.scene is not None else Scene()
+    more = [a for name, path in plan.arrays for a in read_arrays(path, name)]
     if more and scene.length_unit != "m":
         raise UsageError(
-            f"{option('arrays')}: tables are in m, but {request.scene} in {scene.length_unit}; use one of them"
+            f"{option('arrays')}: tables are in m, but {plan.scene} in {scene.length_unit}; use one of them"
         )
     arrays = (*scene.arrays, *more)
     if (double := first_double([a.name for a in arrays])) is not None:
@@ -139,11 +135,11 @@ def _scene(request: ListenRequest) -> Scene:
     return replace(scene, arrays=arrays)
 
 
-def _arrays(request: ListenRequest, scene: Scene) -> dict[str, Path]:
+def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
     """The file of each array that has one."""
     names = [a.name for a in scene.arrays]
     out: dict[str, Path] = {}
-    for label, path in request.sounds:
+    for label, path in plan.sounds:
         if label is None and len(names) > 1:
             raise UsageError(f"{path}: does not name its array; give ARRAY={path.name} (arrays: {', '.join(names)})")
         name = names[0] if label is None else match_sensor(label, names, str(path), what="array")
@@ -153,27 +149,25 @@ def _arrays(request: ListenRequest, scene: Scene) -> dict[str, Path]:
     return out
 
 
-def _directions(
-    scene: Scene, name: str, sound: Sound, request: ListenRequest, tally: ListenTally, quiet: bool
-) -> Iterator[Doa]:
+def _directions(scene: Scene, name: str, sound: Sound, plan: _Plan, tally: ListenTally, job: Job) -> Iterator[Doa]:
     """Directions of one array, by world time."""
     array = next(a for a in scene.arrays if a.name == name)
-    _check_channels(sound, array, request.channels)
-    text = for_sensor(request.start_time, name)
+    _check_channels(sound, array, plan.channels)
+    text = for_sensor(plan.start_time, name)
     start = 0 if text is None else parse_time(text)
     clock = next((c for c in scene.clocks if c.name == array.clock), None)
-    total = frames_of(sound.frames, sound.rate, request.config)
+    total = frames_of(sound.frames, sound.rate, plan.config)
     if total == 0:
-        least = frame_size(sound.rate, request.config)
+        least = frame_size(sound.rate, plan.config)
         raise InputError(
             f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are shorter than a frame of "
             f"{least} ({least / sound.rate:.3g} s), so that no direction can be found; "
             f"take a shorter {option('frame')} and "
             f"{option('window')}, or leave the file out"
         )
-    blocks = _blocks(sound, request.channels)
-    found = listen(blocks, sound.rate, array, scene.length_unit, request.config, start, tally)
-    for table in console.progress(found, f"listen {name}", total, quiet=quiet):
+    blocks = _blocks(sound, plan.channels)
+    found = listen(blocks, sound.rate, array, scene.length_unit, plan.config, start, tally)
+    for table in job.progress(found, f"listen {name}", total):
         yield table if clock is None else replace(table, t_ns=to_world_time(table.t_ns, clock, start))
 
 

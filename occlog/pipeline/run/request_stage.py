@@ -216,6 +216,8 @@ def setting_of(entry: Entry, value: object) -> object:
             raise UsageError(f"{option(entry.key)}: want true or false, got {value!r}")
         return value
     texts = [str(each) for each in listed(value)]
+    if said.frames:
+        texts = [part or "0" for text in texts for part in text.split(":")]
     if said.whole:
         return tuple(texts)
     try:

@@ -14,7 +14,8 @@ from occlog.io.files.untrusted.content import Content, content_of
 from occlog.io.open import check_unit, open_input
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import ReportInput
-from occlog.report.inputs import Paths, from_folder, read_input
+from occlog.report.inputs import read_input
+from occlog.report.request import PageRequest
 
 from .stage import same_room, same_rows
 
@@ -48,26 +49,26 @@ def names_of(a: Path, b: Path) -> tuple[str, str]:
     return ways[0][-1], f"{ways[1][-1]}, again"
 
 
-def files_of(run: Path, paths: Paths) -> Paths:
+def files_of(run: Path, shared: PageRequest) -> PageRequest:
     """The files of a run; UsageError where a recording is named.
 
     Args:
         run: a run folder or a table of tracks.
-        paths: what is named besides, of both runs.
+        shared: what is named besides, of both runs.
     """
-    found = from_folder(replace(paths, tracks=run))
+    found = replace(shared, tracks=run).found
     if found.tracks is not None and content_of(found.tracks) is Content.RECORDING:
         raise UsageError(f"{run}: is a recording, not tracks; name run folders or tables of tracks")
     return found
 
 
-def open_run(name: str, paths: Paths) -> Run:
+def open_run(name: str, paths: PageRequest) -> Run:
     """Everything of a run; InputError where it has no estimates, or too many."""
     file = paths.tracks
     assert file is not None
     opened = open_input(file)
     rows = describe(file)["rows"] if opened.recording is None and opened.foreign is None else 0
-    data = read_input(paths, name, whole=WHOLE) if rows <= MOST_ROWS else None
+    data = read_input(replace(paths, title=name), whole=WHOLE) if rows <= MOST_ROWS else None
     tracks = None if data is None else data.tracks
     if data is None or tracks is None or len(tracks) > MOST_ROWS:
         raise InputError(
@@ -89,7 +90,7 @@ def check_scenes(a: Run, b: Run) -> None:
         raise InputError(f"{a.file} and {b.file} are of different scenes; name two runs of one scene")
 
 
-def truth_of(files: Sequence[Paths], unit: str) -> tuple[Path, Truth] | None:
+def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
     """The truth of both runs; None: there is none with targets.  InputError where each has another one, or unit."""
     first: tuple[Path, Truth] | None = None
     for path in dict.fromkeys(each.truth for each in files if each.truth is not None):

@@ -1,26 +1,27 @@
-"""Work of `occlog report A B`: open two runs, lay them beside each other, write the page."""
+"""What `occlog report A B` does: open two runs, lay them beside each other, write the page."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from occlog.array_types import NS
 from occlog.console.details import begin_work
 from occlog.console.text import as_bytes
+from occlog.errors import UsageError, option
 from occlog.evaluate.compare.run import compare_runs
-from occlog.io.files.atomic import Together, check_outputs, open_output
-from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.provenance import Provenance
 from occlog.records.tables import Truth
-from occlog.report.inputs import Paths
+from occlog.report.request import BesideRequest
+from occlog.report.run import write
+from occlog.runner import Done, Job
+from occlog.settings import configure
 
 from .comparison.frames import common_times, laid
 from .comparison.identities import by_each_other
 from .comparison.pairs import pairs_of
 from .comparison.partings import partings_of
 from .config import BesideConfig
-from .inputs import Run, check_scenes, files_of, names_of, open_run, truth_of
+from .inputs import Run, check_scenes, names_of, open_run, truth_of
 from .markdown import build_markdown
 from .model import AgainstTruth, Beside, Side, lengths_of
 from .page import build_page
@@ -33,51 +34,41 @@ from .stage import (
     recordings_of,
     same_rows,
 )
+from .summary import summary_of
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What is asked for; None where not given."""
-
-    tracks: Path
-    other: Path
-    output: Path
-    scene: Path | None = None
-    truth: Path | None = None
-    markdown: Path | None = None
-    title: str = "Two runs side by side"
-    seed: int = 0
-    overwrite: bool = False
-    config: BesideConfig = field(default_factory=BesideConfig)
-
-
-def run_beside(asked: Asked) -> Beside:
+def run_beside(request: BesideRequest, job: Job) -> Done:
     """Read both runs, lay them beside each other, write the page and its words.
 
     Raises:
-        UsageError: lengths have a unit without defaults, or an output is an input.
+        UsageError: lengths have a unit without defaults, or something is asked for that is of one run.
         InputError: a run is missing, damaged, too long, or of another scene, truth or time than the other.
     """
-    common = Paths(asked.output, scene=asked.scene, truth=asked.truth, markdown=asked.markdown)
-    files = [files_of(run, common) for run in (asked.tracks, asked.other)]
-    inputs = tuple(dict.fromkeys(path for each in files for path in each.inputs))
-    check_outputs(inputs, common.outputs, asked.overwrite)
-    runs = [open_run(n, each) for n, each in zip(names_of(asked.tracks, asked.other), files, strict=True)]
+    if request.output is None:
+        raise UsageError("no output: give -o (the page)")
+    if request.png is not None:
+        raise UsageError(f"{option('png')}: of two runs there is a page alone; leave it out")
+    assert request.tracks is not None
+    files, names = request.runs, names_of(request.tracks, request.other)
+    config = configure(BesideConfig(), request.settings)
+    runs = [open_run(name, each) for name, each in zip(names, files, strict=True)]
     check_scenes(*runs)
-    near, tolerance = lengths_of(asked.config, runs[0].data.unit)
+    near, tolerance = lengths_of(config, runs[0].data.unit)
     truth = truth_of(files, runs[0].data.unit)
     begin_work()
-    found = lay(runs[0], runs[1], truth, replace(asked.config, match_distance=near, tolerance=tolerance), asked.seed)
-    provenance = _provenance(asked, found, inputs)
-    found = replace(found, title=asked.title, provenance=provenance)
-    made = {asked.output: build_page(found)}
-    if asked.markdown is not None:
-        made[asked.markdown] = build_markdown(found)
-    with Together() as together:
-        for path, content in made.items():
-            with open_output(path, asked.overwrite, together) as file:
-                file.write(as_bytes(content))
-    return found
+    config = replace(config, match_distance=near, tolerance=tolerance)
+    found = lay(runs[0], runs[1], truth, config, request.seed)
+    found = replace(found, title=request.title, provenance=_provenance(request, job, found, config))
+    made = {request.output: as_bytes(build_page(found))}
+    if request.markdown is not None:
+        made[request.markdown] = as_bytes(build_markdown(found))
+    write(made, overwrite=job.overwrite)
+    for whose, loss in found.losses:
+        job.note(f"lost earlier in {whose}: {loss}")
+    for letter, side in found.sides:
+        for stage, check in side.data.findings:
+            job.note(f"{letter}: {check.severity}: {stage}: {check.text}")
+    return Done(summary_of(found, request))
 
 
 def lay(a: Run, b: Run, truth: tuple[Path, Truth] | None, config: BesideConfig, seed: int) -> Beside:
@@ -134,9 +125,8 @@ def _made(run: Run) -> dict[str, object]:
     return made if isinstance(made, dict) else {}
 
 
-def _provenance(asked: Asked, found: Beside, inputs: tuple[Path, ...]) -> dict[str, object]:
+def _provenance(request: BesideRequest, job: Job, found: Beside, config: BesideConfig) -> dict[str, object]:
     """How this page and everything in both runs was made."""
-    settings = {**asdict(asked.config), "match_distance": found.near, "tolerance": found.tolerance}
-    own = Provenance("report", {"title": asked.title, **settings}, asked.seed, hash_inputs(inputs))
+    own = job.provenance({"title": request.title, **asdict(config)}, seed=request.seed)
     made = {f"{letter}: {side.name}": side.data.provenance.get("made", {}) for letter, side in found.sides}
     return {name: value for name, value in own.as_dict().items() if name != "losses"} | {"made": made}

@@ -8,18 +8,18 @@ from occlog.array_types import NS
 from occlog.evaluate.compare.model import Row
 from occlog.records.verdicts import all_plausible
 from occlog.records.verdicts import summary_of as verdict_summary
+from occlog.report.request import BesideRequest
 
 from . import words
 from .comparison.partings import Moment
 from .model import Beside
-from .run import Asked
 
 
-def summary_of(found: Beside, asked: Asked) -> dict[str, object]:
+def summary_of(found: Beside, request: BesideRequest) -> dict[str, object]:
     """What was written, whether the runs differ, where they part and who became another one."""
     first, truth = found.partings.first, found.against_truth
-    out: dict[str, object] = {"page": asked.output}
-    out |= {} if asked.markdown is None else {"markdown": asked.markdown}
+    out: dict[str, object] = {"page": request.output}
+    out |= {} if request.markdown is None else {"markdown": request.markdown}
     out |= {letter.lower(): side.name for letter, side in found.sides}
     out |= {"heading": words.heading(found), "same": found.same, "frames": found.partings.frames}
     out |= {"frames_parted": found.partings.parted, "tolerance": found.tolerance, "length_unit": found.unit}

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from occlog import console
 from occlog.array_types import NS, Bools, Ints
-from occlog.errors import InputError, UsageError, option
-from occlog.io.files.atomic import check_outputs
+from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.header import read_provenance
-from occlog.io.frames.writer import SHOWN
 from occlog.io.open import open_input
 from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
@@ -26,6 +22,8 @@ from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, TruthBoxes
+from occlog.report.request import OverlayRequest
+from occlog.runner import Job
 from occlog.settings import METRES
 
 from .draw import BAR, Shot, Way, draw_shot, tile
@@ -39,47 +37,6 @@ GOOD_HEIGHT = 360
 """Images lower than this are enlarged, by a whole number."""
 LARGEST = (3840, 2160)
 """Width and height that no video exceeds unless a scale is given: images are made smaller [px]."""
-TRAIL_S = 2.0
-"""Length of trails [s]."""
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Options of the command; None where not given."""
-
-    recording: Path
-    tracks: Path | None = None
-    truth: Path | None = None
-    failures: Path | None = None
-    fundamental: Path | None = None
-    scene: Path | None = None
-    video: Path | None = None
-    png: Path | None = None
-    frame: int | None = None
-    frames: tuple[int, int] | None = None
-    cameras: tuple[str, ...] = ()
-    scale: float | None = None
-    fps: float | None = None
-    world: Path | None = None
-    diagnostics: Path | None = None
-    plan: bool = True
-    trail: float = TRAIL_S
-    overwrite: bool = False
-
-    def check(self) -> None:
-        """UsageError for options that do not go together, and for outputs that exist."""
-        if self.tracks is None and self.truth is None and self.world is None:
-            raise UsageError(
-                f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both"
-            )
-        if (self.png is None) != (self.frame is None):
-            raise UsageError(f"{option('png')} and {option('frame')} belong together: the picture of one frame")
-        if self.video is None and self.png is None:
-            raise UsageError(f"no output: give {option('video')}, or {option('png')} with {option('frame')}")
-        if self.video is not None and self.video.suffix.lower() not in SHOWN:
-            raise UsageError(f"{self.video}: video can be {' or '.join(SHOWN)}; name it so")
-        inputs = (self.recording, self.tracks, self.world, self.diagnostics, self.truth, self.failures)
-        check_outputs((*inputs, self.fundamental, self.scene), (self.video, self.png), self.overwrite)
 
 
 class Rows(Generic[T]):
@@ -119,19 +76,21 @@ class Pictures:
     frame of any of them.  Of a frame that cannot be decoded it shows nothing but what is drawn over it.
     """
 
-    def __init__(self, asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> None:
+    def __init__(
+        self, asked: OverlayRequest, recording: Recording, names: list[str], scene: Scene | None, job: Job
+    ) -> None:
         self._recording, self.names, self.first = recording, names, names[0]
         self._tracks = _rows(asked.tracks, ViewTracks)
         boxed = asked.truth is not None and (asked.world is None or open_input(asked.truth).has(TruthBoxes))
         self._truth = _rows(asked.truth, TruthBoxes) if boxed else None
         self._failures = _rows(asked.failures, Failures)
         self._lost = LostFrames()
-        self._rig = _rig(asked, recording, names, scene, self._lost, quiet)
+        self._rig = _rig(asked, recording, names, scene, self._lost, job)
         self._followed = {path: kind for path, kind in ((asked.tracks, ViewTracks), (asked.world, Tracks)) if path}
         self._ranks = targets_of(self._followed) if self._followed else {}
         self._trails = [Trails(asked.trail) for _ in names]
         self._numbers = [-1] * len(names)
-        self._world = _world(asked, recording, scene, self._ranks, quiet)
+        self._world = _world(asked, recording, scene, self._ranks, job)
         shows_plan = asked.plan and self._world is not None and scene is not None
         self._columns = _columns(len(names) + shows_plan)
         self.scale = asked.scale or self._good_scale(len(names) + shows_plan)
@@ -231,7 +190,7 @@ def _columns(cells: int) -> int:
 
 
 def _world(
-    asked: Asked, recording: Recording, scene: Scene | None, ranks: Mapping[int, int], quiet: bool
+    asked: OverlayRequest, recording: Recording, scene: Scene | None, ranks: Mapping[int, int], job: Job
 ) -> World | None:
     """Tracks of the world; None: there are none, or nothing says where the cameras are."""
     if asked.world is None:
@@ -240,11 +199,11 @@ def _world(
         why = f"{asked.world}: tracks of the world are drawn where cameras are known: name a scene with --scene"
         if asked.tracks is None:
             raise UsageError(why)
-        console.note(why, quiet)
+        job.note(why)
         return None
     without = [c.name for c in scene.cameras if c.name in recording.cameras and not c.has_height]
     if asked.tracks is None and without:
-        console.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}", quiet)
+        job.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}")
     metres = METRES.get(scene.length_unit, 1.0)
     return World(Sources(asked.world, asked.diagnostics, asked.truth, scene.length_unit), metres, ranks, asked.trail)
 
@@ -259,7 +218,7 @@ def _first_image(recording: Recording, name: str, lost: LostFrames) -> Image:
 
 
 def _rig(
-    asked: Asked, recording: Recording, names: list[str], scene: Scene | None, lost: LostFrames, quiet: bool
+    asked: OverlayRequest, recording: Recording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
 ) -> Rig:
     """The views, as large as their first images, and the geometry that the tracker had, as far as it is known."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
@@ -269,12 +228,12 @@ def _rig(
         return Rig(views, cameras, None)
     known = known_geometry(views, recording, scene if asked.scene is not None else None, asked.fundamental)
     for line in known.notes:
-        console.note(line, quiet)
+        job.note(line)
     bottom = read_provenance(asked.tracks).parameters.get("anchor") == "bottom"
     return Rig(views, cameras, known.geometry, _numbered(asked), bottom)
 
 
-def _numbered(asked: Asked) -> bool:
+def _numbered(asked: OverlayRequest) -> bool:
     """Whether trackers have the numbers of their targets: not those that began with detections."""
     births = read_provenance(asked.tracks).parameters.get("births") if asked.tracks is not None else None
     failures = asked.failures

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from two_runs import STEP, exchanged_at, lost, moved, tracks, truth, write_run
 
-from occlog.cli.main import run
+from occlog.cli.main import load_command, run
+from occlog.cli.setting_options import VariantCommand
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
@@ -22,7 +23,6 @@ from occlog.records.losses import Loss
 from occlog.records.tables import Errors, PeopleTracks
 from occlog.report.beside import inputs
 from occlog.report.beside.inputs import names_of
-from occlog.report.options import BESIDE, OVERLAY, chosen
 
 SCENE = """
 occlog_scene: 1
@@ -321,7 +321,6 @@ def test_names_are_the_ends_of_paths_that_tell_runs_apart(tmp_path: Path) -> Non
     ],
 )
 def test_two_runs_are_told_from_a_run_with_options(args: list[str], kind: str | None) -> None:
-    from occlog.report.command import command
-
-    assert (BESIDE, OVERLAY) == ("beside", "overlay")
-    assert chosen(args, command.params) == kind
+    command = load_command("report")
+    assert isinstance(command, VariantCommand)
+    assert command.choose(args) == kind

@@ -1,51 +1,52 @@
-"""`occlog report --video`: tracks and truth drawn over the frames of a recording."""
+"""What `occlog report --recording` does: tracks and truth drawn over the frames of a recording."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import replace
 
-from occlog import console
-from occlog.errors import InputError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import write_bytes
 from occlog.io.frames.codec import encode_image
-from occlog.io.frames.writer import ShownVideo
+from occlog.io.frames.writer import SHOWN, ShownVideo
 from occlog.io.models.losses_of_models import lost_in_models
 from occlog.io.open import load_scene, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import IMAGE_SCHEMA, Recording, open_recording
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks
+from occlog.report.request import OverlayRequest
+from occlog.runner import Done, Job
 from occlog.track.images.run.provenance import other_video
 
-from .pictures import Asked, Pictures
+from .pictures import Pictures
 
 
-def _lost_earlier(asked: Asked) -> tuple[Loss, ...]:
+def _lost_earlier(asked: OverlayRequest) -> tuple[Loss, ...]:
     """What was lost in making the inputs."""
     tables = (asked.recording, asked.tracks, asked.world, asked.diagnostics, asked.truth, asked.failures)
     found = losses_of(open_if_ours(path) for path in tables if path is not None)
     return tuple(dict.fromkeys((*found, *lost_in_models([asked.fundamental]))))
 
 
-def run_overlay(asked: Asked, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_overlay(request: OverlayRequest, job: Job) -> Done:
     """Draw, write the video and the picture; what they show, and which of their frames were lost."""
-    asked = sorted_out(asked)
-    asked.check()
+    asked = sorted_out(request)
+    _check(asked)
     recording = open_recording(asked.recording)
     names = _cameras(recording, asked.cameras)
     scene = load_scene(asked.scene, None, asked.scene) if asked.scene is not None else recording.scene
-    pictures = Pictures(asked, recording, names, scene, quiet)
+    pictures = Pictures(asked, recording, names, scene, job)
     rate = asked.fps or _rate(recording, names)
     shown = 0
     for line in other_video(asked.tracks or asked.world, [asked.recording, asked.truth]):
-        console.note(line, quiet)
+        job.note(line)
     if asked.video is not None and asked.video.suffix.lower() == ".mp4":
-        console.note(f"{asked.video}: MPEG-4, which browsers may not play; they play .webm", quiet)
+        job.note(f"{asked.video}: MPEG-4, which browsers may not play; they play .webm")
     with ExitStack() as stack:
         video: ShownVideo | None = None
         png = b""
-        for number, picture in console.progress(pictures, "draw", quiet=quiet):
+        for number, picture in job.progress(pictures, "draw"):
             if number == asked.frame:
                 png = encode_image(picture, "png", 0)
                 pictures.keep()
@@ -54,19 +55,31 @@ def run_overlay(asked: Asked, *, quiet: bool = False) -> tuple[dict[str, object]
             if asked.video is not None and (asked.frames is None or asked.frames[0] <= number < asked.frames[1]):
                 if video is None:
                     size = (picture.shape[1], picture.shape[0])
-                    video = stack.enter_context(ShownVideo(asked.video, size, rate, overwrite=asked.overwrite))
+                    video = stack.enter_context(ShownVideo(asked.video, size, rate, overwrite=job.overwrite))
                 video.write(picture)
                 pictures.keep()
                 shown += 1
         _check_shown(asked, shown, png, pictures)
     if asked.png is not None:
-        write_bytes(asked.png, png, asked.overwrite)
-    for loss in _lost_earlier(asked):
-        console.note(f"lost earlier: {loss}", quiet)
-    return _summary(asked, names, shown, rate, pictures), pictures.losses
+        write_bytes(asked.png, png, job.overwrite)
+    return Done(_summary(asked, names, shown, rate, pictures), pictures.losses, _lost_earlier(asked))
 
 
-def sorted_out(asked: Asked) -> Asked:
+def _check(asked: OverlayRequest) -> None:
+    """UsageError for what does not go together."""
+    if asked.tracks is None and asked.truth is None and asked.world is None:
+        raise UsageError(
+            f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both"
+        )
+    if (asked.png is None) != (asked.frame is None):
+        raise UsageError(f"{option('png')} and {option('frame')} belong together: the picture of one frame")
+    if asked.video is None and asked.png is None:
+        raise UsageError(f"no output: give {option('video')}, or {option('png')} with {option('frame')}")
+    if asked.video is not None and asked.video.suffix.lower() not in SHOWN:
+        raise UsageError(f"{asked.video}: video can be {' or '.join(SHOWN)}; name it so")
+
+
+def sorted_out(asked: OverlayRequest) -> OverlayRequest:
     """What a run folder holds, and tracks of the world, in the places where they belong."""
     given = asked.tracks
     if given is not None and given.is_dir():
@@ -86,7 +99,7 @@ def sorted_out(asked: Asked) -> Asked:
     return asked
 
 
-def _check_shown(asked: Asked, shown: int, png: bytes, pictures: Pictures) -> None:
+def _check_shown(asked: OverlayRequest, shown: int, png: bytes, pictures: Pictures) -> None:
     if asked.png is not None and not png:
         raise InputError(f"{asked.recording}: camera {pictures.first} has no frame {asked.frame}")
     if asked.video is not None and not shown:
@@ -99,7 +112,7 @@ def _check_shown(asked: Asked, shown: int, png: bytes, pictures: Pictures) -> No
         )
 
 
-def _summary(asked: Asked, names: list[str], shown: int, rate: float, pictures: Pictures) -> dict[str, object]:
+def _summary(asked: OverlayRequest, names: list[str], shown: int, rate: float, pictures: Pictures) -> dict[str, object]:
     summary: dict[str, object] = {}
     if asked.video is not None:
         summary |= {"video": str(asked.video), "frames": shown, "fps": round(rate, 3)}

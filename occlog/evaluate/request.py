@@ -1,0 +1,173 @@
+"""What `occlog evaluate` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.plugins.chosen import Chosen
+from occlog.request import SCENE_HELP as SCENE
+from occlog.request import Request, group, plugged, sink, source
+from occlog.settings import setting
+
+from .matching.config import AZIMUTHS, GROUND, IMAGES, KINDS, OTHERS, WORLD, EvaluateConfig
+from .mot.config import MANY, ManyConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateRequest(Request):
+    """Compare TRACKS with the truth, with the bound, and with the bearings that they were made from.
+
+    Whatever the given files allow is computed: errors (tracks and truth), detections and the
+    posterior Cramer-Rao bound (bearings and truth), distance of the tracks from where sight
+    lines meet and prediction of held-out sensors (no truth needed), recall of views (true boxes).
+    TRACKS of many targets, in images (view_tracks, boxes with identities, MOTChallenge text) or on
+    the ground, get CLEAR-MOT, IDF1, HOTA, GOSPA, and the failure rates of [Qu] Eq. 9.
+
+    \b
+      occlog evaluate tracks.parquet --truth recording.mcap --bearings bearings.parquet \\
+          -o metrics.json --errors errors.parquet --bound bound.parquet --fail-if 'rmse>0.5'
+      occlog evaluate without_cam4.parquet --bearings all.parquet --scene scene.yaml --held-out cam4
+      occlog evaluate --views views.parquet --truth recording.mcap --json | jq .views_recall
+      occlog evaluate --doa doa.parquet --truth-azimuths azimuths.csv
+      occlog evaluate view_tracks.parquet --truth recording.mcap --failures failures.parquet
+      occlog evaluate test.txt --truth gt.txt --fail-if 'mota<0.5'
+      occlog evaluate a.txt --truth gt_a.txt --also b.txt gt_b.txt
+    """
+
+    OWNER: ClassVar[str] = "evaluate"
+    RUN: ClassVar[str] = "occlog.evaluate.run:run_evaluate"
+    JUDGED: ClassVar[bool] = True
+    KIND: ClassVar[str] = "occlog.evaluate.run:kind_of_input"
+    KINDS: ClassVar[Mapping[str, str]] = KINDS
+
+    tracks: Path | None = source("Tracks.", argument=True, required=False)
+    truth: Path | None = source(
+        "True positions or boxes: a recording or a table; for tracks in images also MOTChallenge text, XML "
+        "(PETS), VATIC's or KITTI's text.",
+        kinds=(IMAGES, GROUND, OTHERS),
+    )
+    bearings: Path | None = source("Bearings: for detections, bound, sight lines.", kinds=WORLD)
+    measurements: Path | None = source(
+        "Ranges, signal strengths, time differences: for the bound, with the settings that TRACKS were made with.",
+        kinds=WORLD,
+    )
+    doa: Path | None = source(
+        "Directions of arrival to use along with the bearings. [default: those of the same recording]",
+        kinds=(AZIMUTHS, *WORLD),
+    )
+    doa_labels: bool = setting(
+        False,
+        "Identities in the log of directions are those of targets.",
+        option="--doa-labels",
+        shown="",
+        kinds=WORLD,
+    )
+    truth_azimuths: Path | None = source(
+        "True directions to compare those of --doa with: a log (time, azimuth_deg) or a table.", kinds=(AZIMUTHS,)
+    )
+    doa_gate_deg: float | None = setting(
+        None,
+        "A direction further from the truth is a false one, and the true one missed.",
+        unit="deg",
+        at_least=0,
+        at_most=180,
+        option="--doa-gate",
+        metavar="DEGREES",
+        nothing="10",
+        kinds=(AZIMUTHS,),
+    )
+    views: Path | None = source(
+        "Views to compare with the true boxes of --truth; or, with --held-out, views or boxes of all people.",
+        kinds=WORLD,
+    )
+    cooperation: Path | None = source("What cameras were asked; gives its cost too.", kinds=WORLD)
+    diagnostics: Path | None = source(
+        "How the filter fared at each time, to judge whether TRACKS are plausible.", kinds=WORLD
+    )
+    scene: Path | None = source(SCENE, scene=True, kinds=(AZIMUTHS, *WORLD))
+    output: Path | None = sink("All figures as one JSON object.", option="-o/--output", asked="never")
+    errors: Path | None = sink("Write the error of every estimate (Parquet).", "errors", kinds=WORLD)
+    bound: Path | None = sink("Write the posterior Cramer-Rao bound (Parquet).", "bound", kinds=WORLD)
+    write_scene: Path | None = sink(
+        "Write the scene with each camera's noise as measured where the target's place is known; wants --bearings "
+        "and --truth.",
+        asked="never",
+        kinds=WORLD,
+    )
+    fail_if: tuple[str, ...] = setting(
+        (),
+        "Exit code 6 if this holds or cannot be told, e.g. 'rmse>0.5'; may be repeated.",
+        option="--fail-if",
+        metavar="CONDITION",
+        repeat=True,
+        whole=True,
+        shown="",
+    )
+    metrics: tuple[Chosen, ...] = plugged(
+        "metric", "The figures of this plug-in too; may be repeated.", "--metric", (GROUND,)
+    )
+    settings: Mapping[str, object] = group(lambda: EvaluateConfig)
+    many: Mapping[str, object] = group(lambda: ManyConfig)
+    frames: tuple[int, int] | None = setting(
+        None,
+        "Only frames A <= number < B; on the ground the times of the truth (without one, of the bearings) are "
+        "numbered from 0.",
+        counts=(2,),
+        frames=True,
+        option="--frames",
+        metavar="A:B",
+        shown="",
+        kinds=(IMAGES, *WORLD),
+    )
+    more: tuple[tuple[Path, Path], ...] = source(
+        "Tracks and truth of one more recording: a row for each in one table, and one of all together; may be "
+        "repeated.",
+        option="--also",
+        together=2,
+        metavar="TRACKS TRUTH",
+        kinds=MANY,
+    )
+    failures: Path | None = sink(
+        "Write each failure of a tracker: frame, camera, target, cause (Parquet).",
+        "failures",
+        asked="also",
+        kinds=MANY,
+    )
+    counts: Path | None = sink(
+        "Write how many targets and tracks there are at each time of the truth (Parquet).",
+        "counts",
+        asked="also",
+        kinds=(GROUND,),
+    )
+    mot: Path | None = sink(
+        "Write truth and tracks as MOTChallenge files, as TrackEval wants them; DIR may hold tracks of others already.",
+        metavar="DIR",
+        asked="never",
+        kinds=(IMAGES,),
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """Frames must be a range."""
+        if self.frames is not None:
+            yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
+
+    @property
+    def outputs(self) -> list[Path]:
+        """Every file that is written and may not be there; the folder of MOTChallenge files may."""
+        return [path for name, path in self.files(output=True).items() if name != "mot"]
+
+    @property
+    def directions(self) -> Path | None:
+        """What holds bearings or directions of arrival, for messages."""
+        return self.bearings or self.doa
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read, each once."""
+        pairs = tuple(path for pair in self.more or () for path in pair)
+        files = (self.tracks, self.truth, *pairs, self.bearings, self.doa, self.views, self.cooperation)
+        more = (self.diagnostics, self.measurements, self.scene, self.truth_azimuths)
+        return list(dict.fromkeys(path for path in (*files, *more) if path is not None))

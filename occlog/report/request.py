@@ -1,0 +1,222 @@
+"""What `occlog report` takes: a page of a run, tracks drawn over a video, or a page of two runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Form, Kind, Request, Verb, group, load, scene_file, sink, source
+from occlog.settings import setting
+
+from .beside.config import BesideConfig
+
+PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
+OUTPUT_HELP = "The page: one HTML file that needs nothing else."
+MARKDOWN_HELP = "Also write words and figures as Markdown."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report(Request):
+    """Show TRACKS and what else is given as one page: floor plan, errors and bound, what each sensor saw.
+
+    TRACKS may be a run folder: then everything in it is shown that is not named otherwise.
+    Without TRACKS the scene alone is drawn.  Two of them are shown side by side, with their differences.
+
+    \b
+      occlog report run/ -o report.html --png report.png
+      occlog report run/old run/new -o beside.html --markdown beside.md
+      occlog report tracks.parquet --scene scene.yaml --bearings bearings.parquet -o report.html
+      occlog report --scene scene.yaml -o scene.html
+      occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.webm
+
+    With --recording no page is made: TRACKS, in images or of the world, and true boxes are drawn over the frames.
+    """
+
+    OWNER: ClassVar[str] = "report"
+
+    tracks: Path | None = source("Tracks, or a run folder.", argument=True, required=False)
+    scene: Path | None = scene_file()
+    truth: Path | None = source("True positions: a recording or a table.")
+    png: Path | None = sink(
+        "Also write the main figures as a picture; with --frame that frame, drawn over.",
+        result="report",
+        suffix=".png",
+        asked="png",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageRequest(Report):
+    """A run to show as one page."""
+
+    RUN: ClassVar[str] = "occlog.report.run:run_report"
+    JUDGED: ClassVar[bool] = True
+
+    output: Path | None = sink(OUTPUT_HELP, option="-o/--output", result="report", suffix=".html")
+    bearings: Path | None = source("What each sensor saw: a table or a recording.")
+    errors: Path | None = source("Errors written by evaluate.")
+    bound: Path | None = source("Bound written by evaluate.")
+    diagnostics: Path | None = source("Diagnostics written by track.")
+    events: Path | None = source("Births, deaths and doubtful identities of everybody, written by track or fuse.")
+    occluders: Path | None = source("Moving occluders as the tracker was told: hulls or occluders, written by priors.")
+    metrics: Path | None = source("Figures written by evaluate (JSON).")
+    images: Path | None = source(
+        "A recording whose images are shown small beside the plan, with the tracks drawn over them."
+    )
+    images_limit: float = setting(
+        5.0,
+        "How much of the page the images may take; more of them are left out.",
+        at_least=0.01,
+        at_most=500,
+        option="--images-limit",
+        metavar="MB",
+    )
+    markdown: Path | None = sink(MARKDOWN_HELP, result="report", suffix=".md", asked="markdown")
+    title: str = setting("Tracking report", "Heading of the page.", option="--title")
+
+    @cached_property
+    def found(self) -> PageRequest:
+        """The request with what a run folder holds in the place of what is not named."""
+        found: PageRequest = load("occlog.report.inputs:from_folder")(self)
+        return found
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read, each once, those of a run folder too."""
+        own = self.found
+        first = (own.tracks, own.scene, own.truth, own.bearings, own.errors, own.bound, own.diagnostics)
+        files = (*first, own.events, own.occluders, own.metrics, own.images)
+        return list(dict.fromkeys(path for path in files if path is not None))
+
+
+@dataclass(frozen=True, kw_only=True)
+class OverlayRequest(Report):
+    """Tracks and true boxes to draw over the video of a recording."""
+
+    RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
+
+    png: Path | None = sink(
+        "Also write the main figures as a picture; with --frame that frame, drawn over.",
+        result="frame",
+        suffix=".png",
+        asked="frame",
+    )
+    recording: Path = source("Draw over the video of this recording, instead of making a page.", required=True)
+    video: Path | None = sink(
+        "The video to make: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi "
+        "(Motion JPEG, larger, no smears).",
+        asked="video",
+    )
+    frame: int | None = setting(
+        None, "Number, in the first camera, of the frame for --png.", at_least=0, option="--frame", shown=""
+    )
+    frames: tuple[int, int] | None = setting(
+        None,
+        "Video of frames A <= number < B of the first camera only.",
+        counts=(2,),
+        frames=True,
+        option="--frames",
+        metavar="A:B",
+        shown="",
+    )
+    cameras: tuple[str, ...] = setting(
+        (),
+        "Only this camera; repeatable. The first one counts the frames.",
+        option="--camera",
+        metavar="NAME",
+        repeat=True,
+        shown="all",
+    )
+    failures: Path | None = source("Failures written by evaluate, drawn in red.")
+    world: Path | None = source(
+        "Tracks of the world, for the plan beside the images. [default: TRACKS, if of the world or a folder]"
+    )
+    diagnostics: Path | None = source(
+        "Which cameras see a target, where its tracks do not say: written by track. [default: of the folder]"
+    )
+    plan: bool = setting(True, "Tracks of the world get the plan, or not.", option="--plan/--no-plan", shown="plan")
+    trail: float = setting(
+        2.0,
+        "How long a way is drawn behind each target.",
+        unit="s",
+        at_least=0,
+        at_most=3600,
+        option="--trail",
+        metavar="SECONDS",
+    )
+    fundamental: Path | None = source("Geometry of the views as the tracker had it, if not that of the recording.")
+    scale: float | None = setting(
+        None,
+        "Enlarge images.",
+        at_least=0.05,
+        at_most=16,
+        option="--scale",
+        shown="by a whole number to about 360 px; no video is larger than 3840 x 2160 px",
+    )
+    fps: float | None = setting(
+        None,
+        "Frames a second of the video.",
+        unit="Hz",
+        at_least=0.1,
+        at_most=1000,
+        option="--fps",
+        metavar="HZ",
+        shown="those of the recording",
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """Frames must be a range."""
+        if self.frames is not None:
+            yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BesideRequest(Report):
+    """Two runs to show side by side."""
+
+    RUN: ClassVar[str] = "occlog.report.beside.run:run_beside"
+    JUDGED: ClassVar[bool] = True
+
+    other: Path = source("The other run.", argument=True)
+    output: Path | None = sink(OUTPUT_HELP, option="-o/--output")
+    settings: Mapping[str, object] = group(lambda: BesideConfig)
+    seed: int = setting(0, "Of the draws.", at_least=0, option="--seed")
+    markdown: Path | None = sink(MARKDOWN_HELP)
+    title: str = setting("Two runs side by side", "Heading of the page.", option="--title")
+
+    @cached_property
+    def runs(self) -> tuple[PageRequest, PageRequest]:
+        """The files of both runs, as a page of each shows them."""
+        files_of = load("occlog.report.beside.inputs:files_of")
+        shared = PageRequest(scene=self.scene, truth=self.truth)
+        return files_of(self.tracks, shared), files_of(self.other, shared)
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read, each once."""
+        return list(dict.fromkeys(path for run in self.runs for path in run.inputs))
+
+
+VERB = Verb(
+    Report,
+    {
+        PAGE: Kind("One offline page, and a picture of the main figures.", lambda: Form(PageRequest), "a page"),
+        OVERLAY: Kind(
+            "Tracks and true boxes drawn over the video of a recording.",
+            lambda: Form(OverlayRequest),
+            "--recording (tracks drawn over its video)",
+        ),
+        BESIDE: Kind(
+            "Two runs side by side: differences, where they part, who became another one.",
+            lambda: Form(BesideRequest),
+            "TRACKS OTHER (two runs side by side)",
+        ),
+    },
+    default=PAGE,
+    by={"recording": lambda _: OVERLAY},
+    counted={2: BESIDE},
+    chosen_by="report [--recording PATH]",
+)
