@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from occlog.cli.values import FRAMES as FRAMES
 from occlog.errors import UsageError, did_you_mean, option
 from occlog.records.names import first_double
 from occlog.settings import Settings, declared, kind_of, read_value, setting
