@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import Enum
 
 import click
 from click.core import iter_params_for_processing
@@ -37,6 +38,8 @@ def context_of(
             for param in iter_params_for_processing([], command.get_params(ctx)):
                 given = {str(param.name): values[str(param.name)]} if param.name in values else {}
                 param.handle_parse_result(ctx, given, [])
+            # As click's own parsing does at its end
+            ctx.params = {name: None if _unset(value) else value for name, value in ctx.params.items()}
     except BaseException:
         ctx.close()
         raise
@@ -48,3 +51,8 @@ def listed(value: object) -> list[object]:
     if isinstance(value, Mapping):
         return [f"{k}={v}" for k, v in value.items()]
     return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def _unset(value: object) -> bool:
+    """Whether a value is the sentinel of click 8.3 for what was not given."""
+    return isinstance(value, Enum) and value.name == "UNSET"
