@@ -8,7 +8,6 @@ from enum import Enum
 import click
 from click.core import iter_params_for_processing
 
-from . import plugged
 from .setting_options import CHOSEN
 
 
@@ -30,9 +29,6 @@ def context_of(
     ctx = click.Context(command, info_name=name)
     if variant is not None:
         ctx.meta[CHOSEN] = variant
-    if isinstance(command, plugged.PluggedCommand):
-        chosen = values.get(command.flag_param())
-        ctx.meta[plugged.CHOSEN] = command.options_of(str(each) for each in ([] if chosen is None else listed(chosen)))
     try:
         with ctx.scope(cleanup=False):
             for param in iter_params_for_processing([], command.get_params(ctx)):
@@ -44,13 +40,6 @@ def context_of(
         ctx.close()
         raise
     return ctx
-
-
-def listed(value: object) -> list[object]:
-    """The items of a value: of a mapping `key=value` each, of what is no list itself."""
-    if isinstance(value, Mapping):
-        return [f"{k}={v}" for k, v in value.items()]
-    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def _unset(value: object) -> bool:

@@ -19,7 +19,6 @@ import click
 from occlog.cli.calls import context_of
 from occlog.cli.common import check_common, reading_by
 from occlog.cli.main import COMMANDS, load_command
-from occlog.cli.plugged import PluggedCommand
 from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
 from occlog.errors import SPELLING, ExitCode, InputError, NoSceneError, UsageError, option
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
@@ -450,14 +449,6 @@ def _values(
 ) -> dict[str, object]:
     """The values of a stage by the parameters of its command, as a parser of arguments would give them."""
     params = params_of(command, variant)
-    if isinstance(command, PluggedCommand):
-        flag = _key_of_flag(command.flag)
-        try:
-            plugged = command.options_of(str(each) for each in listed(values.get(flag, [])))
-        except UsageError as error:
-            problem = str(error).removeprefix(f"{command.flag} ")
-            raise InputError(f"{config.at(name, flag)}: {problem}") from error
-        params = [*params, *(option for own in plugged.values() for option in own)]
     # Of an argument and an option of one name, the sorted order keeps the argument, unless the option makes the choice
     chooses = {key for key in values if _variant(command, key, values[key]) is not None}
     options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument) != (_key(p) in chooses))}
