@@ -69,6 +69,7 @@ class Group:
         without: names of settings that cannot.
         under: what the names of the options begin with.
         plain: names of settings of which they do not.
+        prefix: what names in Python begin with, where those of the options do not.
         example: of `--set NAME=VALUE`, which gives settings without an option; empty: nothing does.
         nested: in Python they are one argument of the field's name, a mapping; else each is an argument.
     """
@@ -78,6 +79,7 @@ class Group:
     without: Collection[str] = ()
     under: str = ""
     plain: Collection[str] = ()
+    prefix: str = ""
     example: str = ""
     nested: bool = False
 
@@ -168,7 +170,7 @@ class Request(Settings):
         found: File = type(self).__dataclass_fields__[field_name].metadata["file"]
         return found.table
 
-    def kind(self) -> str:
+    def kind_of_input(self) -> str:
         """The kind of its input; empty: it has none."""
         return str(load(self.KIND)(self)) if self.KIND else ""
 
@@ -241,7 +243,8 @@ class Entry(NamedTuple):
     @property
     def name(self) -> str:
         """Its name among the values of a command: that of the field, of a setting in a group under a name with it."""
-        return _under(self.under, self.of.name)
+        prefix = "" if self.group is None else self.group.prefix
+        return prefix + _under(self.under, self.of.name)
 
 
 @dataclass(frozen=True)
@@ -358,7 +361,7 @@ class Verb:
         kinds: by name.
         default: the kind where no value chooses one.
         by: keys of the values that choose, the first that is given before the others, and which kind a text of the
-            value chooses.
+            value chooses; empty: none.
         counted: kinds that so many arguments choose where no value does; more choose that of the largest number.
         what: how a kind is called, for example `method`.
         chosen_by: how a kind is chosen on the command line, with {} for its name.

@@ -53,7 +53,7 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Do
         UsageError: an output is an input too, or values contradict each other.
         InputError: an input is missing, damaged, or says something that cannot be.
     """
-    kind = request.kind()
+    kind = request.kind_of_input()
     request.check_kind(kind)
     check_outputs(request.inputs, request.outputs, overwrite)
     return Done(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))

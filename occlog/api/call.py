@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -146,7 +146,7 @@ def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str
 
 def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
     """The request without outputs that are always asked for and that its kind of input does not have."""
-    unfit = (entry for entry in request.unfit(request.kind()) if entry.name in outputs)
+    unfit = (entry for entry in request.unfit(request.kind_of_input()) if entry.name in outputs)
     return replace(request, **{entry.field: None for entry in unfit if entry.file and entry.file.asked == "always"})
 
 
@@ -211,9 +211,12 @@ def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, obj
         if value is not None and value is not False:
             chosen = settings_by_class(name, {} if value is True else value, [("", classes[name])], ())
             found[name] = chosen[0]
+    groups = {f.name: f.metadata["group"] for f in fields(form.request) if "group" in f.metadata}
     flat: list[tuple[str, type[Settings]]] = [(name, of) for name, of in classes.items() if name not in nested]
     free = form.set_group()
     own = form.request.OWNER  # the settings of a plug-in may have no name
     owner = own if free is None else getattr(classes[free[0]], "OWNER", own)
-    chosen = settings_by_class(owner, arguments.get("settings", {}), [("", of) for _, of in flat], names)
+    chosen = settings_by_class(
+        owner, arguments.get("settings", {}), [(groups[name].prefix, of) for name, of in flat], names
+    )
     return found | {name: values for (name, _), values in zip(flat, chosen, strict=True) if values}

@@ -30,7 +30,7 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "simulate": Command("occlog.simulate.command", "Make a recording with ground truth from a scene."),
+    "simulate": Command("occlog.simulate.request:VERB", "Make a recording with ground truth from a scene."),
     "ingest": Command(
         "occlog.ingest.request:IngestRequest", "Gather video, detections, DOA logs and calibration into one recording."
     ),

@@ -48,7 +48,7 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
 
     def choose(args: Sequence[str]) -> str | None:
         given = ((of, value_after(args, flag)) for flag, of in flags.items())
-        chosen = next((of(value) for of, value in given if value is not None), None)
+        chosen = next((kind for of, value in given if value is not None and (kind := of(value))), None)
         if chosen is not None or not verb.counted:
             return chosen
         count = _arguments(args, [*command.params, *(p for each in command.variants.values() for p in each.params())])

@@ -1,4 +1,4 @@
-"""The work of `occlog simulate` but for balls: options to settings, and a scene to a recording, chunk by chunk."""
+"""The work of `occlog simulate` but for balls: settings of a request, and a scene to a recording, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import itertools
 import json
 import math
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +20,7 @@ from occlog.core.navigation.moving import Moving
 from occlog.core.navigation.potentials import distance
 from occlog.core.numerics.time_grid import Grid
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.atomic import Together
-from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.atomic import Together, check_outputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.open import Opened, load_scene, open_input
 from occlog.io.recording.writer import RecordingWriter
@@ -30,6 +29,7 @@ from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.scripts import Script
 from occlog.records.tables import Tracks, Truth
+from occlog.runner import Done, Job
 from occlog.scans.moving_people import People, moving_people
 from occlog.settings import SettingError, configure
 from occlog.simulate.render.target_colours import reference_appearances
@@ -52,8 +52,9 @@ from .config import (
     StoreConfig,
     WorldConfig,
 )
+from .request import KINDS, PeopleRequest, SceneRequest, Simulation
 from .stage import simulate_truth
-from .video import Setup, film
+from .video import Setup, film, video_paths
 
 LONGEST_GAP_S = 1.0
 """Longest time between two rows of a person to avoid that is bridged."""
@@ -61,62 +62,31 @@ APPEARANCE = "appearance.json"
 """Attachment of a recording: what the targets look like."""
 
 
-@dataclass(frozen=True)
-class SimulateRequest:
-    """What is asked for; of settings those that were given.
-
-    Attributes:
-        scene: the file; None: people in a room of their own.
-        paths: file of scripted targets; None: random walkers.
-        avoid: file with tracks, or a truth, of people whom walkers avoid; None: nobody.
-        world: fields of `WorldConfig`.
-        avoidance: fields of `FieldConfig`.
-        seconds: length of the recording, in the place of steps; None: not given.
-        rate_hz: steps a second; None: as in the file of paths, or as people move.
-        bearings: whether cameras measure bearings; None: unless there is video.
-        observe: fields of `ObserveConfig`.
-        sound: fields of `SoundConfig`.
-        reads: fields of `ReadConfig`.
-        measure: fields of `MeasureConfig`.
-        video: whether video is rendered.
-        render: fields of `RenderConfig`.
-        store: fields of `StoreConfig`.
-        fps: frames a second of every camera; None: the scene's.
-        workers: threads; None: one a processor.
-    """
-
-    scene: Path | None = None
-    paths: Path | None = None
-    avoid: Path | None = None
-    world: Mapping[str, object] = field(default_factory=dict)
-    avoidance: Mapping[str, object] = field(default_factory=dict)
-    seconds: float | None = None
-    rate_hz: float | None = None
-    bearings: bool | None = None
-    observe: Mapping[str, object] = field(default_factory=dict)
-    sound: Mapping[str, object] = field(default_factory=dict)
-    reads: Mapping[str, object] = field(default_factory=dict)
-    measure: Mapping[str, object] = field(default_factory=dict)
-    video: bool = False
-    render: Mapping[str, object] = field(default_factory=dict)
-    store: Mapping[str, object] = field(default_factory=dict)
-    fps: float | None = None
-    workers: int | None = None
-
-    @property
-    def inputs(self) -> list[Path]:
-        """Files that are read."""
-        return [path for path in (self.scene, self.paths, self.avoid) if path is not None]
-
-
-def scene_setup(request: SimulateRequest) -> Setup:
-    """Everything that decides on the recording of a scene from a file."""
-    assert request.scene is not None  # the command asks for it
+def run_scene(request: SceneRequest, job: Job) -> Done:
+    """Make the recording of a scene from a file."""
+    if request.scene is None:
+        raise UsageError(f"no scene: give SCENE (a file), or {option('scene')} {' or '.join(KINDS)}")
+    if request.scene.name in KINDS and not request.scene.exists():
+        name = request.scene
+        raise UsageError(f"{name}: no such file; the video of {name} is made with {option('scene')} {name}")
     scene = load_scene(request.scene, None, request.scene)
-    return make_setup(scene, request, None if request.paths is None else read_paths(request.paths))
+    script = None if request.paths is None else read_paths(request.paths)
+    return _write(make_setup(scene, request, script), request, job)
 
 
-def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = None) -> Setup:
+def run_people(request: PeopleRequest, job: Job) -> Done:
+    """Make the video of people who look alike."""
+    return _write(people_setup(request), request, job)
+
+
+def _write(setup: Setup, request: Simulation, job: Job) -> Done:
+    output = request.output
+    check_outputs(request.inputs, [output, *video_paths(setup, output).values()], job.overwrite)
+    made = job.provenance(parameters(setup), setup.losses, request.seed)
+    return Done(write_recording(setup, made, output, overwrite=job.overwrite, quiet=job.quiet), setup.losses)
+
+
+def make_setup(scene: Scene, request: SceneRequest, script: Script | None = None) -> Setup:
     """The request's settings with the defaults that suit the scene; UsageError for what does not go together.
 
     Args:
@@ -128,10 +98,10 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
         scene = replace(scene, cameras=tuple(replace(c, rate_hz=request.fps) for c in scene.cameras))
     _check_request(scene, request)
     world = _walkers(scene, request) if script is None else _scripted(scene, request, script)
-    observing = not request.video if request.bearings is None else request.bearings
+    observing = not request.render if request.bearings is None else request.bearings
     watch = configure(ObserveConfig(diameter=world.diameter), request.observe) if observing else None
     workers = request.workers or threads_by_default()
-    look = configure(RenderConfig(diameter=world.diameter, workers=workers), request.render)
+    look = configure(RenderConfig(diameter=world.diameter, workers=workers), request.look)
     fields = configure(FieldConfig.in_unit(scene.length_unit), request.avoidance)
     avoid = None if request.avoid is None else open_input(request.avoid, Tracks, Truth)
     heights = world.z is not None or (script is not None and script.heights)
@@ -139,7 +109,7 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
         scene=scene,
         world=world,
         observe=watch,
-        render=look if request.video else None,
+        render=look if request.render else None,
         store=configure(StoreConfig(), request.store),
         sound=configure(SoundConfig(step_s=world.step_s, heights=heights), request.sound),
         script=script,
@@ -159,11 +129,11 @@ def _people(opened: Opened, scene: Scene, world: WorldConfig) -> Moving:
     return moving_people(opened, scene.length_unit, 0.0, taken)
 
 
-def _check_request(scene: Scene, request: SimulateRequest) -> None:
+def _check_request(scene: Scene, request: SceneRequest) -> None:
     """UsageError for settings that say nothing about this scene, or that say one thing twice."""
-    of_video = [flag_of(RenderConfig, name) for name in request.render]
+    of_video = [flag_of(RenderConfig, name) for name in request.look]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
-    if of_video and not request.video:
+    if of_video and not request.render:
         raise UsageError(f"{of_video[0]} is about video; add {option('render')}")
     if (request.avoidance or request.avoid is not None) and request.world.get("motion") != "field":
         flag = option("avoid") if request.avoid is not None else flag_of(FieldConfig, next(iter(request.avoidance)))
@@ -191,16 +161,16 @@ def _check_request(scene: Scene, request: SimulateRequest) -> None:
         raise UsageError(f"{option('seconds')} and {option('steps')} both say how long the recording is; give one")
 
 
-def _walkers(scene: Scene, request: SimulateRequest) -> WorldConfig:
+def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
     """Settings of objects that walk at random; in video nobody walks into a wall."""
     defaults = WorldConfig.in_unit(scene.length_unit)
     world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
-    if request.video and "clearance" not in request.world:
+    if request.render and "clearance" not in request.world:
         world = replace(world, clearance=max(world.clearance, 0.5 * world.diameter))
     return world
 
 
-def _scripted(scene: Scene, request: SimulateRequest, script: Script) -> WorldConfig:
+def _scripted(scene: Scene, request: SceneRequest, script: Script) -> WorldConfig:
     """Number and times of the steps, and sizes; options go before the file of paths, and that before the defaults."""
     if script.length_unit not in (None, scene.length_unit):
         raise InputError(
@@ -226,27 +196,29 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
     return {"step_s": step_s, **steps}
 
 
-def people_setup(given: Mapping[str, object], request: SimulateRequest) -> Setup:
-    """Everything that decides on the video of people who look alike.
-
-    Args:
-        given: fields of `PeopleConfig`.
-        request: video, and settings of the walk and of the video; without `fps` there are 25 frames a second.
-    """
-    people = configure(PeopleConfig(), given)
+def people_setup(request: PeopleRequest) -> Setup:
+    """Everything that decides on the video of people who look alike; without `fps` there are 25 frames a second."""
+    size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))
+    people = configure(PeopleConfig(), {**request.people, **size})
     rate_hz = request.fps or 25.0
-    world = {"targets": people.people, "steps": people.frames, "clearance": CLEARANCE, **request.world}
-    look = {**request.render, "alike": True, "min_visible": 0.0}
     room = people_room(people.views, (people.width, people.height), rate_hz)
-    setup = make_setup(room, replace(request, world=world, rate_hz=rate_hz, render=look, fps=None))
-    return replace(setup, apart=people.start_apart)
+    asked = SceneRequest(
+        output=request.output,
+        world={"targets": people.people, "steps": people.frames, "clearance": CLEARANCE, **request.world},
+        rate_hz=rate_hz,
+        render=True,
+        look={**request.look, "alike": True, "min_visible": 0.0},
+        store=request.store,
+        workers=request.workers,
+    )
+    return replace(make_setup(room, asked), apart=people.start_apart)
 
 
-def run_simulate(
-    inputs: list[Path], setup: Setup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
+def write_recording(
+    setup: Setup, made: Provenance, output: Path, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, object]:
-    """Write the recording and summarise what it holds."""
-    made = Provenance("simulate", _parameters(setup), seed, hash_inputs(inputs), setup.losses)
+    """Write the recording, with the seed of its provenance, and summarise what it holds."""
+    seed = made.seed or 0
     start = _places_apart(setup, seed) if setup.apart else None
     if setup.render is not None and setup.script is not None:
         for chunk in _truth(setup, seed, start):
@@ -267,7 +239,7 @@ def run_simulate(
     return _summary(setup, output, seed, counts)
 
 
-def _parameters(setup: Setup) -> dict[str, object]:
+def parameters(setup: Setup) -> dict[str, object]:
     """Every value that changes the result."""
     world = asdict(setup.world)
     if world["motion"] == "waypoints":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from occlog.io.scenes.scene import read_scene
 from occlog.records.tables import Bearings, Doa, Reads, TagTracks, Truth, TruthBoxes
 from occlog.simulate.config import ObserveConfig, RenderConfig, WorldConfig
 from occlog.simulate.render.people import render
-from occlog.simulate.run import SimulateRequest, make_setup
+from occlog.simulate.request import SceneRequest
+from occlog.simulate.run import make_setup
 from occlog.simulate.stage import simulate_truth
 
 pytestmark = pytest.mark.jit
@@ -44,6 +46,10 @@ def room(tmp_path: Path) -> Path:
 
 def simulate(scene: Path, out: Path, *args: str) -> int:
     return run(["simulate", str(scene), "-o", str(out), *args])
+
+
+def asked(**values: Any) -> SceneRequest:
+    return SceneRequest(output=Path("x.mcap"), **values)
 
 
 def digest(path: Path) -> str:
@@ -103,7 +109,7 @@ def test_video_boxes_and_appearance(room: Path, tmp_path: Path, capsys: pytest.C
     assert simulate(room, out, *args, "--image-noise", "0.5", "--texture", "0.2") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     scene, world = read_scene(room), WorldConfig.in_unit("m")
-    setup = make_setup(scene, SimulateRequest(seconds=2.0, world={"targets": 2, "occluders": 1}, video=True))
+    setup = make_setup(scene, asked(seconds=2.0, world={"targets": 2, "occluders": 1}, render=True))
     assert setup.world.steps == 21
     assert setup.world.clearance == world.clearance
     config = RenderConfig(noise=0.5, texture=0.2, diameter=world.diameter)
@@ -230,7 +236,7 @@ def test_readers_read_tags_and_methods_of_tags_track_them(tmp_path: Path, capsys
 
 def test_options_of_readers_want_a_scene_with_readers(room: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="--read-power is about readers of tags, but the scene has none"):
-        make_setup(read_scene(room), SimulateRequest(reads={"power": -50.0}))
+        make_setup(read_scene(room), asked(reads={"power": -50.0}))
 
 
 def test_exit_code_7_for_an_output_that_exists(room: Path, tmp_path: Path) -> None:
@@ -244,12 +250,12 @@ def test_exit_code_7_for_an_output_that_exists(room: Path, tmp_path: Path) -> No
 
 def test_defaults_follow_the_length_unit_and_rendering(room: Path) -> None:
     scene = read_scene(EXAMPLES / "room100.yaml")
-    setup = make_setup(scene, SimulateRequest(world={"occluders": 40}))
+    setup = make_setup(scene, asked(world={"occluders": 40}))
     assert setup.world == WorldConfig(occluders=40)
     assert setup.observe == ObserveConfig(diameter=3.33)
     assert setup.render is None
-    people = make_setup(read_scene(room), SimulateRequest(video=True, world={"diameter": 0.6}))
+    people = make_setup(read_scene(room), asked(render=True, world={"diameter": 0.6}))
     assert people.observe is None
     assert people.world.clearance == pytest.approx(0.3)
     with pytest.raises(UsageError):
-        make_setup(scene, SimulateRequest(render={"shadows": False}))
+        make_setup(scene, asked(look={"shadows": False}))

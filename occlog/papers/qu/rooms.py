@@ -15,13 +15,15 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.metrics.mot.frame_pairs import Objects
+from occlog.io.files.provenance import Provenance
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.records.declared.views import EVENTS, ViewTracks
 from occlog.records.tables import TruthBoxes
 from occlog.runner import run
-from occlog.simulate.run import SimulateRequest, people_setup, run_simulate
+from occlog.simulate.request import PeopleRequest
+from occlog.simulate.run import parameters, people_setup, write_recording
 from occlog.track.images.interface import MODES
 from occlog.track.request import ViewsRequest
 
@@ -63,13 +65,17 @@ def run_rooms_trial(spec: Spec) -> dict[str, float]:
     seed = int(spec["seed"])
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "people.mcap"
-        request = SimulateRequest(
-            video=True, store={"store": "ffv1", "grey": bool(spec["grey"])}, fps=float(spec["fps"]), workers=1
+        request = PeopleRequest(
+            output=recording,
+            people={"width": SIZE[0], "height": SIZE[1], **spec["people"]},
+            store={"store": "ffv1", "grey": bool(spec["grey"])},
+            fps=float(spec["fps"]),
+            workers=1,
         )
-        setup = people_setup({"width": SIZE[0], "height": SIZE[1], **spec["people"]}, request)
+        setup = people_setup(request)
         assert setup.render is not None
         setup = replace(setup, render=replace(setup.render, alike=False))
-        run_simulate([], setup, recording, seed, quiet=True)
+        write_recording(setup, Provenance("simulate", parameters(setup), seed), recording, quiet=True)
         names = [camera.name for camera in setup.scene.cameras]
         truth, radius = _truth(open_recording(recording).read(TruthBoxes), names)
         out: dict[str, float] = {}

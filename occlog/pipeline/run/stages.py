@@ -28,7 +28,7 @@ from occlog.measure.detect.request import METHODS as DETECTIONS
 from occlog.records.tables import Particles, Truth, TruthBoxes
 from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.settings import declared
-from occlog.simulate.command import KINDS
+from occlog.simulate.request import KINDS
 from occlog.track.catalogue import BOXES, METHODS, READS, VIEW
 
 from .request_stage import RequestStage, listed
@@ -400,9 +400,10 @@ def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, 
     if isinstance(verb, type):
         return Form(verb)
     for key, choose in verb.by.items():
-        if values.get(key) is not None:
+        kind = "" if values.get(key) is None else choose(str(values[key]))
+        if kind:
             try:
-                return verb.form(choose(str(values[key])))
+                return verb.form(kind)
             except UsageError as error:
                 raise UsageError(f"{option(key)}: {error}") from error
     return verb.form(verb.default)

@@ -1,27 +1,28 @@
-"""The work of `occlog simulate --scene balls`: options to settings, and the video of them to a recording."""
+"""The work of `occlog simulate --scene balls`: settings of a request, and their video to a recording."""
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from occlog import console
 from occlog.console.details import threads_by_default
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.atomic import Together
+from occlog.io.files.atomic import Together, check_outputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import LosslessVideo
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.frames import Image
 from occlog.records.scene import Scene
+from occlog.runner import Done, Job
 from occlog.settings import configure
 from occlog.simulate.config import START_NS, StoreConfig
 from occlog.simulate.render.light import grey
+from occlog.simulate.request import BallsRequest
 from occlog.simulate.world.scripted_paths import step_times
 
 from .config import BallsConfig
@@ -41,24 +42,16 @@ class BallsSetup:
     workers: int
 
 
-def balls_setup(
-    given: Mapping[str, object], store: Mapping[str, object], fps: float | None, workers: int | None
-) -> BallsSetup:
-    """The settings that were given, with the defaults of the others.
-
-    Args:
-        given: fields of `BallsConfig`.
-        store: fields of `StoreConfig`.
-        fps: frames a second; None: 25.
-        workers: threads; None: one a processor.
-    """
-    config, rate_hz = configure(BallsConfig(), given), fps or 25.0
+def balls_setup(request: BallsRequest) -> BallsSetup:
+    """The settings of a request, with the defaults of the others; without `fps` there are 25 frames a second."""
+    size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))
+    config, rate_hz = configure(BallsConfig(), {**request.balls, **size}), request.fps or 25.0
     return BallsSetup(
         config=config,
         scene=balls_scene(config, rate_hz),
         rate_hz=rate_hz,
-        store=configure(StoreConfig(), store),
-        workers=workers or threads_by_default(),
+        store=configure(StoreConfig(), request.store),
+        workers=request.workers or threads_by_default(),
     )
 
 
@@ -77,40 +70,38 @@ def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras}
 
 
-def run_balls(
-    setup: BallsSetup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
-) -> dict[str, object]:
+def run_balls(request: BallsRequest, job: Job) -> Done:
     """Write the recording and summarise what it holds."""
+    setup, output, seed, overwrite = balls_setup(request), request.output, request.seed, job.overwrite
+    videos = balls_videos(setup, output)
+    check_outputs([], [output, *videos.values()], overwrite)
     paths = _paths(setup.config, seed)
     counts: Counter[str] = Counter()
-    frames = console.progress(
-        render_balls(setup.config, seed, setup.workers, paths), "render", setup.config.frames, quiet=quiet
-    )
-    made = _made(setup, seed)
+    frames = job.progress(render_balls(setup.config, seed, setup.workers, paths), "render", setup.config.frames)
     with (
         Together() as together,
-        RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
+        RecordingWriter(output, setup.scene, _made(setup, job, seed), overwrite=overwrite, together=together) as writer,
     ):
         if setup.store.store == "ffv1":
-            videos = balls_videos(setup, output)
             _write_files(writer, setup, videos, paths, frames=frames, counts=counts, overwrite=overwrite)
         else:
             _write_images(writer, setup, paths, frames=frames, counts=counts)
-    return {
+    summary: dict[str, object] = {
         "recording": str(output),
         "seed": seed,
         "seconds": (setup.config.frames - 1) / setup.rate_hz,
         "targets": setup.config.balls,
         "cameras": len(setup.scene.cameras),
-    } | {n: counts[n] for n in ("frames", "boxes", "hidden", "video_bytes")}
+    }
+    return Done(summary | {n: counts[n] for n in ("frames", "boxes", "hidden", "video_bytes")})
 
 
-def _made(setup: BallsSetup, seed: int) -> Provenance:
+def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
     """How the recording is made; views as their yaw and pitch [deg]."""
     values = asdict(setup.config)
     values["views"] = [list(view) for view in VIEWS[: setup.config.views]]
     made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store.store, "grey": setup.store.grey}
-    return Provenance("simulate", made, seed)
+    return job.provenance(made, seed=seed)
 
 
 def _write_truth(

@@ -1,0 +1,199 @@
+"""What `occlog simulate` takes, for each kind of scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from occlog.request import Form, Kind, Request, Verb, group, output_file, source
+from occlog.settings import setting
+
+from .balls.config import BallsConfig
+from .config import (
+    FieldConfig,
+    MeasureConfig,
+    ObserveConfig,
+    PeopleConfig,
+    ReadConfig,
+    RenderConfig,
+    SoundConfig,
+    StoreConfig,
+    WorldConfig,
+)
+
+BALLS, PEOPLE = "balls", "people"
+KINDS = (BALLS, PEOPLE)
+"""Scenes that need no file."""
+RENDER = "render_"
+"""What names of settings of the video begin with: the noise of images is not that of cameras."""
+RATES: dict[str, Any] = {"unit": "Hz", "at_least": 1e-3, "at_most": 1e6, "metavar": "HZ", "shown": ""}
+"""Frames or steps a second: times are whole nanoseconds, and recordings last days at most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation(Request):
+    """Make a recording with ground truth from SCENE (YAML, or a recording that holds a scene).
+
+    Objects walk to random places of the room and go around each other and the static
+    occluders (Ercan et al. 2013, Sec. 6).  The recording holds their true paths and what
+    cameras measure of the targets (Eqs. 1-4), microphone arrays hear and readers of tags
+    read of them, with --measure also ranges, differences of ranges and strengths of signals;
+    with --render it holds video instead, for `occlog detect`.  With --paths
+    objects do what the file says.
+
+    With --scene a video comes from no file: `balls` is that of Qu et al. 2007, Sec. 4.1, six
+    balls of one look seen by two cameras at a right angle; `people` is a room with people
+    in the same clothes.  The true boxes are of all targets in all frames.
+
+    \b
+      occlog simulate examples/room100.yaml -o room.mcap --steps 1000 --occluders 40 --seed 7
+      occlog simulate examples/room.yaml -o video.mcap --render --seconds 15 --occluders 3
+      occlog simulate examples/room.yaml -o walk.mcap --seconds 60 --occluders 4 --motion field
+      occlog simulate examples/lee_field.yaml --paths examples/lee_field_paths.yaml -o field.mcap
+      occlog simulate --scene balls -o balls.mcap --store ffv1 --seed 1
+      occlog simulate --scene people -o people.mcap --views 4 --store ffv1
+    """
+
+    OWNER: ClassVar[str] = "simulate"
+
+    output: Path = output_file("The recording (MCAP).")
+    fps: float | None = setting(
+        None,
+        "Frames a second of every camera. [default: the scene's rates; 25 of balls and people]",
+        option="--fps",
+        **RATES,
+    )
+    seed: int = setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
+    workers: int | None = setting(
+        None,
+        "Threads; default: one a processor. The result is the same.",
+        at_least=1,
+        option="--workers",
+        shown="",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneRequest(Simulation):
+    """A scene of a file, in which objects walk at random or do what a script says."""
+
+    RUN: ClassVar[str] = "occlog.simulate.run:run_scene"
+
+    scene: Path | None = source("Room and sensors.", argument=True, required=False, scene=True)
+    paths: Path | None = source(
+        "Scripted targets (YAML) instead of random walkers; it may say how long and how often too.", metavar="FILE"
+    )
+    world: Mapping[str, object] = group(lambda: WorldConfig)
+    avoid: Path | None = source(
+        "People whom the objects avoid, with --motion field: tracks, or a recording with the truth. They walk as "
+        "they did, from their first row on, and are not in the recording.",
+        metavar="FILE",
+    )
+    avoidance: Mapping[str, object] = group(lambda: FieldConfig)
+    seconds: float | None = setting(
+        None,
+        "Length of the recording, instead of --steps.",
+        unit="s",
+        at_least=0,
+        option="--seconds",
+        shown="",
+    )
+    rate_hz: float | None = setting(
+        None,
+        f"Steps a second. [default: {1 / WorldConfig.in_unit('m').step_s:g}, or {1 / WorldConfig().step_s:g} in a "
+        "unit of its own]",
+        option="--rate",
+        **RATES,
+    )
+    bearings: bool | None = setting(
+        None,
+        "Simulate what cameras measure. [default: unless --render]",
+        option="--bearings/--no-bearings",
+        shown="",
+    )
+    observe: Mapping[str, object] = group(lambda: ObserveConfig)
+    sound: Mapping[str, object] = group(lambda: SoundConfig)
+    reads: Mapping[str, object] = group(lambda: ReadConfig)
+    measure: Mapping[str, object] = group(lambda: MeasureConfig)
+    render: bool = setting(
+        False,
+        "Add video of every camera, true boxes, and the targets' appearance.",
+        option="--render",
+        shown="",
+    )
+    look: Mapping[str, object] = group(lambda: RenderConfig, prefix=RENDER)
+    store: Mapping[str, object] = group(lambda: StoreConfig, only=("store",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WithoutFile(Simulation):
+    """A video of a scene that needs no file."""
+
+    kind: str | None = setting(
+        None,
+        "A video to track in, instead of SCENE: balls that hide one another, or people who look alike.",
+        choices=KINDS,
+        option="--scene",
+        shown="",
+    )
+
+
+def _size(settings: BallsConfig | PeopleConfig) -> Any:
+    words = f"Of the images. [default: {settings.width}x{settings.height}]"
+    return setting(None, words, size=True, option="--size", metavar="WxH", shown="")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BallsRequest(_WithoutFile):
+    """The video of balls."""
+
+    RUN: ClassVar[str] = "occlog.simulate.balls.run:run_balls"
+
+    balls: Mapping[str, object] = group(lambda: BallsConfig)
+    size: tuple[int, int] | None = _size(BallsConfig())
+    store: Mapping[str, object] = group(lambda: StoreConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeopleRequest(_WithoutFile):
+    """The video of people who look alike."""
+
+    RUN: ClassVar[str] = "occlog.simulate.run:run_people"
+
+    people: Mapping[str, object] = group(lambda: PeopleConfig)
+    size: tuple[int, int] | None = _size(PeopleConfig())
+    world: Mapping[str, object] = group(lambda: WorldConfig, only=("speed",))
+    look: Mapping[str, object] = group(lambda: RenderConfig, without=("lookalike",), prefix=RENDER)
+    store: Mapping[str, object] = group(lambda: StoreConfig)
+
+
+_OF_SCENES = (
+    *("output", "fps", "seed", "workers", "scene", "seconds", "rate_hz", "bearings", "observe", "sound", "reads"),
+    *("measure", "render", "look", "store"),
+)
+VERB = Verb(
+    _WithoutFile,
+    {
+        "walkers": Kind(
+            "objects walk to random places in the room of a file",
+            lambda: Form(SceneRequest, (*_OF_SCENES, "world", "avoid", "avoidance")),
+            "SCENE",
+        ),
+        "paths": Kind(
+            "objects do what a script says",
+            lambda: Form(SceneRequest, (*_OF_SCENES, "paths", "steps", "diameter", "z")),
+            "SCENE --paths FILE",
+        ),
+        BALLS: Kind(
+            "video of balls of one look that hide one another (Qu, Schonfeld, Mohamed 2007)",
+            lambda: Form(BallsRequest),
+        ),
+        PEOPLE: Kind("video of a room with people in the same clothes", lambda: Form(PeopleRequest)),
+    },
+    default="walkers",
+    by={"scene": lambda text: text if text in KINDS else "", "paths": lambda _: "paths"},
+    what="scene",
+    chosen_by="--scene {}",
+)
