@@ -58,10 +58,6 @@ class PluggedCommand(SettingsCommand):
                 found[plugin] = plugin_options(plugin, self.params)
         return found
 
-    def flag_param(self) -> str:
-        """The name of the parameter whose value can be a plug-in."""
-        return next(str(param.name) for param in self.params if self.flag in param.opts)
-
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The command's own options; those of the plug-ins that are named; without any the installed plug-ins."""
         chosen = ctx.meta.pop(CHOSEN, {})
