@@ -12,6 +12,7 @@ import difflib
 import functools
 import math
 import numbers
+import re
 import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
@@ -69,6 +70,7 @@ class Declaration:
         whole: with `repeat`: each time the option adds one text, commas and all.
         apart: the option takes the numbers of a tuple one after the other, not with commas.
         frames: the option takes two whole numbers, as A:B with A < B.
+        size: the option takes two whole numbers above 0, as WIDTHxHEIGHT.
         kinds: kinds of input that the setting is for, where the command has several; empty: all.
     """
 
@@ -92,6 +94,7 @@ class Declaration:
     apart: bool = False
     whole: bool = False
     frames: bool = False
+    size: bool = False
     kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:
@@ -331,6 +334,17 @@ def read_value(text: str, kind: object, name: str) -> object:
         return plain(text)
     except (ValueError, KeyError) as error:
         raise UsageError(f"setting {name}: want {KIND_WORDS[item_kind(kind)]}, got {text!r}") from error
+
+
+def read_pair(text: str, size: bool) -> tuple[int, int]:
+    """Two whole numbers: of a size WIDTHxHEIGHT, else of a range A:B with A < B; UsageError for anything else."""
+    pattern = r"(\d{1,5})[xX](\d{1,5})" if size else r"(\d{0,9}):(\d{1,9})"
+    found = re.fullmatch(pattern, text.strip())
+    first, second = (int(found[1] or 0), int(found[2])) if found is not None else (0, 0)
+    if not (first > 0 < second if size else first < second):
+        want = "WIDTHxHEIGHT, for example 1920x1080" if size else "A:B with A < B, for example 0:400"
+        raise UsageError(f"{text!r}: want {want}")
+    return first, second
 
 
 def json_schema(of: type[Settings]) -> dict[str, object]:

@@ -19,6 +19,7 @@ from occlog.settings import Settings, declaration, kind_of
 
 from .folders import Folder
 from .keywords import declared_value, names_of, settings_by_class
+from .recordings import Recording
 from .results import Result, sentences, tables_in, warn
 from .sources import Inputs
 
@@ -62,6 +63,33 @@ def call(
     warn(warnings, losses)
     tables = tables_in(home, [path.stem for path in outputs.values()])
     return result(home.without_paths(done.summary), tables, losses, warnings, notes_left, **found)
+
+
+def record(form: Form, arguments: Mapping[str, Any]) -> Recording:
+    """Make the recording that a function was called for.
+
+    Args:
+        form: of the request.
+        arguments: as for `call`, with `overwrite` and `output`; None: a folder that goes with the last reference to it.
+
+    Returns:
+        The recording; its `summary` has `notes`.
+
+    Raises:
+        OutputExistsError: the output is there, and may not be replaced.
+    """
+    home, output = Folder(), arguments["output"]
+    path = home.file("recording.mcap") if output is None else Path(output)
+    arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
+    with Inputs(arguments_of) as inputs, console.notes_kept() as notes:
+        plain = (entry for entry in form.entries() if entry.group is None)
+        given = {entry.name: _value(entry, arguments, inputs, {}) for entry in plain}
+        request = form.build({**given, "output": path}, _groups(form, arguments))
+        done = run(request, overwrite=arguments["overwrite"], quiet=not arguments["progress"])
+        warnings, notes_left = sentences(inputs.named(text) for text in notes)
+    warn(warnings, done.losses)
+    summary = home.without_paths(done.summary) if output is None else done.summary
+    return Recording(path, {**summary, "notes": notes_left}, None if output is not None else home)
 
 
 def check_taken(

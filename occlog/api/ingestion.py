@@ -7,36 +7,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-from occlog import console
 from occlog.errors import UsageError
-from occlog.io.files.atomic import check_outputs
+from occlog.ingest.plan import is_name
+from occlog.ingest.request import IngestRequest
+from occlog.request import Form
 
-from .folders import Folder
-from .keywords import Setting, names_of, settings_by_class
+from .call import record
+from .keywords import Setting, names_of
 from .recordings import Recording
-from .results import sentences, warn
-from .sources import Inputs, SceneSource
+from .sources import SceneSource
 
 File: TypeAlias = "str | os.PathLike[str]"
 Files: TypeAlias = "File | Sequence[File] | Mapping[str, File]"
 """A file or folder, several, or those of each camera or array by its name."""
 Times: TypeAlias = "float | str | Mapping[str, float | str]"
 """One for all, or that of each camera or array by its name."""
-OF_SENSORS = ("video", "images", "boxes", "mot", "doa", "truth", "timestamps", "arrays")
-PLAIN = ("topics", "reads", "calibration")
-ARGUMENTS = (
-    *OF_SENSORS,
-    *PLAIN,
-    "topic",
-    "image_size",
-    "scene",
-    "readers",
-    "start_time",
-    "offset",
-    "fps",
-    "frames",
-    "output",
-)
 
 
 def ingest(
@@ -107,42 +92,29 @@ def ingest(
     Warns:
         OcclogWarning: input was lost, or seems to be other than it says.
     """
-    from occlog.ingest.plan import IngestPlan
-    from occlog.ingest.run import run_ingest
-    from occlog.settings import kind_of, read_value
-
-    (given,) = settings_by_class("ingest", settings, [("", IngestPlan)], ARGUMENTS)
-    if isinstance(given.get("classes"), str | tuple):
-        given["classes"] = names_of(given["classes"])  # type: ignore[arg-type]
-    own = {n: read_value(v, kind_of(IngestPlan, n), n) if isinstance(v, str) else v for n, v in given.items()}
-    of_sensors = dict(zip(OF_SENSORS, (video, images, boxes, mot, doa, truth, timestamps, arrays), strict=True))
+    if isinstance(settings.get("classes"), str | Sequence):
+        settings["classes"] = names_of(settings["classes"])  # type: ignore[arg-type]
+    of_sensors: dict[str, object] = {"video": video, "images": images, "boxes": boxes, "mot": mot, "doa": doa}
+    of_sensors |= {"truth": truth, "timestamps": timestamps, "arrays": arrays}
+    of_sensors |= {"start_time": start_time, "offset": offset, "fps": fps}
     of_topics = {n: [t] if isinstance(t, str) else t for n, t in (topic or {}).items()}
-    home = Folder()
-    path = home.file("recording.mcap") if output is None else Path(output)
-    with Inputs() as inputs, console.notes_kept() as notes:
-        values: dict[str, object] = {
-            "bags": _paths(bags),
-            "topics": _paths(topics),
-            "reads": _paths(reads),
-            "calibration": _paths(calibration),
-            "image_size": _pair(image_size, "image_size", image_size is None or min(image_size) > 0),
-            "scene": inputs.scene(scene),
-            "readers": None if readers is None else Path(readers),
-            "frames": _pair(frames, "frames", frames is None or 0 <= frames[0] < frames[1]),
-            "topic": tuple(text for n, each in of_topics.items() for t in each for text in _named({n: t}, "topic")),
-            "start_time": _named(start_time, "start_time"),
-            "offset": _named(offset, "offset"),
-            "fps": _named(fps, "fps"),
-            **{name: _named(value, name) for name, value in of_sensors.items()},
-            **own,
-        }
-        plan = IngestPlan.of(path, values)
-        check_outputs(plan.inputs(), [path], overwrite)
-        summary, losses = run_ingest(plan, overwrite=overwrite, quiet=not progress)
-        told, rest = sentences(inputs.named(text) for text in notes)
-    warn(told, losses)
-    shown = {**(home.without_paths(summary) if output is None else summary), "notes": rest}
-    return Recording(path, shown, None if output is not None else home)
+    arguments = {
+        "bags": _paths(bags),
+        "topics": _paths(topics),
+        "reads": _paths(reads),
+        "calibration": _paths(calibration),
+        "image_size": _pair(image_size, "image_size", image_size is None or min(image_size) > 0),
+        "scene": scene,
+        "readers": readers,
+        "frames": _pair(frames, "frames", frames is None or 0 <= frames[0] < frames[1]),
+        "topic": tuple(text for n, each in of_topics.items() for t in each for text in _named({n: t}, "topic")),
+        **{name: _named(value, name) for name, value in of_sensors.items()},
+        "settings": settings,
+        "output": output,
+        "overwrite": overwrite,
+        "progress": progress,
+    }
+    return record(Form(IngestRequest), arguments)
 
 
 def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
@@ -152,8 +124,6 @@ def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
 
 def _named(value: object, argument: str) -> tuple[str, ...]:
     """What the command takes: `VALUE` or `NAME=VALUE`; UsageError for a name that no sensor can have."""
-    from occlog.ingest.plan import is_name
-
     if value is None:
         return ()
     if isinstance(value, Mapping):

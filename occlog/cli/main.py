@@ -32,7 +32,7 @@ class Command(NamedTuple):
 COMMANDS = {
     "simulate": Command("occlog.simulate.command", "Make a recording with ground truth from a scene."),
     "ingest": Command(
-        "occlog.ingest.command", "Gather video, detections, DOA logs and calibration into one recording."
+        "occlog.ingest.request:IngestRequest", "Gather video, detections, DOA logs and calibration into one recording."
     ),
     "traffic": Command(
         "occlog.papers.lee.traffic.request:TrafficRequest", "Simulate the data traffic of sensors that help each other."

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import click
 
-from occlog.cli.values import FRAMES, AnyFinite, Finite, parse_setting
+from occlog.cli.values import FRAMES, SIZE, AnyFinite, Finite, parse_setting
 from occlog.errors import UsageError
 from occlog.settings import (
     Declaration,
@@ -93,8 +93,8 @@ class SettingOption(click.Option):
 def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]:
     """Type of the option's value, with the range that the setting declares."""
     said, kind = declaration(f), plain_kind(kind_of(settings, f.name))
-    if said.frames:
-        return FRAMES
+    if said.frames or said.size:
+        return FRAMES if said.frames else SIZE
     low = said.at_least if said.above is None else said.above
     high = said.at_most if said.below is None else said.below
     if kind is int or item_kind(kind_of(settings, f.name)) == (tuple, int):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,7 @@ import click
 from click.types import FloatParamType
 
 from occlog.errors import UsageError
+from occlog.settings import read_pair
 
 
 class Finite(click.FloatRange):
@@ -51,24 +50,23 @@ class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
         return self._number.convert(value, param, ctx)
 
 
-class _Pattern(click.ParamType):  # type: ignore[type-arg,unused-ignore]
-    """Two whole numbers in a pattern."""
+class Pair(click.ParamType):  # type: ignore[type-arg,unused-ignore]
+    """Two whole numbers: a range A:B, or a size WIDTHxHEIGHT."""
 
-    def __init__(self, name: str, pattern: str, example: str, check: Callable[[int, int], bool]) -> None:
-        self.name, self._pattern, self._example, self._check = name, re.compile(pattern), example, check
+    def __init__(self, *, size: bool) -> None:
+        self.name, self._size = "size" if size else "range", size
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
         """The two numbers; a usage error for anything else."""
         if isinstance(value, tuple):
             return value
-        found = self._pattern.match(str(value).strip())
-        if found is None or not self._check(int(found[1] or 0), int(found[2])):
-            self.fail(f"{value!r}: want {self._example}", param, ctx)
-        return int(found[1] or 0), int(found[2])
+        try:
+            return read_pair(str(value), self._size)
+        except UsageError as error:
+            self.fail(str(error), param, ctx)
 
 
-FRAMES = _Pattern("range", r"^(\d{0,9}):(\d{1,9})$", "A:B with A < B, for example 0:400", lambda a, b: a < b)
-SIZE = _Pattern("size", r"^(\d{1,5})[xX](\d{1,5})$", "WIDTHxHEIGHT, for example 1920x1080", lambda a, b: a > 0 < b)
+FRAMES, SIZE = Pair(size=False), Pair(size=True)
 
 
 POSITIVE = Finite(min=0, min_open=True)

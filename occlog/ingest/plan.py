@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from occlog.cli.setting_options import given
-from occlog.cli.values import FRAMES as FRAMES
-from occlog.cli.values import SIZE as SIZE
-from occlog.errors import UsageError, did_you_mean
+from occlog.errors import UsageError, did_you_mean, option
 from occlog.records.names import first_double
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, declared, kind_of, read_value, setting
 
 from .layouts import laid_out
 from .offsets import offsets_of
@@ -186,24 +183,23 @@ class IngestPlan(Settings):
     )
 
     @classmethod
-    def of(cls, output: Path, values: Mapping[str, Any]) -> IngestPlan:
-        """The plan of the command's options; UsageError where they contradict each other."""
+    def of(cls, values: Mapping[str, Any]) -> IngestPlan:
+        """The plan of the fields and settings of a request; UsageError where they contradict each other."""
         values = laid_out(values)
         mot = _named("mot", values["mot"])
-        settings = given(cls, values)
-        taken = {
-            **{
-                key: values[key]
-                for key in ("bags", "topics", "calibration", "image_size", "scene", "frames", "readers", "reads")
-            },
+        own = {f.name: values[f.name] for f in declared(cls) if f.name in values}
+        plain = ("output", "bags", "topics", "calibration", "image_size", "scene", "frames", "readers", "reads")
+        taken: dict[str, Any] = {
+            **{key: values[key] for key in plain},
             "video": _named("video", values["video"]),
             "images": _named("images", values["images"]),
             "boxes": (*pairs(values["boxes"], Path), *mot.items()),
             **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
             **{key: pairs(values[key], str) for key in ("start_time", "fps", "topic")},
             "offset": offsets_of(values["offset"]),
+            **{n: read_value(v, kind_of(cls, n), n) if isinstance(v, str) else v for n, v in own.items()},
         }
-        plan = cls(output=output, **taken, **settings)
+        plan = cls(**taken)
         plan.check()
         return plan
 
@@ -220,10 +216,10 @@ class IngestPlan(Settings):
             raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
         if not self.calibration and not self.bags and (self.up is not None or self.ground is not None):
             raise UsageError("up and ground turn the world of a calibration; give calibration or a bag")
-        for key, told in (("start-time", self.start_time), ("fps", self.fps)):
+        for key, told in (("start_time", self.start_time), ("fps", self.fps)):
             names = [name or "" for name, _ in told]
             if (double := first_double(names)) is not None:
-                raise UsageError(f"--{key} is given twice{f' for {double}' if double else ''}; keep one")
+                raise UsageError(f"{option(key)} is given twice{f' for {double}' if double else ''}; keep one")
         if self.store == "link" and self.images:
             raise UsageError("store link: only videos can be linked to; give png or jpeg for images")
 
@@ -235,13 +231,13 @@ class IngestPlan(Settings):
         """
         arrays = [name for name, _ in self.doa if name is not None]
         for key, told, known in (
-            ("start-time", self.start_time, (*cameras, *arrays)),
+            ("start_time", self.start_time, (*cameras, *arrays)),
             ("fps", self.fps, tuple(cameras)),
         ):
             for name, value in told:
                 if name is not None and name not in known:
                     near = did_you_mean(name, known) if known else "give it without a name"
-                    raise UsageError(f"--{key} {name}={value}: no camera or ARRAY=FILE has this name; {near}")
+                    raise UsageError(f"{option(key)} {name}={value}: no camera or ARRAY=FILE has this name; {near}")
 
     def files(self) -> list[tuple[Path, str]]:
         """Every input that must be a file, and what it should be."""

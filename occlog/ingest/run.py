@@ -14,8 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.console.notes import note as tell
-from occlog.console.progress import progress
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxSurvey, read_boxes
@@ -40,6 +38,7 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
 from occlog.records.verdicts import Verdict
+from occlog.runner import Job
 
 from .agreement import checked
 from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
@@ -48,6 +47,7 @@ from .boxes import survey as survey_of
 from .copies import Copies
 from .offsets import with_offsets
 from .plan import IngestPlan, files_in
+from .request import IngestRequest
 from .scene import Sized, add_bag_cameras, base_scene, fit_sizes, match_cameras
 from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
 from .truth_span import within_frames
@@ -82,12 +82,9 @@ class Ingested(Failures):
     measured_ns: Span = field(default_factory=lambda: Span())
 
 
-def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[str, object], list[Loss]]:
+def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
     """Write the recording; the summary and what was lost."""
-
-    def note(message: str) -> None:
-        tell(message, quiet)
-
+    plan, note = request.plan, job.note
     for path, what in plan.files():
         if not (path.is_dir() and path in plan.folders()):
             check_input(path, what)
@@ -112,14 +109,14 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
         provenance = Provenance("ingest", settings, None, _hashes(plan))
-        writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))
+        writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=job.overwrite))
         # Tables first: a fault in one is then told before hours of video have been read.
         _write_reads(plan, scene, writer, done, note)
         _write_tables(plan, scene, turn, survey, times, writer, done, note)
         if sources:
-            _write_frames(plan, sources, writer, done, quiet)
+            _write_frames(plan, sources, writer, done, job)
         if bag is not None:
-            _write_bag(bag, plan, scene, turn, writer, done, quiet, note)
+            _write_bag(bag, plan, scene, turn, writer, done, job)
         _doubt_times(done, note)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
@@ -164,15 +161,14 @@ def _write_bag(
     turn: Turn | None,
     writer: RecordingWriter,
     done: Ingested,
-    quiet: bool,
-    note: Callable[[str], None],
+    job: Job,
 ) -> None:
     """Images and rows of a bag, in one pass."""
     clocks = {s.name: clock for s in scene.sensors if (clock := clock_of(scene, s.name)) is not None}
     taking = Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn)
-    for message in progress(taking.messages(), "ingest", taking.count, quiet=quiet):
+    for message in job.progress(taking.messages(), "ingest", taking.count):
         taking.take(message, writer)
-    done.losses.extend(taking.finish(note))
+    done.losses.extend(taking.finish(job.note))
     done.frames.update(taking.frames)
     done.times.update(taking.times)
     for name, count in taking.rows.items():
@@ -237,13 +233,13 @@ def _all_times(
 
 
 def _write_frames(
-    plan: IngestPlan, sources: list[CameraSource], writer: RecordingWriter, done: Ingested, quiet: bool
+    plan: IngestPlan, sources: list[CameraSource], writer: RecordingWriter, done: Ingested, job: Job
 ) -> None:
     """Frames of all cameras in the order of time; a camera that fails on the way is a loss, unless all do."""
     streams = [_guarded(source, done) for source in sources]
     total = sum(s.decoder.frames or 0 for s in sources) or None
     merged = heapq.merge(*streams, key=lambda item: (item[0], item[1]))
-    for t_ns, name, frame in progress(merged, "ingest", total, quiet=quiet):
+    for t_ns, name, frame in job.progress(merged, "ingest", total):
         if plan.store == "link":
             writer.video_frame(name, t_ns, frame.index)
         else:

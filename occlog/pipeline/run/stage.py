@@ -26,6 +26,7 @@ from occlog.settings import (
     declared,
     kind_of,
     plain_kind,
+    read_pair,
     read_value,
 )
 
@@ -215,11 +216,11 @@ def setting_of(entry: Entry, value: object) -> object:
             raise UsageError(f"{option(entry.key)}: want true or false, got {value!r}")
         return value
     texts = [str(each) for each in listed(value)]
-    if said.frames:
-        texts = [part or "0" for text in texts for part in text.split(":")]
     if said.whole:
         return tuple(texts)
     try:
+        if said.frames or said.size:
+            return read_pair(("x" if said.size else ":").join(texts), said.size)
         found: Any = read_value(",".join(texts), kind, entry.key)
     except UsageError as error:
         raise UsageError(f"{option(entry.key)}: {str(error).removeprefix(f'setting {entry.key}: ')}") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from occlog.pipeline.run import run as stages_in_order
 from occlog.pipeline.run.inputs import files_of, name_of
 from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
 from occlog.pipeline.run.stage import Stage
-from occlog.pipeline.run.stages import plan, read_config
+from occlog.pipeline.run.stages import check_settings, plan, read_config
 from occlog.records.losses import Loss
 from occlog.records.tables import Particles, PeopleTracks, Tracks
 
@@ -294,6 +295,25 @@ def recording_with_video(folder: Path) -> Path:
         out.table(boxes(hall("a"), 0.2))
         out.video("a", "a.avi", "0" * 64)
     return folder / "hall.mcap"
+
+
+@pytest.mark.parametrize(
+    ("keys", "wanted"),
+    [
+        ("frames: '0:3', image_size: 64x48", None),
+        ("frames: '3:3'", "line 2: ingest.frames: '3:3'"),
+        ("image_size: 64x0", "line 2: ingest.image_size: '64x0'"),
+        ("fsp: 3", "line 2: ingest.fsp: unknown key; did you mean 'fps'"),
+    ],
+)
+def test_frames_and_sizes_of_an_ingest_are_read_as_on_the_command_line(
+    tmp_path: Path, keys: str, wanted: str | None
+) -> None:
+    config = tmp_path / "run.yaml"
+    config.write_text(f"occlog_run: 1\ningest: {{boxes: {{a: b.csv}}, {keys}}}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=wanted) if wanted else nullcontext():
+        read = read_config(config)
+        check_settings(read, next(plan(read, tmp_path / "out")))
 
 
 def key_of_detect(recording: Path) -> str:

@@ -1,0 +1,125 @@
+"""What `occlog ingest` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from occlog.request import Request, group, output_file, source
+from occlog.settings import setting
+
+from .plan import IngestPlan
+
+
+def _several(help_text: str, option: str, metavar: str) -> Any:
+    """Several values of one option, which is repeated; each may be of a sensor: `NAME=VALUE`."""
+    return setting((), help_text, option=option, metavar=metavar, repeat=True, whole=True, shown="")
+
+
+@dataclass(frozen=True, kw_only=True)
+class IngestRequest(Request):
+    """Gather what cameras, microphone arrays and readers of tags have recorded into one recording.
+
+    BAG is a bag of ROS 2 (a folder, .mcap or .db3) or an MCAP file of another program; several
+    are taken for parts of one. `occlog info BAG` says what would be taken of it.  It may also be the folder of
+    WILDTRACK as the data set ships it.
+
+    The time of a frame comes from --timestamps, else from the time stamps of the video
+    file, else from its frame rate; which one it was is told and recorded.  Frames that a
+    damaged video has lost are listed, and the exit code is 3.  What a calibration was
+    understood to say is printed: look at it.
+
+    \b
+      occlog ingest -o walk.mcap --calibration Calib.qca.txt --video cam01=cam01.mp4 --video cam02=cam02.mp4
+      occlog ingest -o hall.mcap --calibration calib/ --image-size 1920x1024 --boxes detections.csv --fps 20
+      occlog ingest bag/ -o walk.mcap --topic front=/cam_front/image_raw/compressed
+      occlog ingest -o tags.mcap --readers readers.csv --reads reads.csv --truth truth.csv
+    """
+
+    OWNER: ClassVar[str] = "ingest"
+    RUN: ClassVar[str] = "occlog.ingest.run:run_ingest"
+
+    bags: tuple[Path, ...] = source(
+        "Bags of ROS 2, MCAP files of other programs, or WILDTRACK's folder.",
+        argument=True,
+        required=False,
+        there=False,
+        metavar="[BAG]...",
+    )
+    output: Path = output_file("Recording (MCAP).")
+    topic: tuple[str, ...] = _several(
+        "Topic of a bag: images, calibration or boxes of camera NAME, directions of array NAME, or true positions "
+        "of target number NAME.",
+        "--topic",
+        "NAME=TOPIC",
+    )
+    topics: tuple[Path, ...] = source("The same in a YAML file, `NAME: TOPIC`.", there=False, metavar="FILE")
+    video: tuple[str, ...] = _several("Video of a camera.", "--video", "CAM=FILE")
+    images: tuple[str, ...] = _several("Images of a camera, in natural order.", "--images", "CAM=FOLDER")
+    boxes: tuple[str, ...] = _several(
+        "Boxes: CSV, JSON (COCO, supervision, Ultralytics), MOTChallenge text, or a folder of YOLO text.",
+        "--boxes",
+        "[CAM=]PATH",
+    )
+    mot: tuple[str, ...] = _several("MOTChallenge detections; the same as --boxes.", "--mot", "CAM=FILE")
+    doa: tuple[str, ...] = _several("Log of directions of arrival.", "--doa", "[ARRAY=]FILE")
+    reads: tuple[Path, ...] = source("Log of tags that readers read.", there=False, metavar="FILE")
+    truth: tuple[str, ...] = _several("Ground truth: positions or boxes.", "--truth", "[CAM=]FILE")
+    timestamps: tuple[str, ...] = _several(
+        "Times of the frames: one a line, or columns time, frame, camera; before any other source.",
+        "--timestamps",
+        "[CAM=]FILE",
+    )
+    calibration: tuple[Path, ...] = source("Calibration of the cameras.", there=False, metavar="FILE")
+    image_size: tuple[int, int] | None = setting(
+        None,
+        "Size of the images, for calibrations that do not state it.",
+        option="--image-size",
+        metavar="WxH",
+        size=True,
+        shown="",
+    )
+    scene: Path | None = source(
+        "Scene with room, occluders, arrays, and cameras that the calibration lacks.", there=False, scene=True
+    )
+    arrays: tuple[str, ...] = _several(
+        "Places of direction finders, or microphones of one array.", "--arrays", "[NAME=]FILE"
+    )
+    readers: Path | None = source("Places and ranges of the readers of tags.", there=False, metavar="FILE")
+    start_time: tuple[str, ...] = _several(
+        "Date and time (ISO 8601, UTC) or seconds since 1970 of the origin of the times. [default: 0]",
+        "--start-time",
+        "[CAM=]TIME",
+    )
+    offset: tuple[str, ...] = _several(
+        "Added to the times of a sensor whose clock is off: cam2=-0.4s where it is 0.4 s ahead.",
+        "--offset",
+        "SENSOR=SECONDS",
+    )
+    fps: tuple[str, ...] = _several("Frame rate, where no sidecar gives times.", "--fps", "[CAM=]RATE")
+    frames: tuple[int, int] | None = setting(
+        None,
+        "Only frames A <= number < B, and true positions of their times; for boxes also: every camera has all of them.",
+        option="--frames",
+        metavar="A:B",
+        frames=True,
+        shown="",
+    )
+    settings: Mapping[str, object] = group(lambda: IngestPlan)
+
+    @property
+    def plan(self) -> IngestPlan:
+        """The files and values by their sensors; UsageError where they contradict each other."""
+        own = {name: value or () for name, value in vars(self).items() if name not in ("settings", *SINGLE)}
+        return IngestPlan.of({**own, **{name: getattr(self, name) for name in SINGLE}, **self.settings})
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read; a folder stands for the files in it."""
+        return self.plan.inputs()
+
+
+SINGLE = ("output", "image_size", "scene", "readers", "frames")
+"""Fields of one value, which may be None."""
