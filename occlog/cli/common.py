@@ -131,20 +131,6 @@ def _takes_reader(command: click.Command) -> bool:
     return command.name == "ingest" or any(isinstance(param.type, Input) for param in command.params)
 
 
-def reading_by(command: click.Command, name: str) -> click.Command:
-    """The command with `--reader` and the settings of the reader of that name; as it is where it reads no tables.
-
-    Raises:
-        UsageError: there is no such reader.
-    """
-    if all(param.name != "reader" for param in command.params):
-        if not _takes_reader(command):
-            return command
-        command = copy(command)
-        command.params = [*command.params, _reader()]
-    return with_reader(command, ("--reader", name))
-
-
 def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
     """The command with the settings of the reader that the words of the command line name; as it is without one."""
     name = value_after(words, "--reader")

@@ -243,20 +243,6 @@ class Variant:
     called: str | None = None
 
 
-class SettingRefused(click.UsageError):
-    """A setting that a command cannot have.
-
-    Attributes:
-        flag: the option that gave it, `--set` among them; empty: none did.
-        setting: its name.
-        problem: what is wrong, without the option.
-    """
-
-    def __init__(self, message: str, ctx: click.Context, flag: str, setting: str, problem: str) -> None:
-        super().__init__(message, ctx)
-        self.flag, self.setting, self.problem = flag, setting, problem
-
-
 class SettingsCommand(click.Command):
     """A command whose settings are declared: a value out of its range is an error of usage that names the option.
 
@@ -284,10 +270,10 @@ class SettingsCommand(click.Command):
 
     def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:  # noqa: ARG002
         """The classes of the settings that --set takes."""
-        return settings_of(self)
+        return () if self.settings is None else (self.settings(),)
 
     def check_set(self, ctx: click.Context) -> None:
-        """Refuse what --set gives and no setting can be, before anything is loaded; SettingRefused names it."""
+        """Refuse what --set gives and no setting can be, before anything is loaded; click.UsageError names it."""
         for text in _texts_of_set(ctx):
             name, value = parse_setting(text)
             classes = self.classes(ctx)
@@ -296,11 +282,11 @@ class SettingsCommand(click.Command):
                     check_setting(classes, name, value)
             except UsageError as error:
                 problem = str(error).removeprefix(f"setting {name}: ")
-                raise SettingRefused(f"--set {text}: {problem}", ctx, SET, name, problem) from error
+                raise click.UsageError(f"--set {text}: {problem}", ctx) from error
             except SettingError as error:
                 raise self.refused(ctx, error) from error
 
-    def refused(self, ctx: click.Context, error: SettingError) -> SettingRefused:
+    def refused(self, ctx: click.Context, error: SettingError) -> click.UsageError:
         """The error with the flag that the user typed, or with the setting's name."""
         limit = f"must be {error.limit}"
         for param in self.get_params(ctx):
@@ -308,12 +294,12 @@ class SettingsCommand(click.Command):
             typed = ctx.params.get(param.name or "")
             if about and typed is not None and isinstance(param, click.Option):
                 words, flag = f"{typed:g}" if isinstance(typed, float) else typed, max(param.opts, key=len)
-                return SettingRefused(f"{flag} {words}: {limit}", ctx, flag, error.setting, f"{words}: {limit}")
+                return click.UsageError(f"{flag} {words}: {limit}", ctx)
         for text in reversed(_texts_of_set(ctx)):
-            name, value = parse_setting(text)
+            name, _ = parse_setting(text)
             if name == error.setting:
-                return SettingRefused(f"--set {text}: {limit}", ctx, SET, name, f"{value}: {limit}")
-        return SettingRefused(str(error), ctx, "", error.setting, str(error))
+                return click.UsageError(f"--set {text}: {limit}", ctx)
+        return click.UsageError(str(error), ctx)
 
 
 class VariantCommand(SettingsCommand):
@@ -366,10 +352,6 @@ class VariantCommand(SettingsCommand):
         last = shared[-1:] if shared and shared[-1].name == "help" else []
         return [*shared[: len(shared) - len(last)], *own, *last]
 
-    def params_of(self, name: str | None) -> list[click.Parameter]:
-        """All parameters of the variant of that name; those of the default one for None."""
-        return [*self.params, *self.existing(self.default if name is None else name).params()]
-
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Choose the variant, then parse; an option of other variants is refused, and those that have it are named."""
         name = self.choose(args)
@@ -382,10 +364,14 @@ class VariantCommand(SettingsCommand):
             name = self.default
         if name is not None:
             ctx.meta[CHOSEN] = name
+        ctx.allow_extra_args = True
         try:
-            return super().parse_args(ctx, args)
+            left = super().parse_args(ctx, args)
         except click.NoSuchOption as error:
             raise click.UsageError(self._refusal(error, name or self.default), ctx) from error
+        if left and not ctx.resilient_parsing:
+            raise click.UsageError(f"{left[0]}: one argument too many for {self.called(name or self.default)}", ctx)
+        return left
 
     def _refusal(self, error: click.NoSuchOption, name: str) -> str:
         """Which variants have the option, and what to do; click's own message if none has."""
@@ -401,7 +387,7 @@ class VariantCommand(SettingsCommand):
 
     def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:
         """The classes of the settings that --set takes: those of the variant."""
-        return settings_of(self, ctx.meta[CHOSEN])
+        return self.existing(ctx.meta[CHOSEN]).settings()
 
     def called(self, name: str) -> str:
         """How a variant is chosen: `--method apf`."""
@@ -467,15 +453,3 @@ def values_after(args: Sequence[str], flag: str) -> list[str]:
         elif arg.startswith(flag + "="):
             found.append(arg[len(flag) + 1 :])
     return found
-
-
-def settings_of(command: click.Command, chosen: str | None = None) -> Sequence[type[Settings]]:
-    """The classes of the settings that `--set` of a command takes; of a `VariantCommand` those of a variant."""
-    if isinstance(command, VariantCommand):
-        return command.existing(chosen or command.default).settings()
-    return () if not isinstance(command, SettingsCommand) or command.settings is None else (command.settings(),)
-
-
-def params_of(command: click.Command, chosen: str | None = None) -> list[click.Parameter]:
-    """All parameters of a command; of a `VariantCommand` those of the variant of that name."""
-    return command.params_of(chosen) if isinstance(command, VariantCommand) else command.params

@@ -198,6 +198,8 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
 
 def people_setup(request: PeopleRequest) -> Setup:
     """Everything that decides on the video of people who look alike; without `fps` there are 25 frames a second."""
+    if "occluders" in request.world:
+        raise UsageError(f"{option('occluders')}: all people of this scene are targets; leave it out")
     size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))
     people = configure(PeopleConfig(), {**request.people, **size})
     rate_hz = request.fps or 25.0

@@ -14,7 +14,7 @@ import pytest
 from places import ROOT
 
 from occlog.cli.main import COMMANDS, LazyGroup, cli, run
-from occlog.cli.setting_options import VariantCommand, params_of
+from occlog.cli.setting_options import VariantCommand
 from occlog.errors import ExitCode
 from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Bearings
@@ -91,8 +91,8 @@ def test_every_command_has_help_that_ends_in_an_example(name: str) -> None:
     text = command.help or ""
     assert "\b" in text
     assert f"occlog {name}" in text.split("\b")[-1]
-    variants = command.variants if isinstance(command, VariantCommand) else [None]
-    for param in (p for variant in variants for p in params_of(command, variant)):
+    variants = command.variants.values() if isinstance(command, VariantCommand) else ()
+    for param in (*command.params, *(p for variant in variants for p in variant.params())):
         if isinstance(param, click.Option):
             assert param.help, f"{name}: {param.opts} has no help"
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from places import EXAMPLES
 
+import occlog
 from occlog.cli.main import run
 from occlog.errors import ExitCode, OutputError, UsageError
 from occlog.io.files.tables.parquet import read_table
@@ -259,3 +260,10 @@ def test_defaults_follow_the_length_unit_and_rendering(room: Path) -> None:
     assert people.world.clearance == pytest.approx(0.3)
     with pytest.raises(UsageError):
         make_setup(scene, asked(look={"shadows": False}))
+
+
+def test_in_python_a_room_of_people_has_no_other_objects() -> None:
+    with pytest.raises(UsageError, match="all people of this scene are targets"):
+        occlog.simulate(kind="people", occluders=1)
+    with pytest.raises(UsageError, match="choose one that has it: walkers, paths"):
+        occlog.simulate(kind="people", seconds=3.0)

@@ -28,7 +28,8 @@ from occlog.records.losses import Loss
 from occlog.records.verdicts import Verdict, distinct, summary_of, texts_of
 
 from .inputs import files_of, name_of, places_of
-from .stages import Config, Stage, check_settings, plan, read_config, refused_in
+from .stage import Stage
+from .stages import Config, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
 GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)

@@ -1,41 +1,30 @@
-"""Reads a run configuration, and gives the values of its keys to the commands of its stages.
+"""Reads a run configuration, and makes the requests of its stages from the values of its keys.
 
-The keys of a stage are the long options of its command, with underscores for dashes: a configuration
-has all that a command can do, and the command checks both alike.
+The keys of a stage are those of the request of its verb, as its long options with underscores for dashes.
 """
 
 from __future__ import annotations
 
 import difflib
-import io
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeAlias
 
-import click
-
-from occlog.cli.calls import context_of
-from occlog.cli.common import check_common, reading_by
-from occlog.cli.main import COMMANDS, load_command
-from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
-from occlog.errors import SPELLING, ExitCode, InputError, NoSceneError, UsageError, option
+from occlog.cli.main import COMMANDS
+from occlog.errors import SPELLING, InputError, NoSceneError, UsageError, option
 from occlog.io.files.texts.yaml_file import lines_of, read_yaml
 from occlog.io.files.untrusted.inputs import STANDARD_INPUT
 from occlog.io.recording.reader import open_recording
 from occlog.measure.detect.request import METHODS as DETECTIONS
 from occlog.records.tables import Particles, Truth, TruthBoxes
 from occlog.request import Form, Request, Verb, Verbs, load
-from occlog.settings import declared
 from occlog.simulate.request import KINDS
 from occlog.track.catalogue import BOXES, METHODS, READS, VIEW
 
-from .request_stage import RequestStage, listed
+from .stage import Stage
 
 SOURCES = ("recording", "simulate", "ingest")
-READER = "reader"
-"""Key of a stage that names the reader of a plug-in for its inputs."""
 OVERLAY = "overlay"
 """Stage that draws tracks over the video: of everybody unless it is false, of a target where it is there."""
 STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
@@ -43,54 +32,6 @@ PARTICLES = "cloud"
 """Key of `track` that is true where the folder is to have the table `particles`."""
 PRIORS = ("hull", "kalman", "acoustic")
 KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
-
-
-@dataclass(frozen=True)
-class CommandStage:
-    """One command with the values of what it takes.
-
-    Attributes:
-        name: of the stage.
-        command: what does it.
-        values: by the parameters of the command; outputs included.
-        variant: of the command, where it has several.
-        output_paths: those of the values that are outputs.
-    """
-
-    name: str
-    command: click.Command
-    values: Mapping[str, object]
-    variant: str | None
-    output_paths: tuple[str, ...]
-
-    def texts(self) -> list[str]:
-        """What the outputs depend on, as text: the names of all values, and each value or each of its items."""
-        return [text for name, value in self.values.items() for text in (f"{name}:", *(str(v) for v in listed(value)))]
-
-    def check(self) -> None:
-        """Read all values as the command will.
-
-        Raises:
-            click.UsageError: a value that cannot be; it names the parameter or the option.
-        """
-        # A context that is left lets go of a reader that it names
-        with self._context(self.values) as ctx:
-            if isinstance(self.command, SettingsCommand):
-                self.command.check_set(ctx)
-
-    def do(self) -> int:
-        """Do the command without a word of its summary; the exit code."""
-        with redirect_stdout(io.StringIO()), self._context({**self.values, "overwrite": True}) as context:
-            result = self.command.invoke(context)
-            check_common(context)
-        return int(result) if isinstance(result, int) else ExitCode.DONE
-
-    def _context(self, values: Mapping[str, object]) -> click.Context:
-        """The command's context with these values, checked; its block does what callbacks of options ask for."""
-        return context_of(self.command, self.name, values, self.variant)
-
-
-Stage: TypeAlias = CommandStage | RequestStage
 
 
 @dataclass(frozen=True)
@@ -152,14 +93,6 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
     spelling = SPELLING.set(str)
     try:
         yield
-    except SettingRefused as error:
-        key = _key_of_flag(error.flag)
-        keys = ("set", error.setting) if error.flag == SET else (key or error.setting,)
-        raise InputError(f"{_place(config, stage, keys)}: {error.problem}") from error
-    except click.BadParameter as error:
-        if error.param is None:
-            raise
-        raise InputError(f"{_place(config, stage, (_key(error.param),))}: {error.message.rstrip('.')}") from error
     except NoSceneError as error:
         where = _place(config, stage, ("scene",)) if "scene" in config.stage(stage) else config.at("scene")
         raise InputError(
@@ -364,17 +297,14 @@ def _stage(
         if key in config.stage(name):
             raise InputError(f"{config.path}: {name}.{key}: outputs of a run lie in its folder; remove this key")
     verb, _, source = (verb or name).partition(" ")
-    where = COMMANDS[verb].where
-    if ":" not in where:
-        return _command_stage(config, name, outputs, arguments, inputs, load_command(verb))
     values = {**(inputs or {}), **config.stage(name), **outputs}
     with refused_in(config, name):
-        form = form_of(load(where), source, values)
+        form = form_of(load(COMMANDS[verb].where), source, values)
         names = tuple(str(path) for path in outputs.values())
         keys = [entry.key for entry in form.entries() if entry.file is not None and entry.file.argument]
         given = dict(zip(keys, arguments, strict=False))
         seed = {"seed": config.values["seed"]} if "seed" in config.values and _takes(form, "seed") else {}
-        stage = RequestStage(name, form, {**given, **seed, **values}, names)
+        stage = Stage(name, form, {**given, **seed, **values}, names)
         known = stage.keys()
     for key in stage.values:
         if key not in known:
@@ -411,102 +341,6 @@ def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, 
 
 def _takes(form: Form, key: str) -> bool:
     return any(entry.key == key for entry in form.entries())
-
-
-def _command_stage(
-    config: Config,
-    name: str,
-    outputs: dict[str, Path],
-    arguments: tuple[str, ...],
-    inputs: dict[str, object] | None,
-    command: click.Command,
-) -> CommandStage:
-    if READER in config.stage(name):
-        command = _reading(config, name, command)
-    values = {**_common(config, command), **(inputs or {}), **config.stage(name)}
-    variant = _variant_of(command, {**values, **outputs})
-    given = _values(config, name, command, variant, {**values, **outputs})
-    argument = next((p for p in command.params if isinstance(p, click.Argument)), None)
-    if argument is not None and arguments:
-        given = {str(argument.name): arguments if argument.nargs == -1 else arguments[0], **given}
-    return CommandStage(name, command, given | {"quiet": True}, variant, tuple(str(p) for p in outputs.values()))
-
-
-def _reading(config: Config, name: str, command: click.Command) -> click.Command:
-    """The command of a stage with the reader that its keys name; InputError where there is none of that name."""
-    try:
-        return reading_by(command, str(config.stage(name)[READER]))
-    except UsageError as error:
-        raise InputError(f"{config.at(name, READER)}: {str(error).removeprefix('--reader ')}") from error
-
-
-def _common(config: Config, command: click.Command) -> dict[str, object]:
-    names = {p.name for p in params_of(command)}
-    return {k: config.values[k] for k in ("seed",) if k in config.values and k in names}
-
-
-def _values(
-    config: Config, name: str, command: click.Command, variant: str | None, values: Mapping[str, object]
-) -> dict[str, object]:
-    """The values of a stage by the parameters of its command, as a parser of arguments would give them."""
-    params = params_of(command, variant)
-    # Of an argument and an option of one name, the sorted order keeps the argument, unless the option makes the choice
-    chooses = {key for key in values if _variant(command, key, values[key]) is not None}
-    options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument) != (_key(p) in chooses))}
-    found: dict[str, object] = {}
-    for key, value in values.items():
-        param = options.get(key)
-        if param is None:
-            raise InputError(f"{config.at(name, key)}: unknown key; {_hint(command, variant, key, sorted(options))}")
-        if value is not None or (isinstance(param, click.Option) and param.is_flag):
-            found[str(param.name)] = _value(config, name, key, param, value)
-    return found
-
-
-def _value(config: Config, name: str, key: str, param: click.Parameter, value: object) -> object:
-    """A value as the parameter takes it from a parser: a flag's truth, a text, or texts."""
-    if isinstance(param, click.Option) and param.is_flag:
-        if not isinstance(value, bool):
-            raise InputError(f"{config.path}: {name}.{key}: want true or false, got {value!r}")
-        return value
-    texts = [str(v) for v in listed(value)]
-    several = param.nargs != 1 or (isinstance(param, click.Option) and param.multiple)
-    return texts if several else ",".join(texts)
-
-
-def _hint(command: click.Command, variant: str | None, key: str, valid: list[str]) -> str:
-    """Say where a setting without an option goes, or which key is the nearest."""
-    classes = settings_of(command, variant)
-    if SET in (flag for p in command.params for flag in p.opts) and any(
-        key == f.name for of in classes for f in declared(of)
-    ):
-        return f"it is a setting, which stands under set: `set: {{{key}: ...}}`"
-    return _nearest(key, valid)
-
-
-def _variant_of(command: click.Command, values: Mapping[str, object]) -> str | None:
-    """Which variant of a command the keys choose, the default one if they choose none; None: it has none."""
-    chosen = (_variant(command, key, value) for key, value in values.items())
-    default = command.default if isinstance(command, VariantCommand) else None
-    return next((each for each in chosen if each is not None), default)
-
-
-def _variant(command: click.Command, key: str, value: object) -> str | None:
-    """Return which variant of a command a key chooses, for example that of a method; None: it chooses none."""
-    if not isinstance(command, VariantCommand):
-        return None
-    found = command.choose([f"--{key.replace('_', '-')}", str(value)])
-    return found if found is not None and command.variant(found) is not None else None
-
-
-def _key(param: click.Parameter) -> str:
-    """Return the key of an option, its long name with underscores, or an argument's own name."""
-    long = [o for o in param.opts if o.startswith("--")]
-    return _key_of_flag(long[0]) if long else str(param.name)
-
-
-def _key_of_flag(flag: str) -> str:
-    return flag.removeprefix("--").replace("-", "_")
 
 
 def _nearest(key: str, valid: tuple[str, ...] | list[str]) -> str:

@@ -19,7 +19,7 @@ from occlog.io.files.atomic import write_bytes
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.pack.manifest import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, lock_text
-from occlog.pipeline.run.stages import Stage
+from occlog.pipeline.run.stage import Stage
 
 CONFIG = """
 occlog_run: 1

@@ -25,7 +25,8 @@ from occlog.pipeline.run import inputs as run_inputs
 from occlog.pipeline.run import run as stages_in_order
 from occlog.pipeline.run.inputs import files_of, name_of
 from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
-from occlog.pipeline.run.stages import Stage, check_settings, plan, read_config
+from occlog.pipeline.run.stage import Stage
+from occlog.pipeline.run.stages import check_settings, plan, read_config
 from occlog.records.losses import Loss
 from occlog.records.tables import Particles, PeopleTracks, Tracks
 

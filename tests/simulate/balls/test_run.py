@@ -95,7 +95,7 @@ def test_balls_that_hide_one_another_keep_their_boxes(tmp_path: Path) -> None:
     ("args", "words"),
     [
         ([], "no scene: give SCENE (a file), or --scene balls or people"),
-        (["--scene", "balls", "room.yaml"], "--scene balls makes its own scene; leave out room.yaml"),
+        (["--scene", "balls", "room.yaml"], "room.yaml: one argument too many for --scene balls"),
         (["--scene", "balls", "--people", "3"], "--people is an option of --scene people, not of --scene balls"),
         (["--scene", "balls", "--targets", "3"], "--targets is an option of SCENE, not of --scene balls"),
         (

@@ -35,7 +35,7 @@ READS, SET, STRICT = "reader", "set", "strict"
 
 
 @dataclass(frozen=True)
-class RequestStage:
+class Stage:
     """A request that is made from the keys of a configuration.
 
     Attributes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from occlog.evaluate.request import EvaluateRequest
-from occlog.pipeline.run.request_stage import setting_of
+from occlog.pipeline.run.stage import setting_of
 from occlog.request import Form
 from occlog.track.request import TrackRequest
 
