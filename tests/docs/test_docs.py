@@ -12,7 +12,7 @@ from places import ROOT
 from docs.make import PAGES, RESULTS
 from docs.pictures.__main__ import PICTURES
 from occlog.cli.main import COMMANDS, cli
-from occlog.cli.setting_options import VariantCommand, params_of
+from occlog.cli.setting_options import VariantCommand
 
 FRONT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 TEXTS = [*FRONT, *sorted((ROOT / "docs").rglob("*.md"))]
@@ -52,8 +52,10 @@ def unknown_words(words: list[str]) -> list[str]:
         command = command.commands.get(words[2])
     if command is None:
         return words[1:3]
-    chosen = command.choose(words[2:]) if isinstance(command, VariantCommand) else None
-    valid = {o for p in params_of(command, chosen) for o in (*p.opts, *p.secondary_opts)} | {"-h", "--help"}
+    params = list(command.params)
+    if isinstance(command, VariantCommand):
+        params += command.existing(command.choose(words[2:]) or command.default).params()
+    valid = {o for p in params for o in (*p.opts, *p.secondary_opts)} | {"-h", "--help"}
     options = [word for word in words[2:] if word.startswith("-") and not re.fullmatch(r"-?[\d.,]*", word)]
     return [word for word in options if word.split("=")[0] not in valid]
 
