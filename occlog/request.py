@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from occlog.errors import UsageError, did_you_mean, option
-from occlog.settings import Declaration, Settings, declaration, declared, kind_of, read_value
+from occlog.settings import Declaration, Settings, declaration, declared, kind_of, read_value, setting
 
 S = TypeVar("S", bound=Settings)
 SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of stations."
@@ -130,6 +130,17 @@ def output_file(help: str, table: str = "", result: str = "") -> Any:
 def scene_file() -> Any:
     """Declare the scene, which takes the place of that of the input."""
     return source(SCENE_HELP, scene=True)
+
+
+def seed_of_all() -> Any:
+    """Declare the seed of all random numbers, `--seed`."""
+    return setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
+
+
+def number_of_threads() -> Any:
+    """Declare how many threads work, `--workers`."""
+    words = "Threads; default: one a processor. The result is the same."
+    return setting(None, words, at_least=1, option="--workers", shown="")
 
 
 def group(of: Callable[[], type[Settings]] | None, **declared_of: Any) -> Any:

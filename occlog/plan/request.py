@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from occlog.request import Request, group, sink, source
+from occlog.request import Request, group, seed_of_all, sink, source
 from occlog.settings import setting
 
 from .config import PlanConfig
@@ -69,4 +69,4 @@ class PlanRequest(Request):
         "Tracks, or a recording with the truth: the floor counts by where these people were.", metavar="FILE"
     )
     settings: Mapping[str, object] = group(lambda: PlanConfig, example="window_s=12")
-    seed: int = setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
+    seed: int = seed_of_all()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from occlog.request import Form, Kind, Request, Verb, group, output_file, source
+from occlog.request import Form, Kind, Request, Verb, group, number_of_threads, output_file, seed_of_all, source
 from occlog.settings import setting
 
 from .balls.config import BallsConfig
@@ -65,14 +65,8 @@ class Simulation(Request):
         option="--fps",
         **RATES,
     )
-    seed: int = setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
-    workers: int | None = setting(
-        None,
-        "Threads; default: one a processor. The result is the same.",
-        at_least=1,
-        option="--workers",
-        shown="",
-    )
+    seed: int = seed_of_all()
+    workers: int | None = number_of_threads()
 
 
 @dataclass(frozen=True, kw_only=True)

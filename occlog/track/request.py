@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from occlog.request import Request, group, load, output_file, scene_file, sink, source
+from occlog.request import Request, group, load, output_file, scene_file, seed_of_all, sink, source
 from occlog.scans.config import MeasuredConfig
 from occlog.settings import setting
 
@@ -77,7 +77,7 @@ class Tracking(Request):
         metavar="SECONDS",
         shown="",
     )
-    seed: int = setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
+    seed: int = seed_of_all()
     settings: Mapping[str, object] = group(None, example="sigma_v=0.3")
 
     @property

@@ -11,7 +11,7 @@ from typing import ClassVar
 from occlog.console.details import threads_by_default
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.networks.config import NetworkConfig
-from occlog.request import Form, Kind, Request, Verb, group, output_file, scene_file, sink, source
+from occlog.request import Form, Kind, Request, Verb, group, number_of_threads, output_file, scene_file, sink, source
 from occlog.settings import declaration, declared, like, setting
 
 from .config import DetectConfig
@@ -51,13 +51,7 @@ class Detection(Request):
     )
     scene: Path | None = scene_file()
     cameras: tuple[str, ...] = setting((), "Only these cameras.", option="--cameras", metavar="A,B,...", shown="")
-    workers: int | None = setting(
-        None,
-        "Threads; default: one a processor. The result is the same.",
-        at_least=1,
-        option="--workers",
-        shown="",
-    )
+    workers: int | None = number_of_threads()
 
     @property
     def threads(self) -> int:

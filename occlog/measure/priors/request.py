@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from occlog.request import Request, Verbs, group, output_file, scene_file, sink, source
+from occlog.request import Request, Verbs, group, output_file, scene_file, seed_of_all, sink, source
 from occlog.settings import setting
 
 from .config import AcousticConfig, HullConfig, KalmanConfig
@@ -38,7 +38,7 @@ class KalmanRequest(Request):
     without: tuple[int, ...] = setting(
         (), "Leave this object out; may be repeated.", option="--without", metavar="ID", repeat=True, shown=""
     )
-    seed: int = setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
+    seed: int = seed_of_all()
 
 
 @dataclass(frozen=True, kw_only=True)
