@@ -33,8 +33,9 @@ LEAST_ALONE = 0.25
 """The same for the share itself, where there is no third camera to compare with."""
 TWICE = 0.2
 """Share of boxes that are reported twice that a user must know."""
-LEAN = 0.1
-"""Boxes so many heights of people beside where the cameras together find them are those of another pose."""
+LEAN, SURE = 0.05, 3.3
+"""Boxes so many heights of people beside where the cameras together find them are those of another pose, if their mean
+is so many standard errors off: by chance in one of a thousand."""
 OUTSIDE = 0.01
 """Share of boxes outside the image that a user must know."""
 UNEXPLAINED = 0.5
@@ -83,7 +84,7 @@ class Agreement:
     def checks(self, tally: BoxTally) -> tuple[Check, ...]:
         """What was checked of the cameras, and what was found."""
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
-        known, leans = np.isfinite(self.shares), self._leans.medians()
+        known, leans = np.isfinite(self.shares), self._leans.medians()[0]
         few = f"fewer than {FEWEST} people seen elsewhere should be seen plainly in each camera"
         far = float(np.nanmax(np.abs(leans))) if np.isfinite(leans).any() else float("nan")
         return (
@@ -185,20 +186,23 @@ class Agreement:
 
     def _leaning(self) -> Iterator[Check]:
         """The camera whose boxes are the farthest to one side, if that is far: the others' people follow it there."""
-        leans = self._leans.medians()
-        if not np.isfinite(leans).any() or np.nanmax(np.abs(leans)) <= LEAN:
+        leans, errors = self._leans.medians()
+        told = np.where(np.abs(errors) > SURE, np.abs(leans), 0.0)  # of NaN: false
+        c = int(np.argmax(told))
+        if told[c] <= LEAN:
             return
-        c = int(np.nanargmax(np.abs(leans)))
         yield finding(
             LEANS,
             "warning",
             "camera-leans",
             f"camera {self.names[c]} has people {abs(leans[c]):.2g} of their height to the "
-            f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: {LEAN:g}): check "
-            f"its yaw, its principal point and whose boxes it has, or leave {self.names[c]} out",
+            f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: {LEAN:g}; it is "
+            f"{abs(errors[c]):.0f} standard errors): check its yaw, its principal point and whose boxes it has, or leave "
+            f"{self.names[c]} out",
             sensors=[self.names[c]],
             lean=float(leans[c]),
             allowed=LEAN,
+            standard_errors=float(errors[c]),
         )
 
     def _apart(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:

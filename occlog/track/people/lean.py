@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Bools, Floats
+from occlog.core.metrics.consistency import BatchMeans
 from occlog.records.scene import Camera
 from occlog.track.jipda.interface import STATE, Moment
 from occlog.track.jipda.kernels.body_box import pack_views, project
@@ -19,6 +20,8 @@ FEWEST = 50
 """Of a camera with fewer boxes of people whom others see nothing is said."""
 CERTAIN = 0.9
 """A box that is so probably of one person alone counts."""
+MOST = 0.5
+"""Boxes farther off, in heights of people, count as so far in the mean: they are somebody else's."""
 
 
 class Leans:
@@ -54,7 +57,18 @@ class Leans:
                 self._kept[c] = self._kept[c][::2]
                 self._every[c] *= 2
 
-    def medians(self) -> Floats:
-        """(C,) how far boxes of each camera are to the right, in heights of people; NaN: too few tell."""
+    def medians(self) -> tuple[Floats, Floats]:
+        """How far boxes of each camera are to the right, in heights of people, and how sure that is.
+
+        Returns:
+            (C,) medians; NaN: too few boxes tell.  (C,) means in standard errors, which are those of means of
+            neighbours in time, so that errors that go on for a while do not count as many.
+        """
         values = [np.concatenate([np.zeros(0), *kept]) for kept in self._kept]
-        return np.array([np.median(v) if len(v) >= FEWEST else np.nan for v in values])
+        median, sure = np.full((2, len(values)), np.nan)
+        for c, each in enumerate(values):
+            if len(each) >= FEWEST:
+                means = BatchMeans()
+                means.add(np.clip(each, -MOST, MOST), np.ones(len(each)))
+                median[c], sure[c] = np.median(each), means.ratio.value / means.ratio.error if each.any() else 0.0
+        return median, sure

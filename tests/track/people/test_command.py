@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from people_boxes import PEOPLE, STEP_NS, box, boxes, camera, hall, table, truth, written
+from people_boxes import CORNERS, PEOPLE, STEP_NS, box, boxes, camera, hall, table, truth, written
 
 from occlog.cli.main import run
+from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.header import read_provenance
@@ -191,6 +192,20 @@ def test_a_camera_that_is_turned_is_named(tmp_path, capsys, px, args):
     summary, noted = said(capsys)
     assert [warning["code"] for warning in summary["warnings"]] == (["camera-leans"] if px else [])
     assert not px or re.search(r"camera b has people 0\.\d+ of their height to the left of where", noted)
+
+
+@pytest.mark.parametrize("seed", [10, 11])
+@pytest.mark.parametrize("degrees", [-6.0, 0.0, 6.0])
+def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, capsys, degrees, seed):
+    """Two people, edges with 4 px: the boxes are 0.07 to 0.09 heights to one side, by 6 to 9 standard errors."""
+    turned = rotation_from_angles(np.radians(CORNERS["b"][2] + degrees), np.radians(-20.0), 0.0)
+    scene = hall("abc")
+    stood = tuple(replace(c, rotation=turned) if c.name == "b" else c for c in scene.cameras)
+    found = boxes(replace(scene, cameras=stood), 10.0, px=4.0, people=2, seed=seed)
+    assert track(tmp_path, found, scene) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert [warning["code"] for warning in summary["warnings"]] == (["camera-leans"] if degrees else [])
+    assert not degrees or f"to the {'right' if degrees > 0 else 'left'} of where" in noted
 
 
 def test_a_camera_that_is_late_is_named(tmp_path, capsys):
