@@ -31,6 +31,7 @@ from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occlude
 from occlog.report.content import thinned as rule
 from occlog.report.content.model import ReportInput
 from occlog.report.content.thinned import ErrorsSoFar, Whole, fewer, thinned, with_rows
+from occlog.report.drawing import plot
 from occlog.report.gather import gather, in_files
 from occlog.report.markdown import build_markdown
 from occlog.report.plots.floorplan import plan_limits
@@ -147,8 +148,12 @@ CAPTIONS = re.compile(r" Drawn: .*|\. Drawn: .*|The paths are long: .*?faint\.|\
 def pages(
     args: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> tuple[list[str], list[str], Path]:
-    """Words of a page of whole tables and of one of long ones, read in pieces, which are to be the same; the latter."""
+    """Words of a page of whole tables and of one of long ones, read in pieces, which are to be the same; the latter.
+
+    Figures are drawn but not written as SVG, which takes most of the time and which `words` leaves out.
+    """
     said, summaries = [], []
+    monkeypatch.setattr(plot, "raw_svg", lambda _: "<svg></svg>")
     for most, rows in ((10**6, 10**6), (100, 37)):
         monkeypatch.setattr(rule, "MOST_ROWS", most)
         monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
@@ -222,7 +227,7 @@ def test_a_page_with_bearings_bound_and_diagnostics_has_the_numbers_of_the_whole
     without: tuple[str, ...],
     labels: str,
 ) -> None:
-    data = made_up(steps=600, targets=2, cameras=4)
+    data = made_up(steps=240, targets=2, cameras=4)
     assert data.diagnostics is not None
     bearings = placed(tmp_path, data)
     if labels == "nobody's":
@@ -255,7 +260,7 @@ def test_errors_say_nothing_of_cameras_that_were_selected_for_tracks_with_names_
     names: tuple[int, int],
     what: str,
 ) -> None:
-    data = made_up(steps=600, targets=2, cameras=4)
+    data = made_up(steps=240, targets=2, cameras=4)
     assert data.tracks is not None
     assert data.errors is not None
     assert data.diagnostics is not None

@@ -21,7 +21,7 @@ from occlog.records.tables import Bearings, Truth
 
 SIZE = np.array([10.0, 8.0])
 CORNERS = ((0, 0, 45), (10, 8, 225), (10, 0, 135), (0, 8, 315))
-FOCAL, RATE, T = 150.0, 5.0, 150
+FOCAL, RATE, T = 150.0, 5.0, 120
 
 
 def scene_text(read_px: float) -> str:

@@ -23,6 +23,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.pipeline.batch import run as batch
 from occlog.pipeline.executors.interface import InThisProcess, R, T
+from occlog.report.drawing import plot
 
 CONFIG = "occlog_run: 1\nseed: 2\ntrack: {particles: 50}\n"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -44,7 +45,8 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the work be done in this process, where everything is compiled."""
+    """Let the work be done in this process, where everything is compiled; figures are drawn, but not as SVG."""
+    monkeypatch.setattr(plot, "raw_svg", lambda _: "<svg></svg>")
     monkeypatch.setattr(batch, "executor_of", lambda *_, **__: InThisProcess())
 
 
@@ -358,7 +360,7 @@ def test_killed_again_and_again_it_ends_with_the_same_bytes(
     simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is killed when the first files of two kinds appear, which is in the midst of stages."""
-    killed, whole = tmp_path / "killed", simulated / "whole"
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
     args = ["batch", str(simulated / "batch.yaml"), str(simulated / "*.mcap"), "-q", "--workers", "1"]
     for wanted in ("bearings.parquet", "report.html"):
         program = subprocess.Popen([sys.executable, "-m", "occlog", *args, "-o", str(killed)], env=ENVIRONMENT)

@@ -29,6 +29,7 @@ from occlog.pipeline.run.stage import Stage
 from occlog.pipeline.run.stages import check_settings, plan, read_config
 from occlog.records.losses import Loss
 from occlog.records.tables import Particles, PeopleTracks, Tracks
+from occlog.report.drawing import plot
 
 SCENE = """
 occlog_scene: 1
@@ -58,6 +59,12 @@ OUTPUTS = {
     "report.png",
     "run.json",
 }
+
+
+@pytest.fixture(autouse=True)
+def without_svg(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn, but not as SVG, which takes most of the time of a short run."""
+    monkeypatch.setattr(plot, "raw_svg", lambda _: "<svg></svg>")
 
 
 @pytest.fixture

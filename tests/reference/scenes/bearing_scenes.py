@@ -98,7 +98,7 @@ def in_space(seed: int) -> Case:
 def simulated(seed: int) -> Case:
     """What the simulation makes: hidden targets, misses and false alarms."""
     place = cameras()
-    world = WorldConfig(steps=60, targets=3, occluders=2, diameter=1.0)
+    world = WorldConfig(steps=50, targets=3, occluders=2, diameter=1.0)
     true = Truth.concat(simulate_truth(place, world, seed))
     seen = Bearings.concat(observe(place, [true], ObserveConfig(diameter=1.0, miss=0.1, false_alarm=0.2), seed))
     own, random = true.take(true.role == "target"), np.random.default_rng(seed)

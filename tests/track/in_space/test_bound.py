@@ -27,7 +27,7 @@ from occlog.track.in_space import direct3d
 from occlog.track.in_space.config import Direct3dConfig
 
 pytestmark = pytest.mark.jit
-SIZE = Size(20, 50)
+SIZE = Size(20, 30)
 
 
 def mean_squares(scenario: int, method: str, particles: int, runs: int = SIZE.runs) -> np.ndarray:

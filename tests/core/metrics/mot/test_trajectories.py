@@ -336,7 +336,7 @@ def part_of(frames: Frames, first: int, stop: int) -> Frames:
 @pytest.mark.parametrize("ends_known", [True, False])
 @pytest.mark.parametrize("switch", [0.2, 0.6])
 def test_in_parts_trajectory_gospa_is_that_of_the_whole(step: int, ends_known: bool, switch: float) -> None:
-    for seed in range(6):
+    for seed in range(3):
         frames = walkers(seed, 3, 60)
         whole, count = trajectory_gospa(frames, 1.0, switch), len(frames.frame)
         sums = TrajectoryCosts(count, len(frames.truth_key), len(frames.track_key), 1.0, switch)
