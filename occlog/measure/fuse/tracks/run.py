@@ -92,11 +92,11 @@ def _apart(
             continue
         if not agreement.moments:
             text = "nobody is there at a time at which the tracks before it have anybody; check its clock"
-            yield finding(AGREE, "note", "group-at-other-times", f"{path}: {text}")
+            yield finding(AGREE, "warning", "group-at-other-times", f"{path}: {text}")
         elif not agreement.pairs:
             text = f"none of its people is one of those before it, though there are some at {agreement.moments} times"
             remedy = "if the groups of cameras see the same places, check their poses and clocks"
-            yield finding(AGREE, "note", "group-of-others", f"{path}: {text}; {remedy}")
+            yield finding(AGREE, "warning", "group-of-others", f"{path}: {text}; {remedy}")
         elif _beside(agreement, config):
             x, y = agreement.beside
             yield finding(
