@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import io
 import json
+import os
 from collections.abc import Iterator
 from typing import Any
 from xml.etree import ElementTree
@@ -17,6 +18,8 @@ from .readers import READERS
 from .watch import Watch, watching
 
 MOST_NODES = 60
+EVERY = int(os.environ.get("OCCLOG_FUZZ_EVERY", "3"))
+"""Of the values that a node is changed to every so many are tried, other ones at each node; with 1 all."""
 OTHERS: tuple[Any, ...] = (
     *(None, True, 0, -1, 2.5, 2**31, 2**63, 1e300, "", "x", "7", [], {}, [[]], [0], [None], [1, 2, 3], ["x"]),
     *({"x": 1}, {"id": 0}, [{}], [[1, 2], [3]], "2001-01-01", float("nan"), float("inf")),
@@ -33,8 +36,8 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 def changed(value: Any) -> Iterator[bytes]:
     """Texts with one value another, or not there."""
-    for *way, last in list(places(value))[:MOST_NODES]:
-        for other in (..., *OTHERS):
+    for n, (*way, last) in enumerate(list(places(value))[:MOST_NODES]):
+        for other in (..., *OTHERS)[n % EVERY :: EVERY]:
             new = copy.deepcopy(value)
             holder = new
             for key in way:

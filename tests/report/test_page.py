@@ -137,6 +137,7 @@ def test_headline_is_the_rmse_of_the_errors() -> None:
     assert float(tile.value) == pytest.approx(want, rel=1e-3)
 
 
+@pytest.mark.usefixtures("no_svg")
 def test_sensor_table_in_degrees() -> None:
     data = run(steps=200, cameras=2)
     row = rows_of(build_page(data), "Sensors")["camera 1"]
@@ -210,6 +211,7 @@ def test_picture_has_its_size_and_says_how_it_was_made() -> None:
     assert image.shape == (1056, 1650, 3)
 
 
+@pytest.mark.usefixtures("no_svg")
 def test_without_truth_the_sight_lines_are_shown() -> None:
     page = build_page(run(steps=100, cameras=4, truth=None, errors=None, bound=None, metrics={}))
     assert "Track and sight lines" in page
@@ -264,12 +266,14 @@ def test_a_target_that_stands_still_with_a_singular_covariance() -> None:
     assert "Floor plan" in build_page(ReportInput(tracks=still))
 
 
+@pytest.mark.usefixtures("no_svg")
 def test_losses_are_listed() -> None:
     page = build_page(ReportInput(scene=ring_scene(1), losses=(Loss("cam1.mp4", "frame 80", "ends early", 20),)))
     assert rows_of(page, "Input that was lost")["cam1.mp4"] == ["frame 80", "ends early", "20"]
     assert re.search(r"<dt>input lost</dt><dd class=\"value\">20<", page)
 
 
+@pytest.mark.usefixtures("no_svg")
 def test_many_targets_get_no_figures_of_their_own() -> None:
     page = build_page(run(steps=30, cameras=1, targets=8, bearings=None, diagnostics=None))
     assert page.count("Error and bound over time") == 2 * 6  # heading and title of the figure
@@ -304,6 +308,7 @@ def test_long_times_are_told_in_a_unit_that_suits_them() -> None:
     assert note == "8.292 h, 200 times"
 
 
+@pytest.mark.usefixtures("no_svg")
 def test_heights_have_figures_and_a_row_of_their_own() -> None:
     data = run(steps=200)
     n, columns = len(data.errors), {c.name: getattr(data.errors, c.name) for c in Errors.columns()}
@@ -338,6 +343,7 @@ def test_cameras_far_away_do_not_make_the_room_a_dot() -> None:
     assert "far away: remote" in build_page(data)
 
 
+@pytest.mark.usefixtures("no_svg")
 def test_doubtful_rows_are_counted_with_their_reasons() -> None:
     data = run()
     assert data.diagnostics is not None

@@ -24,6 +24,7 @@ from occlog.records.tables import Errors, PeopleTracks
 from occlog.report.beside import inputs
 from occlog.report.beside.inputs import names_of
 
+pytestmark = pytest.mark.usefixtures("no_svg")
 SCENE = """
 occlog_scene: 1
 room: [[-1, -1], [9, -1], [9, 9], [-1, 9]]
