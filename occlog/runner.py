@@ -17,6 +17,7 @@ from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES
+from occlog.records.verdicts import Check, texts_of
 from occlog.request import Request, load
 
 T = TypeVar("T")
@@ -109,6 +110,12 @@ class Job:
         """
         hashed = hash_inputs(self.request.inputs if inputs is None else inputs)
         return Provenance(self.request.OWNER, dict(parameters), seed, hashed, tuple(losses))
+
+    def judged(self, provenance: Provenance, checks: Iterable[Check]) -> Provenance:
+        """The provenance with what was checked of the outputs; what was found is written for the user."""
+        made = provenance.with_checks(checks)
+        console.note_findings(texts_of(made.judged, self.request.OWNER), self.quiet)
+        return made
 
     @contextmanager
     def tables(

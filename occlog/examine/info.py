@@ -303,14 +303,15 @@ def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict_lines(path: Path) -> list[str]:
-    """Whether the stages that made a file found their results plausible, and each warning."""
+    """Whether the stages that made a file found their results plausible, how much each checked, and each warning."""
     from occlog.io.files.inputs import verdicts_of_file
-    from occlog.records.verdicts import summary_of, texts_of
+    from occlog.records.verdicts import counts_of, summary_of, texts_of
 
     verdicts = verdicts_of_file(path)
     if not verdicts:
         return []
     lines = [f"plausible {plausible_in_words(summary_of(verdicts))}"]
+    lines += [f"checked   {verdict.stage}: {counts_of(verdict.checks)}" for verdict in verdicts]
     return lines + [f"          {text}" for text in texts_of(verdicts, "info")]
 
 

@@ -13,14 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Ints
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import InputDigests, Provenance, hash_file
 from occlog.io.files.times.frame_times import FrameTimes
-from occlog.io.files.times.utc import utc
 from occlog.io.files.untrusted.inputs import check_input
 from occlog.io.frames.camera_source import CameraSource
 from occlog.io.frames.decoders.process import Delivered
@@ -50,24 +48,9 @@ from .plan import IngestPlan, files_in
 from .request import IngestRequest
 from .scene import Sized, add_bag_cameras, base_scene, fit_sizes, match_cameras
 from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+from .times import Span, TimedWriter, Times
 from .truth_span import within_frames
 from .upright import Turn
-
-
-@dataclass
-class Span:
-    """First and last of some times [ns]; the first is later than the last where there are none."""
-
-    first: int = 2**63
-    last: int = -(2**63)
-
-    def take(self, first: int, last: int) -> None:
-        """Reach as far as these, too."""
-        self.first, self.last = min(self.first, first), max(self.last, last)
-
-    def __str__(self) -> str:
-        """Write both for people."""
-        return f"{utc(self.first)} to {utc(self.last)}"
 
 
 @dataclass
@@ -78,8 +61,7 @@ class Ingested(Failures):
     rows: dict[str, int] = field(default_factory=dict)
     times: dict[str, str] = field(default_factory=dict)
     tags: dict[str, int] = field(default_factory=dict)
-    true_ns: Span = field(default_factory=lambda: Span())
-    measured_ns: Span = field(default_factory=lambda: Span())
+    seen: Times = field(default_factory=Times)
 
 
 def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
@@ -109,7 +91,8 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
         provenance = Provenance("ingest", settings, None, _hashes(plan))
-        writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=job.overwrite))
+        writer = stack.enter_context(TimedWriter(plan.output, scene, provenance, overwrite=job.overwrite))
+        writer.times = done.seen
         # Tables first: a fault in one is then told before hours of video have been read.
         _write_reads(plan, scene, writer, done, note)
         _write_tables(plan, scene, turn, survey, times, writer, done, note)
@@ -117,13 +100,13 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             _write_frames(plan, sources, writer, done, job)
         if bag is not None:
             _write_bag(bag, plan, scene, turn, writer, done, job)
-        _doubt_times(done, note)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
             count = f"{counted(done.frames[name], 'frame')}, " if name in done.frames else ""
             note(f"camera {name}: {count}times from {source}")
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
-        writer.annotate(replace(provenance, parameters=parameters, losses=tuple(done.losses)))
+        made = replace(provenance, parameters=parameters, losses=tuple(done.losses))
+        writer.annotate(job.judged(made, done.seen.checks()))
     return _summary(plan, done), done.losses
 
 
@@ -173,17 +156,6 @@ def _write_bag(
     done.times.update(taking.times)
     for name, count in taking.rows.items():
         done.rows[name] = done.rows.get(name, 0) + count
-
-
-def _doubt_times(done: Ingested, note: Callable[[str], None]) -> None:
-    """Warn where nothing was measured while there is a truth: times of a truth do not count from the start time."""
-    true, measured = done.true_ns, done.measured_ns
-    there = true.first <= true.last and measured.first <= measured.last
-    if there and (true.last < measured.first or measured.last < true.first):
-        note(
-            f"warning: the truth ({true}) and what was measured ({measured}) have no time in common; is the start "
-            "time, the unit of times or the clock another?"
-        )
 
 
 def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
@@ -245,7 +217,6 @@ def _write_frames(
         else:
             writer.image(name, t_ns, frame.index, bytes(frame.data), frame.kind)
         done.frames[name] = done.frames.get(name, 0) + 1
-        done.measured_ns.take(t_ns, t_ns)
     if done.failures and not done.frames:
         raise done.failures[0]
     for source in sources:
@@ -305,10 +276,6 @@ def _write_tables(
         for table in chunks:
             writer.table(table)
             done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
-            if len(table):
-                t_ns: Ints = table.t_ns  # type: ignore[attr-defined]
-                span = done.true_ns if isinstance(table, Truth | TruthBoxes) else done.measured_ns
-                span.take(int(t_ns.min()), int(t_ns.max()))
             empty += int((table.box < 0).sum()) if isinstance(table, Boxes) and table.NAME == Boxes.NAME else 0
     if empty:
         rows = "row is" if empty == 1 else "rows are"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Literal
 
@@ -123,6 +124,16 @@ def plausible(checks: Iterable[Check]) -> bool | None:
     """Whether no check failed; None: none could be made."""
     made = [check.status for check in checks if check.status != "not applicable"]
     return "failed" not in made if made else None
+
+
+def counts_of(checks: Iterable[Check]) -> str:
+    """How many checks were made, and how they came out; `nothing` where there are none."""
+    made = tuple(checks)
+    by_status = Counter(check.status for check in made)
+    noted = sum(check.found and check.status == "passed" for check in made)
+    told = [f"{by_status['passed']} passed{f' ({noted} with a note)' if noted else ''}"] if made else ["nothing"]
+    told += [f"{by_status[status]} {status}" for status in ("failed", "not applicable") if by_status[status]]
+    return ", ".join(told)
 
 
 def findings(checks: Iterable[Check]) -> tuple[Check, ...]:

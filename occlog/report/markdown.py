@@ -38,7 +38,7 @@ def build_markdown(data: ReportInput) -> str:
             cells = ((name, *values) for name, values in table.rows)
             out += table_lines((table.kind.capitalize(), *table.columns), cells, "l" + "r" * len(table.columns))
     if checks := check_rows(data.verdicts):
-        out += ["## Checks", "", f"{check_counts(checks)}.", ""]
+        out += ["## Checks", "", f"{check_counts(data.verdicts)}.", ""]
         out += table_lines(("Check", "Stage", "Result", "Sensors, targets", "Figures"), checks, "lllll")
     out += ["## Tables read", ""]
     out += table_lines(("Table", "Rows", "Time"), ((r.name, r.value, r.note) for r in row_counts(data)), "lrl")

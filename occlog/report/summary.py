@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from occlog.console.text import noun
 from occlog.evaluate.mot.headline import own_identities
-from occlog.records.verdicts import Check, Verdict, all_plausible, made_checks
+from occlog.records.verdicts import Check, Verdict, all_plausible, counts_of, made_checks
 from occlog.report.content.metrics_in_words import Figure, number
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.content.people import People
@@ -140,16 +140,9 @@ def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
     ]
 
 
-def check_counts(rows: Sequence[CheckRow]) -> str:
+def check_counts(verdicts: Sequence[Verdict]) -> str:
     """How many checks were made, and how they came out."""
-    open_ = sum(row.result.startswith("not applicable") for row in rows)
-    failed = sum(row.result.startswith("failed") for row in rows)
-    noted = sum(row.result.startswith("passed, ") for row in rows)
-    told = [f"{len(rows) - open_ - failed} passed"]
-    told[0] += f" ({noted} with a note)" if noted else ""
-    told += [f"{failed} failed"] if failed else []
-    told += [f"{open_} not applicable"] if open_ else []
-    return ", ".join(told)
+    return counts_of(check for _, check in made_checks(verdicts))
 
 
 def affected(check: Check) -> str:

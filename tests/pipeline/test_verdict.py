@@ -12,14 +12,18 @@ import numpy as np
 import people_boxes as hall
 import pyarrow.parquet as pq
 import pytest
+from msgspec.structs import replace as replace_struct
 
 from occlog.cli.main import run
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import ExitCode
 from occlog.io.files.inputs import verdicts_of_file
 from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
 from occlog.io.models.schemas import verdict_schema
 from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.tables import PeopleTracks
 from occlog.records.verdicts import all_plausible, found_by_stage
 
 SECONDS, CROOKED = 12.0, "b"
@@ -73,13 +77,14 @@ def leans(stages_and_checks: Any) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def test_track_stores_what_it_checked_with_its_tracks(done: Path) -> None:
-    (verdict,) = read_provenance(done / "tracks.parquet").judged
+    *before, verdict = read_provenance(done / "tracks.parquet").judged
+    assert all(each.plausible for each in before)
     assert (verdict.stage, verdict.plausible) == ("track", False)
     status = {check.name: check.status for check in verdict.checks}
     assert status["offsets between the cameras"] == "failed"
     assert status["times of the cameras"] == "passed"
     metadata = pq.read_metadata(done / "tracks.parquet").metadata
-    jsonschema.validate(json.loads(metadata[b"occlog.provenance"])["verdicts"][0], verdict_schema())
+    jsonschema.validate(json.loads(metadata[b"occlog.provenance"])["verdicts"][-1], verdict_schema())
 
 
 def test_a_strict_run_names_the_stage_the_finding_and_the_camera(done: Path, folder: Path, capsys: Any) -> None:
@@ -134,6 +139,45 @@ def test_info_says_that_tracks_are_not_plausible(done: Path, capfd: pytest.Captu
     said = capfd.readouterr().out
     assert "plausible no (track: camera-leans b" in said
     assert "warning: track: " in said
+
+
+def test_stages_before_track_store_what_they_checked(
+    done: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    recording, bearings, fused = done / "recording.mcap", tmp_path / "bearings.parquet", tmp_path / "fused.parquet"
+    assert run(["detect", str(recording), "-o", str(bearings), "-q"]) == ExitCode.DONE
+    assert run(["fuse", str(bearings), "--scene", str(recording), "-o", str(fused), "-q"]) == ExitCode.DONE
+    assert [verdict.stage for verdict in verdicts_of_file(fused)] == ["ingest", "detect", "fuse"]
+    assert run(["info", str(fused)]) == ExitCode.DONE
+    said = capfd.readouterr().out
+    assert "checked   detect: 3 passed" in said
+    assert "checked   fuse: 0 passed, 1 not applicable" in said
+
+
+def test_a_strict_run_ends_with_6_where_ingest_finds_a_sensor_of_another_time(
+    folder: Path, tmp_path: Path, capsys: Any
+) -> None:
+    late = INGEST.replace("fps: 10", "fps: 10\n  start_time: [c=86400]").replace(": {a: a", f": {{a: {folder}/a")
+    late = late.replace(" b.csv", f" {folder}/b.csv").replace(" c.csv", f" {folder}/c.csv")
+    late = late.replace("scene.yaml", f"{folder}/scene.yaml")
+    (tmp_path / "late.yaml").write_text(f"occlog_run: 1\nseed: 1\ningest:\n{late}detect: {{}}\n")
+    args = ["run", str(tmp_path / "late.yaml"), "-o", str(tmp_path / "late"), "--strict"]
+    assert run(args) == ExitCode.THRESHOLD
+    assert "plausible: no (ingest: sensor-at-other-times c; " in " ".join(capsys.readouterr().out.split())
+
+
+def test_diff_and_export_say_that_tracks_are_not_plausible(done: Path, tmp_path: Path, capsys: Any) -> None:
+    tracks, other = done / "tracks.parquet", tmp_path / "tracks.parquet"
+    made = read_provenance(tracks)
+    good = tuple(replace_struct(verdict, plausible=True, checks=()) for verdict in made.judged)
+    write_table(other, read_table(tracks, PeopleTracks), replace(made, verdicts=good))
+    assert run(["diff", str(tracks), str(other)]) == ExitCode.DIFFERENT
+    said = capsys.readouterr().out
+    assert "different  tracks.parquet: verdict" in said
+    assert f"'camera-leans {CROOKED}' in A, '' in B" in said
+    for name in ("tracks.csv", "view.mcap"):
+        assert run(["export", str(tracks), "-o", str(tmp_path / name)]) == ExitCode.DONE
+        assert f"warning: track: camera {CROOKED} " in capsys.readouterr().err
 
 
 def test_compare_says_of_which_method_the_tracks_are_not_plausible(

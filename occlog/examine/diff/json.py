@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple, TypeGuard, cast
 
 from .result import ColumnDifference, Comparison, Difference, Limit, Scalar, Tolerances
@@ -133,6 +134,25 @@ def _short(value: object) -> Scalar:
     if isinstance(value, Mapping):
         return f"an object of {len(value)} entries"
     return f"a list of {len(value)} entries" if _is_list(value) else cast(Scalar, value)
+
+
+def compare_verdicts(name: str, a: Path, b: Path) -> list[Comparison]:
+    """Compare what stages that made both files found against them; nothing where they found the same."""
+    from occlog.io.files.inputs import verdicts_of_file
+
+    left, right = ({verdict.stage: verdict for verdict in verdicts_of_file(path)} for path in (a, b))
+    found_a, found_b = (
+        {
+            stage: {
+                "failed": ", ".join(" ".join([c.id, *c.sensors]) for c in of[stage].checks if c.status == "failed"),
+                "plausible": of[stage].plausible,
+            }
+            for stage in left
+            if stage in right
+        }
+        for of in (left, right)
+    )
+    return [] if found_a == found_b else [diff_json(f"{name}: verdict", found_a, found_b)]
 
 
 def compare_provenance(name: str, a: object, b: object) -> Comparison:

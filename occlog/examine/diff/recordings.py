@@ -15,7 +15,7 @@ from occlog.io.recording.rows import RECORDED, schema_of
 from occlog.records.columns import Table, check_order, column
 
 from .content import values_in
-from .json import compare_provenance, diff_json
+from .json import compare_provenance, compare_verdicts, diff_json
 from .result import Comparison, DiffSettings
 from .stage import diff_tables
 
@@ -55,6 +55,7 @@ def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> l
         if left.has(table) or right.has(table):
             rows = diff_tables(table, left.tables(table), right.tables(table), settings.tolerances, length_unit=unit)
             out.append(replace(rows, name=f"{name}: {table.NAME}"))
+    out += compare_verdicts(name, a, b)
     if settings.provenance:
         out.append(compare_provenance(name, left.provenance.as_dict(), right.provenance.as_dict()))
     return [found for found in out if found.count_a or found.count_b]

@@ -18,7 +18,7 @@ from occlog.io.open import Opened, check_unit, common_unit, open_if_ours
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES, table_with
 
-from .json import compare_provenance
+from .json import compare_provenance, compare_verdicts
 from .result import Comparison, Difference, DiffSettings, Scalar
 from .stage import diff_schemas, diff_tables
 
@@ -141,6 +141,7 @@ def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[C
         unit = said_a["length_unit"] if said_a["length_unit"] == said_b["length_unit"] else ""
         rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances, length_unit=unit)
         found = replace(rows, name=name, schema=schema)
+    verdicts = compare_verdicts(name, a, b)
     if not settings.provenance:
-        return [found]
-    return [found, compare_provenance(name, said_a["provenance"], said_b["provenance"])]
+        return [found, *verdicts]
+    return [found, *verdicts, compare_provenance(name, said_a["provenance"], said_b["provenance"])]

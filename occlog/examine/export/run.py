@@ -26,6 +26,7 @@ from occlog.records.losses import Loss
 from occlog.records.pieces import whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views
+from occlog.records.verdicts import texts_of
 
 from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
 from .columns import write_csv, write_parquet
@@ -128,6 +129,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     if missed:
         console.note(f"{request.output}: not held by {name}: {'; '.join(missed)}", request.quiet)
         summary |= {} if name == "csv" else {"not_held": list(missed)}
+    console.note_findings(texts_of(opened.provenance.judged, "export"), request.quiet)
     return summary, opened.losses
 
 

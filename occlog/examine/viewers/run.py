@@ -37,6 +37,7 @@ from occlog.io.recording.writer import PROTOBUF, ROS2, RecordingWriter
 from occlog.records.frames import Frame
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera
+from occlog.records.verdicts import texts_of
 
 from .inputs import Inputs, find_inputs, note_strangers
 from .layout import foxglove_layout
@@ -99,7 +100,9 @@ def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, obj
                 why = "tracks and boxes in images need --recording" if inputs.recording is None else "tables are empty"
                 raise InputError(f"{request.input}: there is nothing to show: {why}")
             losses = (*_lost_before(inputs), *sink.losses)
-            out.annotate(_provenance(inputs, request, losses))
+            made = _provenance(inputs, request, losses)
+            out.annotate(made)
+            console.note_findings(texts_of(made.judged, "export"), quiet)
         if request.layout is not None:
             text = json.dumps(foxglove_layout(sink.topics, inputs.scene), indent=1) + "\n"
             with open_output(request.layout, request.overwrite, together) as file:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from occlog.records.frames import Frame
@@ -20,10 +21,14 @@ class LeftOut:
     """Gathers the numbers while frames stream by.
 
     Frames that are numbered in steps (0, 5, 10) leave no number out between them.
+
+    Attributes:
+        frames: how many of each camera passed.
     """
 
     def __init__(self) -> None:
         """Nothing was seen yet."""
+        self.frames: Counter[str] = Counter()
         self._last: dict[str, int] = {}
         self._step: dict[str, int] = {}  # that divides all differences of the numbers of a camera
         self._gaps: dict[str, list[tuple[int, int]]] = {}
@@ -51,6 +56,7 @@ class LeftOut:
                     stretches.append(numbers)
 
     def _see(self, sensor: str, number: int) -> None:
+        self.frames[sensor] += 1
         last = self._last.get(sensor)
         self._last[sensor] = number
         if last is None or number <= last:

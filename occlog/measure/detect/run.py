@@ -17,7 +17,6 @@ from occlog.io.files.untrusted.inputs import FOREIGN_BAG, check_input
 from occlog.io.open import check_unit, load_scene, open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections
-from occlog.measure.fuse.cameras import placed_cameras
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.run import FuseTally
 from occlog.measure.fuse.stage import fuse
@@ -33,6 +32,7 @@ from .by_background.learning import TargetBox, learn
 from .by_background.one_camera import upright
 from .by_background.stage import Learned, detect
 from .by_background.target import Target
+from .checks import Checked
 from .config import DetectConfig, parameters
 from .from_boxes import detect_boxes
 from .labels import survey_labels
@@ -57,22 +57,24 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
             "warning: the world of the scene seems not to be upright: sizes of people come from the images, and "
             "bearings mean little; turn it upright with `occlog ingest --up auto`"
         )
-    fused = FuseTally()
+    fused: FuseTally | None = None
     if request.fuse:
         heights = {name: request.settings[name] for name in ("person_height",) if name in request.settings}
         config = configure(FuseConfig.in_unit(scene.length_unit), {**heights, **request.fusion})
+        fused = FuseTally(scene, config)
         detections = _fused(detections, scene, config, fused)
         used |= {"fusion": asdict(config)}
     earlier = () if request.near is None else open_input(request.near).losses
     lost = dict.fromkeys((*opened.losses, *earlier))
-    losses, tally = write_detections(job, detections, {"cameras": list(request.cameras), **used}, lost, left, scene)
+    whole = {"cameras": list(request.cameras), **used}
+    losses, tally = write_detections(job, detections, whole, lost, left, scene, fused=fused)
     if tally["regions"] and not any(c.placed for c in scene.cameras):
         job.note(
             "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, or "
             f"give a scene ({option('scene')})"
         )
     summary: dict[str, object] = {"bearings": str(request.output), **_figures(tally)}
-    if request.fuse:
+    if fused is not None:
         fused.warn(job.quiet)
         summary |= {"fusion": fused.summary()}
     return summary, losses
@@ -86,6 +88,7 @@ def write_detections(
     left: LeftOut,
     scene: Scene,
     inputs: Sequence[Path] | None = None,
+    fused: FuseTally | None = None,
 ) -> tuple[list[Loss], Counter[str]]:
     """Write the tables that were asked for.
 
@@ -97,17 +100,19 @@ def write_detections(
         left: has seen the frames.
         scene: of the cameras.
         inputs: files that are read; None: those of the request.
+        fused: counts the rows of the fusion; None: nothing is fused.
 
     Returns:
         All losses, and counts of frames, regions, rows and rows that are seen.
     """
     provenance = job.provenance(parameters, inputs=inputs)
-    losses, tally = list(lost), Counter[str]()
+    losses, tally, checked = list(lost), Counter[str](), Checked(scene)
     fields = {job.request.table_of(name): name for name in job.request.files(output=True)}
     with job.tables(provenance, scene.length_unit) as tables:
         for part in parts:
             found: dict[str, Table] = {Bearings.NAME: part.bearings, Views.NAME: part.views}
             tables.write(**{field: found[table] for table, field in fields.items()})
+            checked.add(part.views)
             losses += part.losses
             left.lost(part.losses)
             tally.update(
@@ -118,7 +123,9 @@ def write_detections(
                 seen=int(part.bearings.seen.sum()),
             )
         final = {**parameters, **left.parameters()}
-        tables.annotate(replace(provenance, losses=tuple(losses), parameters=final))
+        made = replace(provenance, losses=tuple(losses), parameters=final)
+        of_fusion = () if fused is None else fused.checks()
+        tables.annotate(job.judged(made, (*checked.checks(left.frames), *of_fusion)))
     return losses, tally
 
 
@@ -131,15 +138,10 @@ def _figures(tally: Counter[str]) -> dict[str, int]:
 def _fused(
     detections: Iterator[Detections], scene: Scene, config: FuseConfig, tally: FuseTally
 ) -> Iterator[Detections]:
-    """The parts after the fusion, counted; InputError at once for a scene in which nothing can be fused."""
-    placed_cameras(scene, config)
-
-    def parts() -> Iterator[Detections]:
-        for part in fuse(detections, scene, config):
-            tally.add(part)
-            yield part.detections
-
-    return parts()
+    """The parts after the fusion, counted."""
+    for part in fuse(detections, scene, config):
+        tally.add(part)
+        yield part.detections
 
 
 def _detections(

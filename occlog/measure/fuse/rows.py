@@ -89,6 +89,15 @@ class Ledger:
         np.add.at(out[:, 1], np.array([n[1] for n in self._new], dtype=np.int64), 1)
         return out
 
+    def of_targets(self) -> Ints:
+        """(C, 2) detections with a label of each camera that were kept, removed."""
+        out = np.zeros((len(self.cameras.placed), 2), dtype=np.int64)
+        for column, cause in enumerate((KEPT, REMOVED)):
+            np.add.at(
+                out[:, column], self.camera_of[(self.cause == cause) & (self.bearings.target_id != UNLABELLED)], 1
+            )
+        return out
+
     def _changed_bearings(self) -> Bearings:
         b = self.bearings
         cause = self.cause.copy()

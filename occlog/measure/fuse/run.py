@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from occlog import console
+from occlog.consistency.verdict import FEWEST, beyond
 from occlog.errors import UsageError, option
 from occlog.io.open import open_input
 from occlog.records.left_out_frames import carried
 from occlog.records.tables import Tracks, Views
+from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
 from occlog.scans.inputs import Inputs
 from occlog.settings import configure
 
+from .cameras import placed_cameras
 from .config import FuseConfig
 from .moments import together
 from .request import FuseRequest
@@ -22,6 +26,12 @@ from .stage import Fused, fuse
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
+    from occlog.records.scene import Scene
+
+AGREE = "agreement of the cameras"
+"""Name of the check."""
+MOST_REMOVED = 0.2
+"""Share of a camera's detections of targets that the fusion removes that matters, beside its stated false ones."""
 
 
 def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -40,11 +50,12 @@ def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[L
     kept = {} if request.views is None else carried(open_input(request.views).provenance.parameters)
     provenance = job.provenance({**asdict(config), **kept}, inputs.losses)
     chunks = job.progress(inputs.chunks, "fuse")
-    tally = FuseTally()
+    tally = FuseTally(inputs.scene, config)
     with job.tables(provenance, unit) as tables:
         for part in fuse(together(views, chunks), inputs.scene, config):
             tables.write(output=part.bearings, fused_views=part.views)
             tally.add(part)
+        tables.annotate(job.judged(provenance, tally.checks()))
     tally.warn(job.quiet)
     return {"bearings": str(request.output), **tally.summary()}, inputs.losses
 
@@ -52,15 +63,20 @@ def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[L
 class FuseTally:
     """Figures of the summary of a fusion, gathered while streaming."""
 
-    def __init__(self) -> None:
+    def __init__(self, scene: Scene, config: FuseConfig) -> None:
         """Start with no figures."""
+        cameras = placed_cameras(scene, config)
+        self._false = dict(zip(cameras.names, cameras.p_false.tolist(), strict=True))
         self.totals: Counter[str] = Counter()
         self.cameras: dict[str, Counter[str]] = {}
+        self._of_targets: dict[str, Counter[str]] = {}  # detections with a label
 
     def add(self, part: Fused) -> None:
         """Count the rows of one more part."""
         for name, counts in part.counts.items():
             self.cameras.setdefault(name, Counter()).update(counts)
+        for name, (kept, removed) in part.targets.items():
+            self._of_targets.setdefault(name, Counter()).update(kept=kept, removed=removed)
         self.totals.update(moments=part.moments, declared=part.declared, not_declared=part.absent, alone=part.alone)
 
     def summary(self) -> dict[str, object]:
@@ -74,6 +90,32 @@ class FuseTally:
         out: dict[str, object] = {k: self.totals[k] for k in ("moments", "declared", "not_declared")}
         out |= {k: whole[k] for k in ("kept", "recovered", "removed")}
         return out | {"cameras": {name: dict(counts) for name, counts in self.cameras.items()}}
+
+    def checks(self) -> tuple[Check, ...]:
+        """Whether the cameras agree on where targets are: detections with a label that the fusion removes."""
+        removed = {name: own["removed"] for name, own in self._of_targets.items()}
+        whole = {name: own.total() for name, own in self._of_targets.items()}
+        told = [name for name, count in whole.items() if count >= FEWEST]
+        few = f"no camera has {FEWEST} detections with a label; of those without one many may be false"
+        limits = {name: MOST_REMOVED + self._false[name] for name in told}
+        worst = max(told, key=lambda name: removed[name] / whole[name] - limits[name], default="")
+        share, limit = (removed[worst] / whole[worst], limits[worst]) if told else (math.nan, math.nan)
+        found: tuple[Check, ...] = ()
+        if told and beyond(removed[worst], whole[worst], limit):
+            found = (
+                finding(
+                    AGREE,
+                    "warning",
+                    "removed-many",
+                    f"camera {worst}: {removed[worst]} of {whole[worst]} detections of targets are not where the other "
+                    f"cameras have them, and are removed (allowed: {limit:.0%}); check its pose, its clock and "
+                    f"its labels, or leave {worst} out",
+                    sensors=[worst],
+                    share=share,
+                    allowed=limit,
+                ),
+            )
+        return outcome(AGREE, found, unless="" if told else few, share=share, allowed=limit)
 
     def warn(self, quiet: bool) -> None:
         """Print a note if at most moments a single camera delivered a frame, so that there is nothing to fuse."""

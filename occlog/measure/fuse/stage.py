@@ -40,6 +40,7 @@ class Fused(NamedTuple):
     frames: int
     warmup: int
     counts: dict[str, dict[str, int]]  # by camera: detections kept, recovered, removed
+    targets: dict[str, tuple[int, ...]]  # by camera: detections with a label kept, removed
     moments: int
     alone: int  # moments in which a single camera delivered a frame
     declared: int  # objects declared, one a moment and object
@@ -108,6 +109,7 @@ def _fuse_part(part: Part, camera_of: Ints, cameras: PlacedCameras, state: _Stat
     views, bearings = ledger.tables(state.frames)
     rows = ledger.counts().tolist()
     counts = {name: dict(zip(CAUSES, row, strict=True)) for name, row in zip(cameras.names, rows, strict=True)}
+    targets = dict(zip(cameras.names, map(tuple, ledger.of_targets().tolist()), strict=True))
     after = (state.moments, state.alone, state.declared, state.absent)
     more = dict(zip(("moments", "alone", "declared", "absent"), np.subtract(after, before).tolist(), strict=True))
     came = part.losses
@@ -118,6 +120,7 @@ def _fuse_part(part: Part, camera_of: Ints, cameras: PlacedCameras, state: _Stat
         frames=came.frames,
         warmup=came.warmup,
         counts=counts,
+        targets=targets,
         **more,
     )
 

@@ -26,6 +26,7 @@ from occlog.records.tables import Doa
 from occlog.runner import Job
 from occlog.settings import configure
 
+from .channels import Channels, checks
 from .config import ListenConfig
 from .locate import library
 from .request import ListenRequest
@@ -91,7 +92,8 @@ def run_listen(request: ListenRequest, job: Job) -> tuple[dict[str, object], lis
     chosen = _arrays(plan, scene)
     sounds = {name: open_sound(path) for name, path in chosen.items()}
     tallies = {name: ListenTally() for name in chosen}
-    streams = [_directions(scene, name, sounds[name], plan, tallies[name], job) for name in chosen]
+    channels = {name: Channels() for name in chosen}
+    streams = [_directions(scene, name, sounds[name], plan, tallies[name], channels[name], job) for name in chosen]
     parameters = {
         **asdict(plan.config),
         "sounds": {n: p.name for n, p in chosen.items()},
@@ -105,7 +107,8 @@ def run_listen(request: ListenRequest, job: Job) -> tuple[dict[str, object], lis
             tables.write(output=table)
             rows[str(table.sensor[0])] += len(table)
         losses = [loss for sound in sounds.values() for loss in sound.losses]
-        tables.annotate(replace(provenance, losses=tuple(losses)))
+        made = replace(provenance, losses=tuple(losses))
+        tables.annotate(job.judged(made, checks(channels, tallies, rows)))
     seconds = {name: sound.frames / sound.rate for name, sound in sounds.items()}
     return {
         "doa": str(request.output),
@@ -149,7 +152,9 @@ def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
     return out
 
 
-def _directions(scene: Scene, name: str, sound: Sound, plan: _Plan, tally: ListenTally, job: Job) -> Iterator[Doa]:
+def _directions(
+    scene: Scene, name: str, sound: Sound, plan: _Plan, tally: ListenTally, channels: Channels, job: Job
+) -> Iterator[Doa]:
     """Directions of one array, by world time."""
     array = next(a for a in scene.arrays if a.name == name)
     _check_channels(sound, array, plan.channels)
@@ -165,7 +170,7 @@ def _directions(scene: Scene, name: str, sound: Sound, plan: _Plan, tally: Liste
             f"take a shorter {option('frame')} and "
             f"{option('window')}, or leave the file out"
         )
-    blocks = _blocks(sound, plan.channels)
+    blocks = channels.watch(_blocks(sound, plan.channels))
     found = listen(blocks, sound.rate, array, scene.length_unit, plan.config, start, tally)
     for table in job.progress(found, f"listen {name}", total):
         yield table if clock is None else replace(table, t_ns=to_world_time(table.t_ns, clock, start))

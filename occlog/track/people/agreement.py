@@ -197,8 +197,8 @@ class Agreement:
             "camera-leans",
             f"camera {self.names[c]} has people {abs(leans[c]):.2g} of their height to the "
             f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: {LEAN:g}; it is "
-            f"{abs(errors[c]):.0f} standard errors): check its yaw, its principal point and whose boxes it has, or leave "
-            f"{self.names[c]} out",
+            f"{abs(errors[c]):.0f} standard errors): check its yaw, its principal point and whose boxes it has, or "
+            f"leave {self.names[c]} out",
             sensors=[self.names[c]],
             lean=float(leans[c]),
             allowed=LEAN,

@@ -11,12 +11,15 @@ from occlog.plugins.interface import ViewTracker
 from occlog.plugins.loading import Plugin
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, Views
+from occlog.records.verdicts import finding, outcome
 from occlog.runner import Job
 from occlog.track.catalogue import METHODS
 from occlog.track.request import SingleViewRequest
 
 from .stage import Trackers, follow
 
+FOUND = "number of people"
+"""Name of the check."""
 REMEDY = "give a recording with boxes of a detector, or the boxes or views that one has found"
 
 
@@ -60,6 +63,9 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
                 raise UsageError(f"no camera {name!r} in {request.bearings}; there are {', '.join(sorted(seen))}")
         if not trackers.cameras:
             raise InputError(f"{request.bearings}: no camera is left to track in; use at least one")
+        none = f"method {request.method} found nobody: the tracks are empty"
+        nobody = () if trackers.numbers else (finding(FOUND, "note", "nobody", none),)
+        tables.annotate(job.judged(provenance, outcome(FOUND, nobody, people=len(trackers.numbers))))
     summary: dict[str, object] = {
         "tracks": str(request.output),
         "method": request.method,

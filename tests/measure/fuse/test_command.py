@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tracker_scenes import room100
 
 from occlog.cli.main import run
+from occlog.core.sight.camera import wrap_angle
 from occlog.errors import ExitCode
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.header import read_provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
@@ -52,6 +55,26 @@ def test_detect_and_fuse_do_the_same(recording, tmp_path, capsys):
     assert np.count_nonzero(b.seen) > np.count_nonzero(read_table(plain, Bearings).seen)
     assert read_provenance(two).parameters["p_false"] == 0.1
     assert read_provenance(one).parameters["fusion"]["p_false"] == 0.1
+
+
+@pytest.mark.parametrize(("degrees", "seed"), [(0, 1), (0, 2), (0, 3), (15, 1), (-15, 2)])
+def test_a_camera_that_is_turned_has_its_detections_removed_and_is_named(tmp_path, degrees, seed):
+    """Clean rooms and false detections as they are stated; then the camera that sees most, turned."""
+    (tmp_path / "scene.yaml").write_text(scene_to_yaml(room100(pillar=False)))
+    walk, turned, fused = tmp_path / "walk.mcap", tmp_path / "turned.parquet", tmp_path / "fused.parquet"
+    options = ["--steps", "150", "--miss", "0.1", "--false-alarm", "0.1", "--seed", str(seed), "-q"]
+    assert run(["simulate", str(tmp_path / "scene.yaml"), "-o", str(walk), *options]) == ExitCode.DONE
+    assert run(["detect", str(walk), "-o", str(turned), "-q"]) == ExitCode.DONE
+    rows = read_table(turned, Bearings)
+    names, counts = np.unique(rows.sensor[rows.seen], return_counts=True)
+    crooked = str(names[np.argmax(counts)])
+    off = np.where(rows.sensor == crooked, np.radians(degrees), 0.0)
+    write_table(turned, replace(rows, bearing=wrap_angle(rows.bearing + off)), Provenance("test"), overwrite=True)
+    assert run(["fuse", str(turned), "--scene", str(walk), "-o", str(fused), "-q"]) == ExitCode.DONE
+    (verdict,) = [each for each in read_provenance(fused).judged if each.stage == "fuse"]
+    told = [(check.id, check.sensors) for check in verdict.checks if check.found]
+    assert told == ([("removed-many", (crooked,))] if degrees else [])
+    assert verdict.plausible is (not degrees)
 
 
 def test_tracks_take_recovered_rows_as_not_seen_unless_told_otherwise(recording, tmp_path):

@@ -14,12 +14,15 @@ from occlog.io.open import check_unit, common_unit, losses_of, open_input
 from occlog.measure.fuse.request import TrackFusionRequest
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
+from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import TrackFusionConfig
 from .stage import Agreement, Fused, fuse_tracks
 
+FOUND, AGREE = "number of people", "agreement of the groups of cameras"
+"""Names of checks."""
 BESIDE = 2.0
 """Groups whose places differ by more than so many times the expected error, on average, are said to."""
 
@@ -35,10 +38,9 @@ def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, ob
     groups = [each.read(PeopleTracks) for each in opened]
     fused = fuse_tracks(groups, config)
     losses = losses_of(opened)
-    with job.tables(job.provenance(asdict(config), losses), unit, {"output": type(fused.tracks)}) as tables:
+    made = job.judged(job.provenance(asdict(config), losses), _checks(paths, groups, fused, config, unit))
+    with job.tables(made, unit, {"output": type(fused.tracks)}) as tables:
         tables.write(output=fused.tracks, events=fused.events)
-    for line in _notes(paths, groups, fused, config, unit):
-        job.note(f"warning: {line}")
     written = {"tracks": str(request.output)} | ({} if request.events is None else {"events": str(request.events)})
     return {**written, **figures(paths, groups, fused)}, losses
 
@@ -68,28 +70,43 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused) -
     }
 
 
-def _notes(
+def _checks(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused, config: TrackFusionConfig, unit: str
-) -> Iterator[str]:
-    """What a user must know of the inputs."""
-    for path, group in zip(paths, groups, strict=True):
-        if not len(group):
-            yield f"{path}: holds nobody"
+) -> tuple[Check, ...]:
+    """What was checked of the inputs, and what was found."""
+    anybody = any(len(group) for group in groups)
+    empty = (
+        finding(FOUND, "note", "nobody", f"{path}: holds nobody")
+        for path, group in zip(paths, groups, strict=True)
+        if not len(group)
+    )
+    return (*outcome(FOUND, empty), *outcome(AGREE, _apart(paths, groups, fused, config, unit) if anybody else ()))
+
+
+def _apart(
+    paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused, config: TrackFusionConfig, unit: str
+) -> Iterator[Check]:
+    """Groups that have nobody in common with those before, or are beside them."""
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
-        if not len(group) or not any(len(g) for g in groups):
+        if not len(group):
             continue
         if not agreement.moments:
-            yield f"{path}: nobody is there at a time at which the tracks before it have anybody; check its clock"
+            text = "nobody is there at a time at which the tracks before it have anybody; check its clock"
+            yield finding(AGREE, "warning", "group-at-other-times", f"{path}: {text}")
         elif not agreement.pairs:
-            yield (
-                f"{path}: none of its people is one of those before it, though there are some at {agreement.moments} "
-                "times; if the groups of cameras see the same places, check their poses and clocks"
-            )
+            text = f"none of its people is one of those before it, though there are some at {agreement.moments} times"
+            remedy = "if the groups of cameras see the same places, check their poses and clocks"
+            yield finding(AGREE, "warning", "group-of-others", f"{path}: {text}; {remedy}")
         elif _beside(agreement, config):
             x, y = agreement.beside
-            yield (
-                f"{path}: its people are beside those before it by ({x:.3g}, {y:.3g}) {unit} on average; check poses "
-                "and clocks"
+            yield finding(
+                AGREE,
+                "warning",
+                "group-beside",
+                f"{path}: its people are beside those before it by ({x:.3g}, {y:.3g}) {unit} on average (allowed: "
+                f"{BESIDE * config.error:.3g} {unit}); check poses and clocks",
+                beside=math.hypot(x, y),
+                allowed=BESIDE * config.error,
             )
 
 

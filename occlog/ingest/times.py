@@ -1,0 +1,165 @@
+"""What is checked of a new recording: sensors that measure at other times, times that jump, a truth of another time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from occlog.array_types import NS, Ints
+from occlog.io.files.times.utc import utc
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.columns import Table
+from occlog.records.tables import Boxes, Doa, Truth, TruthBoxes
+from occlog.records.verdicts import Check, finding, outcome
+
+SENSORS, FRAMES, TRUE = "times of the sensors", "intervals of the frames", "times of the truth"
+"""Names of checks."""
+FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
+"""So far from all others a sensor's times are apart, and from the length of the others on; rows are only where
+something was detected."""
+FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
+"""Of fewer frames nothing is said; an interval above this share of all time, and this long, is a jump."""
+
+
+@dataclass
+class Span:
+    """First and last of some times [ns]; the first is later than the last where there are none."""
+
+    first: int = 2**63
+    last: int = -(2**63)
+
+    def take(self, first: int, last: int) -> None:
+        """Reach as far as these, too."""
+        self.first, self.last = min(self.first, first), max(self.last, last)
+
+    def __str__(self) -> str:
+        """Write both for people."""
+        return f"{utc(self.first)} to {utc(self.last)}"
+
+
+@dataclass
+class FrameTimes(Span):
+    """Times of a camera's frames.
+
+    Attributes:
+        count: number of frames.
+        longest: largest interval [ns].
+        before: time before it.
+    """
+
+    count: int = 0
+    longest: int = 0
+    before: int = 0
+
+    def add(self, t_ns: int) -> None:
+        """Take in the next frame."""
+        if self.count and t_ns - self.last > self.longest:
+            self.longest, self.before = t_ns - self.last, self.last
+        self.count += 1
+        self.take(t_ns, t_ns)
+
+
+@dataclass
+class Times:
+    """Times of what a recording holds.
+
+    Attributes:
+        frames: of each camera.
+        rows: of boxes and directions of each sensor.
+        true: of the truth.
+    """
+
+    frames: dict[str, FrameTimes] = field(default_factory=dict)
+    rows: dict[str, Span] = field(default_factory=dict)
+    true: Span = field(default_factory=Span)
+
+    def table(self, table: Table) -> None:
+        """Take in rows."""
+        if not len(table):
+            return
+        t_ns: Ints = table.t_ns  # type: ignore[attr-defined]
+        if isinstance(table, Truth | TruthBoxes):
+            self.true.take(int(t_ns.min()), int(t_ns.max()))
+        elif isinstance(table, Boxes | Doa):
+            for name in dict.fromkeys(table.sensor.tolist()):
+                own = t_ns[table.sensor == name]
+                self.rows.setdefault(name, Span()).take(int(own.min()), int(own.max()))
+
+    def checks(self) -> tuple[Check, ...]:
+        """What was checked, and what was found."""
+        several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
+        long = any(own.count >= FEWEST for own in self.frames.values())
+        truth = "" if self.true.first <= self.true.last and (self.frames or self.rows) else "there is no truth"
+        apart = (*_apart(self.frames, FRAMES_APART_NS), *_apart(self.rows, ROWS_APART_NS))
+        return (
+            *outcome(SENSORS, apart, unless=several),
+            *outcome(FRAMES, self._jumps(), unless="" if long else f"no camera has {FEWEST} frames"),
+            *outcome(TRUE, () if truth else self._of_truth(), unless=truth),
+        )
+
+    def _jumps(self) -> Iterator[Check]:
+        """Cameras of which one interval is longer than all others together."""
+        for name, own in sorted(self.frames.items()):
+            if own.count >= FEWEST and own.longest > max(JUMP * (own.last - own.first), JUMP_NS):
+                yield finding(
+                    FRAMES,
+                    "note",
+                    "times-jump",
+                    f"camera {name}: its times jump by {own.longest / NS:.6g} s at {utc(own.before)}, which is longer "
+                    f"than the rest of its {own.count} frames: was its clock set, or the recording interrupted?",
+                    sensors=[name],
+                    jump_s=own.longest / NS,
+                )
+
+    def _of_truth(self) -> Iterator[Check]:
+        """A truth without any time in common with what was measured."""
+        measured = Span()
+        for own in (*self.frames.values(), *self.rows.values()):
+            measured.take(own.first, own.last)
+        if self.true.last < measured.first or measured.last < self.true.first:
+            yield finding(
+                TRUE,
+                "warning",
+                "truth-at-other-times",
+                f"the truth ({self.true}) and what was measured ({measured}) have no time in common; is the start "
+                "time, the unit of times or the clock another?",
+            )
+
+
+class TimedWriter(RecordingWriter):
+    """Writes a recording, and keeps the times of what it writes."""
+
+    times: Times
+
+    def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
+        """Add a compressed image."""
+        self.times.frames.setdefault(sensor, FrameTimes()).add(t_ns)
+        super().image(sensor, t_ns, index, data, kind)
+
+    def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
+        """Add the time of one frame of a linked video."""
+        self.times.frames.setdefault(sensor, FrameTimes()).add(t_ns)
+        super().video_frame(sensor, t_ns, index)
+
+    def table(self, table: Table) -> None:
+        """Add rows."""
+        self.times.table(table)
+        super().table(table)
+
+
+def _apart(times: dict[str, FrameTimes] | dict[str, Span], least: int) -> Iterator[Check]:
+    """Sensors whose times are far from those of all others."""
+    for name, own in sorted(times.items()):
+        others = [each for other, each in times.items() if other != name]
+        far = min((max(each.first - own.last, own.first - each.last) for each in others), default=0)
+        length = max((each.last for each in others), default=0) - min((each.first for each in others), default=0)
+        if far > max(least, length):
+            yield finding(
+                SENSORS,
+                "warning",
+                "sensor-at-other-times",
+                f"{name} measures at no time at which another sensor does: its times are {own}, {far / NS:.6g} s from "
+                "the others'; check its clock, its start time and the unit of its times",
+                sensors=[name],
+                apart_s=far / NS,
+            )

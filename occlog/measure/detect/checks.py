@@ -1,0 +1,139 @@
+"""What is checked of detections: cameras that detect nobody, boxes outside the image, one that stays where it is."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.consistency.verdict import beyond
+from occlog.records.scene import Scene
+from occlog.records.tables import Views
+from occlog.records.verdicts import Check, finding, outcome
+
+DETECTS, INSIDE, STAYS = "detections of each camera", "detections inside the images", "detections that stay in place"
+"""Names of checks."""
+FEWEST = 50
+"""Of a camera with fewer frames nothing is said."""
+LOOKS = 200
+"""Frames of a camera in which detections are compared, evenly spread; at most twice as many are kept."""
+SAME, STAYING = 0.7, 0.9
+"""Boxes with this intersection over union are at one place; one there in so large a share of all frames stays."""
+OFTEN = 0.5
+"""A camera with detections in this share of its frames shows that there is something to detect."""
+OUTSIDE = 0.01
+"""Share of boxes wholly outside the image that matters."""
+
+
+class Checked:
+    """Gathers what is checked while views stream by."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Nothing was seen yet."""
+        self._sizes = {c.name: c.image_size for c in scene.cameras}
+        self._boxes: Counter[str] = Counter()
+        self._outside: Counter[str] = Counter()
+        self._frames: Counter[str] = Counter()  # with detections
+        self._every: dict[str, int] = {}
+        self._kept: dict[str, list[Floats]] = {}  # of each camera the (k, 4) edges in a frame
+
+    def add(self, views: Views) -> None:
+        """Take in some more; rows that a fusion recovered have no box."""
+        for name in np.unique(views.sensor).tolist():
+            own = views.take((views.sensor == name) & np.isfinite(views.left_px))
+            edges = np.column_stack([own.left_px, own.top_px, own.width_px, own.height_px])
+            edges[:, 2:] += edges[:, :2]
+            self._boxes[name] += len(own)
+            if (size := self._sizes.get(name)) is not None:
+                out = (edges[:, :2] > size).any(axis=1) | (edges[:, 2:] < 0.0).any(axis=1)
+                self._outside[name] += int(np.count_nonzero(out))
+            for frame in np.split(edges, np.flatnonzero(np.diff(own.t_ns)) + 1):
+                self._see(name, frame)
+
+    def _see(self, name: str, edges: Floats) -> None:
+        if not len(edges):
+            return
+        kept, every = self._kept.setdefault(name, []), self._every.setdefault(name, 1)
+        if self._frames[name] % every == 0:
+            kept.append(edges)
+            if len(kept) > 2 * LOOKS:
+                self._kept[name], self._every[name] = kept[::2], 2 * every
+        self._frames[name] += 1
+
+    def checks(self, frames: Mapping[str, int]) -> tuple[Check, ...]:
+        """What was checked, and what was found.
+
+        Args:
+            frames: number of frames of each camera that was looked at.
+        """
+        enough = {name: count for name, count in frames.items() if count >= FEWEST}
+        few = "" if enough else f"no camera has {FEWEST} frames"
+        boxes = "" if self._boxes else "there are no boxes"
+        return (
+            *outcome(DETECTS, self._none(enough), unless=few),
+            *outcome(INSIDE, self._wide(), unless=boxes),
+            *outcome(STAYS, self._staying(enough), unless=few or boxes),
+        )
+
+    def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:
+        """Cameras that detect nobody where another one often does."""
+        shares = {name: self._frames[name] / count for name, count in frames.items()}
+        often = max(shares, key=lambda name: shares[name], default="")
+        for name in (each for each, share in sorted(shares.items()) if not share and shares[often] >= OFTEN):
+            yield finding(
+                DETECTS,
+                "note",
+                "no-detections",
+                f"camera {name} detects nobody in any of its {frames[name]} frames, and {often} somebody in "
+                f"{shares[often]:.0%} of its own: check its images, how large people are expected to be in them, and "
+                "whether it looks at the same place",
+                sensors=[name],
+                frames=frames[name],
+            )
+
+    def _wide(self) -> Iterator[Check]:
+        """Cameras with boxes outside the image."""
+        for name, count in sorted(self._boxes.items()):
+            if beyond(self._outside[name], count, OUTSIDE):
+                yield finding(
+                    INSIDE,
+                    "warning",
+                    "boxes-outside",
+                    f"camera {name}: {self._outside[name]} of {count} boxes lie outside the image (allowed: "
+                    f"{OUTSIDE:.0%}); is the calibration for another size of the image, or are the boxes another "
+                    "camera's?",
+                    sensors=[name],
+                    share=self._outside[name] / count,
+                    allowed=OUTSIDE,
+                )
+
+    def _staying(self, frames: Mapping[str, int]) -> Iterator[Check]:
+        """Cameras that nearly always detect the same place of the image."""
+        for name, count in sorted(frames.items()):
+            kept = self._kept.get(name, [])
+            if self._frames[name] <= STAYING * count or not kept:
+                continue
+            found = [float(np.mean([_overlaps(box, frame) for frame in kept])) for box in kept[len(kept) // 2]]
+            share = max(found) * self._frames[name] / count
+            if share > STAYING:
+                left, top, right, bottom = kept[len(kept) // 2][int(np.argmax(found))].tolist()
+                yield finding(
+                    STAYS,
+                    "note",
+                    "detection-stays",
+                    f"camera {name} has a detection at one place of its image, about ({0.5 * (left + right):.0f}, "
+                    f"{0.5 * (top + bottom):.0f}) px, in {share:.0%} of its frames (a note from {STAYING:.0%} on): "
+                    "somebody who does not move, or a thing that is taken for a person; leave it out if it is one",
+                    sensors=[name],
+                    share=share,
+                    allowed=STAYING,
+                )
+
+
+def _overlaps(box: Floats, others: Floats) -> bool:
+    """Whether any of (k, 4) boxes is at the place of a (4,) box."""
+    both = np.prod(np.maximum(np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2]), 0.0), axis=1)
+    each = np.prod(others[:, 2:] - others[:, :2], axis=1) + np.prod(box[2:] - box[:2])
+    return bool((both >= SAME * (each - both)).any())

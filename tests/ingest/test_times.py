@@ -1,0 +1,54 @@
+"""What is checked of the times of a new recording, on good times and on each fault."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from occlog.array_types import NS
+from occlog.ingest.times import FrameTimes, Span, Times
+
+
+def frames(times_s: Iterable[float]) -> FrameTimes:
+    own = FrameTimes()
+    for t in times_s:
+        own.add(round(t * NS))
+    return own
+
+
+def found(times: Times) -> list[tuple[str, tuple[str, ...]]]:
+    return [(check.id, check.sensors) for check in times.checks() if check.found]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nothing_is_found_in_good_times(seed: int) -> None:
+    """Frames that are late or missing, cameras that begin one after the other, a pause, boxes of quiet hours."""
+    rng = np.random.default_rng(seed)
+    late = np.cumsum(0.04 + rng.exponential(0.01, 3000))
+    times = Times({"a": frames(late), "b": frames(20.0 + np.delete(late, slice(500, 700)))}, true=Span(NS, 30 * NS))
+    assert found(times) == []
+    paused = np.concatenate([late, late + late[-1] + 100.0])
+    assert found(Times({"a": frames(paused), "b": frames(paused)})) == []
+    assert found(Times(rows={"a": Span(0, 20 * NS), "b": Span(1800 * NS, 1900 * NS)})) == []
+
+
+def test_a_sensor_of_another_time_is_named() -> None:
+    here = np.arange(0.0, 30.0, 0.1)
+    assert found(Times({"a": frames(here), "b": frames(here), "c": frames(here + 600.0)})) == [
+        ("sensor-at-other-times", ("c",))
+    ]
+    day = 86_400 * NS
+    rows = {"a": Span(day, day + 20 * NS), "b": Span(day, day + 15 * NS), "mic": Span(0, 20 * NS)}
+    assert found(Times(rows=rows)) == [("sensor-at-other-times", ("mic",))]
+
+
+def test_a_clock_that_is_set_is_named() -> None:
+    steps = np.arange(0.0, 30.0, 0.1)
+    assert found(Times({"a": frames(np.where(steps < 10.0, steps, steps + 1.7e9))})) == [("times-jump", ("a",))]
+
+
+def test_a_truth_of_another_time_is_told() -> None:
+    times = Times({"a": frames(np.arange(0.0, 30.0, 0.1))}, true=Span(100 * NS, 120 * NS))
+    assert found(times) == [("truth-at-other-times", ())]
