@@ -132,11 +132,6 @@ def test_a_log_of_five_columns_becomes_a_track(
     assert len(residuals) == len(TIMES) * PER_TIME.get(log, 4)
     assert np.mean(residuals.believed > 0.5) > 0.95
     assert np.all(np.diff(residuals.t_ns) >= 0)
-    assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation"] == (
-        "sound" if log == "tdoa" else None
-    )
-    if method not in ("fix", "apf"):  # the bound does not ask for the method; these state covariances of both kinds
-        return
     compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", truth_of(tmp_path), "-q"]
     compare += ["--scene", str(tmp_path / "stations.csv"), "--measurements", str(tmp_path / f"{log}.csv")]
     assert run([*compare, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
@@ -147,6 +142,9 @@ def test_a_log_of_five_columns_becomes_a_track(
         warnings.simplefilter("ignore", OcclogWarning)  # the verdict of the track, which is carried on
         same = occlog.evaluate(tmp_path / "t.parquet", truth_of(tmp_path), **given)
     assert same["bound_rmse_m"] == metrics["bound_rmse_m"]
+    assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation"] == (
+        "sound" if log == "tdoa" else None
+    )
 
 
 @pytest.mark.jit
