@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from occlog.papers.catalogue import PAPERS, RECORDED, TITLES
-from occlog.papers.verdicts.words import WORDS
+from occlog.papers.verdicts import WORDS
 
 KEPT = Path(__file__).resolve().parent / "research" / "reproduced"
 FIELDS = ("id", "statement", "place", "page", "paper", "measured", "error_bar", "runs", "verdict")

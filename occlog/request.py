@@ -102,7 +102,7 @@ class Plugged:
 
 
 def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> Any:
-    """Declare a field that holds plug-ins that were chosen, a tuple of `occlog.plugins.chosen.Chosen`."""
+    """Declare a field that holds plug-ins that were chosen, a tuple of `occlog.plugins.loading.Chosen`."""
     return field(default=(), metadata={"plugged": Plugged(kind, help, option, kinds)})
 
 

@@ -13,8 +13,8 @@ import pytest
 from numba.core import caching
 
 from occlog.console.foreign_code import is_own
+from occlog.core import plane as polygons
 from occlog.core.numerics.kernel_cache import CONFIGURATION, KernelCache
-from occlog.core.plane import polygons
 
 WITNESS = "witness.txt"
 IMPORTED = ("json", "socket", "pickle", "threading", "click", "pathlib", "contextlib", "numba", "numpy", "yaml")
@@ -62,7 +62,7 @@ def crafted_index(folder: Path, witness: Path) -> Path:
     return index
 
 
-CALLS = "import numpy; from occlog.core.plane.polygons import point_inside; point_inside(0.5, 0.5, numpy.eye(3)[:, :2])"
+CALLS = "import numpy; from occlog.core.plane import point_inside; point_inside(0.5, 0.5, numpy.eye(3)[:, :2])"
 
 
 @pytest.mark.jit

@@ -14,25 +14,22 @@ from benchmarks.references import reference
 from benchmarks.track.track import PARTICLES, ROOT, SEED, per_call
 from occlog.array_types import Floats
 from occlog.core.numerics.special_functions import fast_erf
-from occlog.core.occlusion.hidden import extent, rays_to
-from occlog.core.occlusion.hidden_grid import WORTH, make_grid
-from occlog.core.plane.floor import on_floor
+from occlog.core.occlusion.hidden import WORTH, extent, make_grid, rays_to
+from occlog.core.plane import on_floor
 from occlog.core.sight.visibility import seen_from
-from occlog.filtering.likelihood.among_occluders import log_likelihood_among
+from occlog.filtering.likelihood.directions import log_likelihood_among
 from occlog.io.scenes.scene import read_scene
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import Rows, Scan, scans_of
 from occlog.scans.occluder_priors import OccluderFeed
-from occlog.scans.scan import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import FINE
-from occlog.track.apf.sensing import pack_scan
+from occlog.track.apf.model import FINE, pack_scan
 
 NAME = "occlusion"
 SUMMARY = "APF step, 1000 particles, 8 cameras, a static occluder, 40 priors: time to that of plain vectorised NumPy"

@@ -16,13 +16,20 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors, gaussian_priors
-from occlog.core.plane.floor import make_floor, sample_floor
+from occlog.core.plane import make_floor, sample_floor
 from occlog.core.sight.visibility import Sensors, seen_from
 from occlog.io.scenes.scene import read_scene
-from occlog.papers.ercan.formulas.blocking import IMPROVED, PRINTED, QUADRATURE, blocking
-from occlog.papers.ercan.formulas.eta import patterns, seen_by_recursion, seen_exactly
+from occlog.papers.ercan.formulas.blocking import (
+    IMPROVED,
+    PRINTED,
+    QUADRATURE,
+    blocking,
+    patterns,
+    seen_by_recursion,
+    seen_exactly,
+)
 from occlog.records.scene import Scene
-from occlog.track.apf.sensing import pack_sensors
+from occlog.track.apf.model import pack_sensors
 
 ROOT = Path(__file__).resolve().parents[2]
 ORDER = (1, 7, 5, 3, 2, 4, 6, 8)

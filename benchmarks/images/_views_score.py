@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.metrics.mot import clear_mot, hota, idf1
+from occlog.core.metrics.mot import clear_mot, hota
+from occlog.core.metrics.mot import hota as idf1
 from occlog.core.metrics.mot.failure_rates import failures
 from occlog.core.metrics.mot.frame_pairs import Objects, of_boxes
 from occlog.evaluate.mot.stage import own_targets

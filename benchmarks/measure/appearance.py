@@ -35,11 +35,10 @@ from occlog.array_types import NS, Bools, Floats, Ints, Ints32
 from occlog.cli.main import run as occlog
 from occlog.core.metrics.ranking import area_under_curve, rank_one
 from occlog.measure.appearance.config import LearnConfig, MatchConfig
-from occlog.measure.appearance.identities import EvidenceTally, identities
-from occlog.measure.appearance.inputs import SightingFiles, SightingInput
+from occlog.measure.appearance.run import SightingFiles, SightingInput
 from occlog.measure.appearance.sightings import Sighting, SightingTally, sightings
-from occlog.measure.appearance.stage import learn, match, sides_of
-from occlog.records.declared.gallery import SAME
+from occlog.measure.appearance.stage import EvidenceTally, identities, learn, match, sides_of
+from occlog.records.declared.people import SAME
 from occlog.records.tables import AppearanceMatches, Gallery
 from occlog.settings import configure
 

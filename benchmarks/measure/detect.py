@@ -13,17 +13,15 @@ import numpy as np
 
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.measure.clusters.stage import find_clusters
-from occlog.measure.detect.by_background.one_camera import CameraState, set_up
+from occlog.measure.detect.by_background.one_camera import CameraState, Target, set_up
 from occlog.measure.detect.by_background.stage import Learned, detect
-from occlog.measure.detect.by_background.target import Target
 from occlog.measure.detect.config import CLEAN_PX, DetectConfig
 from occlog.measure.regions.background import foreground
 from occlog.measure.regions.regions import cluster_regions, gather
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera, Scene
 from occlog.simulate.config import RenderConfig, WorldConfig
-from occlog.simulate.render.people import render
-from occlog.simulate.render.target_colours import reference_appearances
+from occlog.simulate.render.people import reference_appearances, render
 from occlog.simulate.stage import simulate_truth
 
 NAME = "detect"

@@ -31,7 +31,7 @@ from occlog.array_types import Floats, Ints
 from occlog.cli.main import run as occlog
 from occlog.core.metrics.errors import box_overlap, intersection_areas, pair_within
 from occlog.core.sight.camera import wrap_angle
-from occlog.evaluate.bearings.boxes import CLASSES, SHARED, box_classes
+from occlog.evaluate.bearings.detections import CLASSES, SHARED, box_classes
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detect.by_background.learning import learn
 from occlog.measure.detect.by_background.stage import detect

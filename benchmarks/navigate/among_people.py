@@ -14,9 +14,9 @@ from occlog.io.scenes.scene import read_scene
 from occlog.papers.lee.navigation.config import NavigateConfig
 from occlog.papers.lee.navigation.course import Course, course_of, people_of
 from occlog.papers.lee.navigation.stage import Drive, End, drive
-from occlog.papers.verdicts.model import deviation
+from occlog.papers.verdicts import deviation
 from occlog.records.tables import Truth
-from occlog.scans.moving_people import obstacles_of
+from occlog.scans.occluder_priors import obstacles_of
 from occlog.settings import configure
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import simulate_truth

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from occlog.array_types import Floats
 from occlog.papers.rahimi.example import example, identified, sparse_scene
-from occlog.scans.grouping import Rows, scans_of
-from occlog.scans.scan import sensor_names
+from occlog.scans.grouping import Rows, scans_of, sensor_names
 from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.record import record_of

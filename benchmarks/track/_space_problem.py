@@ -15,7 +15,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.bounds.in_space import accelerated_path
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 
 PLACES = np.array([[0.0, 0.0, 1.0], [8.0, 0.0, 2.5], [4.0, 6.0, 0.5]])
 START = np.array([2.0, 1.0, 1.4, 0.6, 0.3, 0.05])

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.track._batch_problem import sparse_problem
 from occlog.array_types import Floats
 from occlog.track.map.config import PACKAGES
-from occlog.track.map.kernels.interior_point.newton_search import MU_LAST, Options, Solution, minimise
+from occlog.track.map.kernels.interior_point import MU_LAST, Options, Solution, minimise
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.kernels.quadratic_program import program, sequential_programs
 from occlog.track.map.kernels.windows import minimise_windows

@@ -33,7 +33,7 @@ from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import open_input
 from occlog.io.scenes.scene import scene_to_yaml
-from occlog.records.declared.gallery import MOST_BINS
+from occlog.records.declared.people import MOST_BINS
 from occlog.records.tables import APPEARANCE_BINS, Gallery, Tracks, Truth, Views
 
 SECONDS, FRAMES, HZ, CAMERAS, SIZE = 30, 150, 5.0, 2, (10.0, 8.0)

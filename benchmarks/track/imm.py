@@ -29,7 +29,7 @@ from benchmarks.track._imm_problem import (
 from occlog.array_types import Floats
 from occlog.filtering.motion.coordinated_turn import acceleration_root, three_models
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.imm import filter as imm_filter
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig

@@ -17,7 +17,7 @@ from occlog.core.sight.path_loss import received_power
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.filtering.likelihood.distances import at_own, information
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth
 from occlog.scans.config import MeasuredConfig

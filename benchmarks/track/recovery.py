@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.track.simulated import Recording, record, room100
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig

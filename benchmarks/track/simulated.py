@@ -13,8 +13,7 @@ from occlog.core.numerics.seeds import Stage, generator
 from occlog.io.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.scans.grouping import Rows, scans_of
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Rows, Scan, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth

@@ -26,7 +26,7 @@ from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Residuals, Tracks, Truth
 from occlog.settings import configure
-from occlog.track.apf.selection_config import SelectConfig
+from occlog.track.apf.config import SelectConfig
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking

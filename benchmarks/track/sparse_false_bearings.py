@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.track._batch_problem import sparse_config
 from occlog.array_types import Floats
-from occlog.consistency.doubts import covariances
+from occlog.consistency.estimates import covariances
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.papers.rahimi.example import example, sparse_scene
 from occlog.records.tables import Tracks

@@ -5,15 +5,10 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.settings import SettingError
 
-from .detection import detect, fuse, fuse_tracks, label
-from .evaluation import evaluate
-from .ingestion import ingest
-from .pages import overlay, report
 from .recordings import Recording, Sensor, open, read, read_scene
 from .results import DetectResult, EvaluateResult, OcclogWarning, OverlayResult, ReportResult, Result, TrackResult
-from .simulation import simulate
+from .stages import detect, evaluate, fuse, fuse_tracks, ingest, label, overlay, report, simulate, track
 from .tables import Table
-from .tracking import track
 
 __all__ = [
     "DetectResult",

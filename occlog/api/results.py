@@ -120,7 +120,7 @@ class TrackResult(Result):
         from occlog.io.files.tables.parquet import read_table
         from occlog.records.tables import Tracks
         from occlog.report.content.model import ReportInput
-        from occlog.report.drawing.style import house_style
+        from occlog.report.drawing import house_style
         from occlog.report.page import floorplan
 
         table = self.tracks
@@ -162,7 +162,7 @@ class EvaluateResult(Result):
         return self.metrics[name] if name in self.metrics else super().__getitem__(name)
 
     def _figures(self) -> Mapping[str, object]:
-        from occlog.evaluate.text import thinned
+        from occlog.evaluate.results import thinned
 
         judged = {} if self.plausible is None else {"plausible": self.plausible}
         return {**thinned(self.metrics), **judged}

@@ -14,7 +14,7 @@ import numpy as np
 from occlog.console.text import counted, noun
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_writable, write_bytes
-from occlog.io.files.tables.header import describe
+from occlog.io.files.tables.parquet import describe
 from occlog.records.losses import Loss
 
 from .folders import Folder

@@ -10,8 +10,7 @@ from typing import Any
 
 import click
 
-from occlog.console.details import dry_run, told_to
-from occlog.console.notes import named
+from occlog.console.notes import dry_run, named, told_to
 from occlog.console.text import told
 from occlog.errors import UsageError
 from occlog.errors import option as spelled_option
@@ -136,10 +135,9 @@ def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
     name = value_after(words, "--reader")
     if name is None or isinstance(command, click.Group) or all(p.name != "reader" for p in command.params):
         return command
-    from occlog.plugins.chosen import Chosen
-    from occlog.plugins.loading import READER
+    from occlog.plugins.loading import READER, Chosen
 
-    from .plugged import plugin_options, wanted
+    from .setting_options import plugin_options, wanted
 
     plugin = wanted(name, READER, "--reader")
     values: dict[str, object] = {}

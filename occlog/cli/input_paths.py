@@ -15,7 +15,7 @@ import click
 
 from occlog.console.notes import ALIASES
 from occlog.errors import InputError, OutputError
-from occlog.io.files.untrusted.inputs import STANDARD_INPUT
+from occlog.io.files.limits import STANDARD_INPUT
 
 NAME = "standard input"
 MOST_NAMES = 10_000

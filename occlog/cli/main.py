@@ -14,12 +14,12 @@ from typing import NamedTuple
 import click
 
 from occlog import __version__
-from occlog.console.details import DRY_RUN, NothingIsWritten, Plan
 from occlog.console.interrupts import INTERRUPTS
+from occlog.console.notes import DRY_RUN, NothingIsWritten, Plan
 from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 from . import streams
-from .open_files import allow_open_files, open_files_limit
+from .startup import allow_open_files, open_files_limit
 
 
 class Command(NamedTuple):
@@ -145,7 +145,7 @@ class LazyGroup(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         """Call the command, and check what is left when it is done."""
         from .common import check_common
-        from .first_run import announced
+        from .startup import announced
 
         try:
             with announced(ctx):

@@ -7,18 +7,25 @@
 --json                 the summary as JSON on standard output   all
 -v / -q                more / fewer messages                    all
 --workers N            threads; the result does not depend on it   detect run
+
+Values of options: finite numbers, which the ranges of click alone do not promise, names, times, settings.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
+from click.types import FloatParamType
 
-from .first_run import note_quiet
+from occlog.errors import UsageError
+from occlog.settings import read_pair
+
 from .input_paths import Input
+from .startup import note_quiet
 
 F = TypeVar("F", bound=Callable[..., object])
 PATH = click.Path(path_type=Path)
@@ -56,3 +63,95 @@ def set_opt(example: str) -> Callable[[F], F]:
 def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
     """`-o/--output` with its meaning for this command."""
     return click.option("-o", "--output", type=PATH, required=required, help=help_text)
+
+
+class Finite(click.FloatRange):
+    """A range of numbers without NaN, which click lets pass every range, and without infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number; a usage error for one that is not finite or not in the range."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+class AnyFinite(FloatParamType):
+    """Any number but NaN and infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number; a usage error for one that is not finite."""
+        return Finite().convert(value, param, ctx)
+
+
+class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
+    """A number from a limit on, or the path of a file from which it is taken."""
+
+    name = "number or file"
+
+    def __init__(self, low: float) -> None:
+        """Take numbers from `low` on."""
+        self._number, self._path = Finite(low), click.Path(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
+        """The number, or what is none as a path; a usage error for a number that is not finite or below the limit."""
+        try:
+            float(value)
+        except (TypeError, ValueError):
+            return Path(self._path.convert(value, param, ctx))
+        return self._number.convert(value, param, ctx)
+
+
+class Pair(click.ParamType):  # type: ignore[type-arg,unused-ignore]
+    """Two whole numbers: a range A:B, or a size WIDTHxHEIGHT."""
+
+    def __init__(self, *, size: bool) -> None:
+        self.name, self._size = "size" if size else "range", size
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """The two numbers; a usage error for anything else."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            return read_pair(str(value), self._size)
+        except UsageError as error:
+            self.fail(str(error), param, ctx)
+
+
+FRAMES, SIZE = Pair(size=False), Pair(size=True)
+
+
+POSITIVE = Finite(min=0, min_open=True)
+AT_LEAST_0 = Finite(min=0)
+RATE = Finite(1e-3, 1_000_000)
+"""Frames or steps a second: times are whole nanoseconds, and recordings last days at most."""
+
+
+LONGEST_WINDOW_S = 1e9
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """Names separated by commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def parse_window(seconds: float) -> int:
+    """Nanoseconds; UsageError for what is not finite or longer than times can be apart."""
+    return round(parse_seconds("--window", seconds) * 1e9)
+
+
+def parse_seconds(option: str, seconds: float) -> float:
+    """The seconds; UsageError for what is not a number or longer than times can be apart."""
+    if seconds != seconds:
+        raise UsageError(f"{option} {seconds}: must be a number")
+    if not seconds <= LONGEST_WINDOW_S:
+        raise UsageError(f"{option} {seconds}: must be at most {LONGEST_WINDOW_S:g} seconds")
+    return seconds
+
+
+def parse_setting(text: str) -> tuple[str, str]:
+    """NAME=VALUE."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise UsageError(f"--set {text}: want NAME=VALUE")
+    return name.strip(), value

@@ -13,9 +13,18 @@ from occlog.request import Entry, Form, Kind, Request, Verb, Verbs
 from occlog.settings import Settings, declaration, kind_of, plain_kind
 
 from . import options
-from .plugged import PluggedCommand, chosen_in
-from .setting_options import CHOSEN, SettingOption, SettingsCommand, Variant, VariantCommand, in_own_unit, value_after
-from .values import NumberOrFile, parse_setting
+from .options import NumberOrFile, parse_setting
+from .setting_options import (
+    CHOSEN,
+    PluggedCommand,
+    SettingOption,
+    SettingsCommand,
+    Variant,
+    VariantCommand,
+    chosen_in,
+    in_own_unit,
+    value_after,
+)
 
 
 def command_of(verb: type[Request] | Verb | Verbs, name: str, short_help: str) -> click.Command:

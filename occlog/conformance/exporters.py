@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from occlog.examine.export.by_plugin import Sink
+from occlog.examine.export.run import Sink
 from occlog.plugins.interface import World
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES

@@ -12,9 +12,9 @@ from occlog.plugins.interface import Filter, Moment, Place
 from occlog.track.plugged import fault_of
 
 from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
-from .walk import FEW, MOMENTS, PLAIN, SIGMA_RAD, Walk, blind, later, nobody
+from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, Walk, blind, later, nobody
 
-SETTLED = MOMENTS // 2
+SETTLED = WALK_STEPS // 2
 """From this moment on a filter has had time to find the target."""
 FARTHEST_M = 3.0
 """Root mean square error [m] of a filter that has found it; sight lines alone tell it to about 0.6 m."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from occlog.errors import UsageError
-from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.limits import check_input
 from occlog.plugins.loading import DETECTOR, EXPORTER, METHOD, METRIC, READER, VIEW_TRACKER, Plugin
 
 from . import detectors, exporters, filters, metrics, view_trackers

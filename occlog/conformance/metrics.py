@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from occlog.evaluate.by_plugin import fault_of
+from occlog.evaluate.stage import fault_of
 from occlog.plugins.interface import Compared
 
 from .faults import FIRST, BrokenError, Check, called, defaults, manners

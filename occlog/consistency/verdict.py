@@ -23,13 +23,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
 from occlog.records.verdicts import Check, Severity, finding, outcome
 
-from .agreement import Agreements, pose_shares
-from .alone import Alone
-from .crowd import Crowd
-from .doubts import WORDS
-from .particles import FEW, Particles
-from .places import CLEAR, Places
-from .sight import Compared
+from .bearings import Agreements, Alone, Compared, Crowd, pose_shares
+from .estimates import CLEAR, FEW, WORDS, Particles, Places
 
 CHANCE = 1e-3
 """Probability that chance alone makes a limit seem broken."""

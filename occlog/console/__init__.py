@@ -7,7 +7,7 @@ from occlog.console.notes import note as note
 from occlog.console.notes import note_findings as note_findings
 from occlog.console.notes import note_losses as note_losses
 from occlog.console.notes import notes_kept as notes_kept
-from occlog.console.progress import progress as progress
+from occlog.console.notes import progress as progress
 from occlog.console.summary import echo_summary as echo_summary
 from occlog.console.summary import finish as finish
 from occlog.console.summary import lines_of as lines_of

@@ -1,15 +1,25 @@
-"""Lines on standard error, and the standard streams that they are written to."""
+"""Lines on standard error, and the standard streams that they are written to.
+
+What a command does on its way, for those who ask for it; and whether it is only to say what it would do.
+
+Progress bars, between the steps of which interrupts are raised.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TextIO
+from pathlib import Path
+from typing import TextIO, TypeVar
 
-from occlog.console.text import told
 from occlog.errors import spelled
+
+from .interrupts import INTERRUPTS
+from .text import told
 
 ALIASES: dict[str, str] = {}
 """Paths of temporary files and the names to report in their place, such as that which holds standard input."""
@@ -60,3 +70,116 @@ def note_losses(losses: Iterable[object]) -> None:
     """Write what was lost to standard error, a line each, also where notes are kept or dropped."""
     for loss in losses:
         write_line(told(named(" ".join(f"occlog: lost: {loss}".split()))), sys.stderr)
+
+
+LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
+"""Who is told of details; None: nobody."""
+COMPILING: list[Callable[[bool], None]] = []
+"""Who is told, in whatever thread, that this process compiles kernels and takes long, and whether they are kept for
+later ones; nobody twice."""
+_UNCACHED: list[bool] = []
+THREADS = "OCCLOG_THREADS"
+"""Variable of the environment: how many threads commands take that are not told how many."""
+
+
+class Plan:
+    """What a dry run would do.
+
+    Attributes:
+        reads: inputs.
+        writes: outputs.
+    """
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.reads: list[Path] = []
+        self.writes: list[Path] = []
+
+
+DRY_RUN: ContextVar[Plan | None] = ContextVar("DRY_RUN", default=None)
+"""What would be done; None: it is done."""
+
+
+class NothingIsWritten(BaseException):
+    """A dry run has come to where the work, or the writing, would begin."""
+
+
+def tell(text: str) -> None:
+    """Tell a detail: what an input is taken for, how long a step took, what was written."""
+    listener = LISTENER.get()
+    if listener is not None:
+        listener(text)
+
+
+def note_uncached() -> None:
+    """Remember that a compiled kernel cannot be kept for later processes."""
+    _UNCACHED[:] = [True]
+
+
+def tell_of_compiling() -> None:
+    """Tell, once, that compilation takes long."""
+    while COMPILING:
+        COMPILING.pop()(not _UNCACHED)
+
+
+@contextmanager
+def told_to(listener: Callable[[str], None]) -> Iterator[None]:
+    """Tell somebody of details meanwhile."""
+    token = LISTENER.set(listener)
+    try:
+        yield
+    finally:
+        LISTENER.reset(token)
+
+
+@contextmanager
+def dry_run() -> Iterator[Plan]:
+    """Write nothing meanwhile."""
+    plan = Plan()
+    token = DRY_RUN.set(plan)
+    try:
+        yield plan
+    finally:
+        DRY_RUN.reset(token)
+
+
+def begin_work() -> None:
+    """Say that everything has been checked and that work or writing begins; NothingIsWritten in a dry run."""
+    if DRY_RUN.get() is not None:
+        raise NothingIsWritten
+
+
+def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
+    """Remember, in a dry run, what a command reads and writes; what is named again counts once."""
+    plan = DRY_RUN.get()
+    if plan is not None:
+        plan.reads += [path for path in reads if path not in plan.reads]
+        plan.writes += [path for path in writes if path not in plan.writes]
+
+
+def threads_by_default() -> int:
+    """Threads of a command that is not told how many: one a processor, or what `OCCLOG_THREADS` says."""
+    told = os.environ.get(THREADS, "")
+    return int(told) if told.isdigit() and int(told) > 0 else os.cpu_count() or 1
+
+
+T = TypeVar("T")
+
+
+def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
+    """The items, with a progress bar on standard error when that is a terminal.
+
+    Raises:
+        KeyboardInterrupt: there was an interrupt that got lost.
+    """
+    begin_work()
+    start, count = time.perf_counter(), 0
+    if not quiet and sys.stderr.isatty():
+        from tqdm import tqdm
+
+        items = tqdm(items, desc=label, total=total, file=sys.stderr, leave=False)
+    for item in items:
+        INTERRUPTS.check()
+        count += 1
+        yield item
+    tell(f"{label}: {count} parts in {time.perf_counter() - start:.2f} s")

@@ -8,26 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.put_aside.table import Aside
+from occlog.io.files.spill import Aside
 from occlog.io.open import Opened, check_unit, common_unit, load_scene, losses_of, open_if_ours, open_input
 from occlog.records.columns import Table
-from occlog.records.declared.measurements import Measurements
 from occlog.records.declared.people import PeopleTracks
+from occlog.records.declared.sensors import Measurements
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.tables import (
-    Boxes,
-    Cooperation,
-    Diagnostics,
-    Reads,
-    Tracks,
-    Truth,
-    TruthBoxes,
-    Views,
-)
+from occlog.records.tables import Boxes, Cooperation, Diagnostics, Reads, Tracks, Truth, TruthBoxes, Views
 from occlog.scans.config import MeasuredConfig
-from occlog.scans.measured import Radio, measurements_of_reads
-from occlog.scans.shadowing import Shadowing
+from occlog.scans.measured import Radio, Shadowing, measurements_of_reads
 
 from .request import EvaluateRequest
 from .sources import MeasuredSource, Sources, opened_rows, streamed_bearings

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from occlog.plugins.chosen import Chosen
+from occlog.plugins.loading import Chosen
 from occlog.request import SCENE_HELP as SCENE
 from occlog.request import Request, group, plugged, sink, source
 from occlog.settings import setting

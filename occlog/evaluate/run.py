@@ -1,21 +1,30 @@
-"""What `occlog evaluate` does: files and settings to figures, and these to files."""
+"""What `occlog evaluate` does: files and settings to figures, and these to files.
+
+Work of `occlog evaluate --also`: several recordings in one table, and all of them together.
+
+The figures of all together are those of one long recording in which the recordings follow one another, and in which no
+target or track of one is in another: those of each recording are merged.  Counts are added up before rates are made of
+them, as TrackEval's COMBINED does.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from occlog import console
 from occlog.array_types import NS
-from occlog.console.details import begin_work
+from occlog.console.notes import begin_work
 from occlog.console.summary import plausible_in_words
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import write_bytes
-from occlog.io.files.texts.json_file import write_json
+from occlog.io.files.texts.documents import write_json
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
@@ -25,24 +34,146 @@ from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa, Errors, Tracks, Truth
 from occlog.records.verdicts import Verdict, summary_of, texts_of
+from occlog.request import Form
 from occlog.runner import Done, Job
 from occlog.settings import configure, declaration, declared
-from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
+from occlog.track.images.run.inputs import born_from_detections, other_video, own_notes
 
-from .bearings.azimuths import doa_metrics
-from .bearings.known_places import MeasuredNoise, comment, scene_with
-from .by_plugin import names_of_figures, with_plugins
+from .bearings.detections import doa_metrics
+from .bearings.noise import MeasuredNoise, comment, scene_with
 from .figures import hint_if_unknown
 from .inputs import lost_earlier, open_sources
 from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
-from .mot import headline
+from .mot import figures as headline
 from .mot.config import ManyConfig, many_config, own_targets_by
-from .mot.run import evaluate_in_images, in_images
+from .mot.run import compared_boxes, evaluate_in_images, in_images
 from .request import EvaluateRequest
-from .results import Evaluation, Threshold, failures, parse_threshold
-from .several import evaluate_several
-from .stage import Evaluator
-from .text import LABEL, number, recording_lines, summary_lines, thinned
+from .results import (
+    LABEL,
+    Evaluation,
+    Threshold,
+    failures,
+    number,
+    parse_threshold,
+    recording_lines,
+    summary_lines,
+    thinned,
+)
+from .stage import Evaluator, names_of_figures, with_plugins
+
+Metrics = dict[str, float]
+NOT_COMBINED = ("ospa2_window",)
+"""Beginnings of names of figures that are of one recording only."""
+
+
+class Recording(NamedTuple):
+    """Tracks and truth of one recording."""
+
+    tracks: Path
+    truth: Path
+
+
+class Several(NamedTuple):
+    """Figures of each recording by name, of all together, the unit of lengths; losses and verdicts of inputs."""
+
+    each: dict[str, dict[str, float]]
+    combined: dict[str, float]
+    unit: str
+    losses: tuple[Loss, ...]
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Flat: those of all together, then those of each recording with names that end in `_recording_NAME`."""
+        own = {f"{name}_recording_{who}": value for who, row in self.each.items() for name, value in row.items()}
+        return self.combined | own
+
+
+ALONE = (
+    *("metrics", "bearings", "measurements", "doa", "views", "cooperation", "diagnostics"),
+    *("errors", "bound", "failures", "counts", "mot"),
+)
+"""What is of one recording."""
+
+
+def evaluate_several(request: EvaluateRequest, job: Job) -> Several:
+    """Read, compare, write the figures of several recordings, all with tracks in images or all on the ground."""
+    for entry in Form(EvaluateRequest).entries():
+        if entry.field in ALONE and getattr(request, entry.field):
+            raise UsageError(f"{option(entry.key)} is of one recording; leave out {option('also')}")
+    if request.tracks is None or request.truth is None:
+        raise UsageError(f"{option('also')} wants TRACKS with {option('truth')} beside it")
+    recordings = [Recording(request.tracks, request.truth), *(Recording(*pair) for pair in request.more)]
+    kinds = {in_images(recording.tracks) for recording in recordings}
+    if len(kinds) > 1:
+        raise UsageError(f"{option('also')}: tracks in images and tracks on the ground cannot be put together")
+    begin_work()
+    chosen = configure(EvaluateConfig(), request.settings)
+    sides = [replace(request, tracks=each.tracks, truth=each.truth, more=()) for each in recordings]
+    if kinds.pop():
+        each, whole, unit = *_in_images(sides), "px"
+    else:
+        each, whole, unit = _on_ground(sides, chosen)
+    combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}
+    provenance = job.provenance({**asdict(chosen), **request.many}, lost_earlier(request.inputs))
+    named = dict(zip(_names(recordings), each, strict=True))
+    found = Several(named, combined, unit, provenance.losses, provenance.judged)
+    if request.output is not None:
+        values = {**found.metrics, **summary_of(found.verdicts), "_provenance": provenance.as_dict()}
+        write_json(request.output, values, overwrite=job.overwrite)
+    return found
+
+
+def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics]:
+    """Figures of each recording, and of all together, in which every view of a recording is a view of its own."""
+    each, whole = list[Metrics](), None
+    views, counts = list[int](), Counter[str]()
+    for side in sides:
+        compared, _, _ = compared_boxes(side)
+        figures = compared.figures()
+        each.append(figures.result(compared.frames, compared.counts))
+        views += compared.frames
+        counts.update(compared.counts)
+        if whole is None:
+            whole = figures
+        else:
+            whole.merge(figures)
+    assert whole is not None
+    return each, whole.result(views, dict(counts))
+
+
+def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tuple[list[Metrics], Metrics, str]:
+    """Figures of each recording, of all together, and the unit of lengths."""
+    opened = [open_sources(side, held_boxes=False) for side in sides]
+    units = [scene.length_unit for _, scene, _ in opened]
+    if len(set(units)) > 1:
+        raise UsageError(
+            f"{option('also')}: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together"
+        )
+    each, whole = list[Metrics](), None
+    for side, (sources, scene, _) in zip(sides, opened, strict=True):
+        if sources.truth is None:
+            raise UsageError(f"{option('also')}: {side.truth} holds no true positions")
+        born = born_from_detections(side.tracks) or of_others(side.tracks)
+        own = "start" if born else own_targets_by(chosen, numbered_itself=False)
+        config = configure(ManyConfig.in_unit(scene.length_unit), {"own": own, **side.many})
+        figures = Evaluator(sources, scene, chosen).of_many(config)
+        each.append(figures.result())
+        if whole is None:
+            whole = figures
+        else:
+            whole.merge(figures)
+    assert whole is not None
+    return each, whole.result(), units[0]
+
+
+def _names(recordings: Sequence[Recording]) -> list[str]:
+    """A name for each recording: that of its tracks, or of its truth where these differ and the former do not."""
+    for side in ([r.tracks.stem for r in recordings], [r.truth.stem for r in recordings]):
+        if len(set(side)) == len(side):
+            return side
+    return [f"{number}" for number in range(1, len(recordings) + 1)]
+
 
 GATE_DEG = 10.0
 """Directions further from the truth are false, unless a gate is given [deg]."""

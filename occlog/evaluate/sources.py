@@ -12,11 +12,10 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.put_aside.table import Aside
+from occlog.io.files.spill import Aside
 from occlog.io.open import Opened, open_input
 from occlog.records.columns import Table
-from occlog.records.declared.measurements import Measurements
-from occlog.records.pieces import times, whole_times
+from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import (
     Bearings,
@@ -28,6 +27,8 @@ from occlog.records.tables import (
     Truth,
     TruthBoxes,
     Views,
+    times,
+    whole_times,
 )
 from occlog.scans.config import MeasuredConfig
 from occlog.scans.measured import Radio

@@ -3,37 +3,32 @@
 All tables come in chunks and are gone through two or three times, side by side in stretches of time: for what must be
 known of the whole (`survey`), where wanted for the pairs of tracks and targets (`prepare`), and for the figures.  A
 table in memory is one chunk.
+
+What it costs to ask cameras for their bearings: requests, frames and their mean period.
+
+Figures of plug-ins: tracks and truth in, figures with the plug-in's name and their units out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+import numbers
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from occlog.array_types import NS
 from occlog.consistency.verdict import Evidence
-from occlog.errors import InputError
-from occlog.evaluate.bearings.against import AgainstBearings
-from occlog.evaluate.bearings.boxes import ViewFigures
-from occlog.evaluate.bearings.held_out_boxes import held_out_box_metrics
-from occlog.evaluate.bearings.known_places import MeasuredNoise, figures_of, notes_of
-from occlog.evaluate.cooperation import CooperationCounts
-from occlog.evaluate.errors.on_ground import PairSums, TrackErrors, no_targets, pairs_by_number
-from occlog.evaluate.errors.stretches import Beside, Stretch, stretches
-from occlog.evaluate.errors.survey import Survey, survey
-from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.outline import Outlines
-from occlog.evaluate.mot import headline
-from occlog.evaluate.mot.config import ManyConfig
-from occlog.evaluate.mot.on_ground import GroundFigures, GroundPart, places_of
-from occlog.evaluate.results import Evaluation
+from occlog.errors import InputError, PluginError, UsageError
+from occlog.plugins.interface import Compared, Metric
+from occlog.plugins.loading import Chosen, said_by
 from occlog.records.columns import Table
-from occlog.records.declared.measurements import Measurements
 from occlog.records.declared.people import PeopleTracks
+from occlog.records.declared.sensors import Measurements
 from occlog.records.declared.views import Counts, Failures
-from occlog.records.pieces import whole_times, windows
 from occlog.records.scene import Scene
 from occlog.records.tables import (
     Bearings,
@@ -45,12 +40,77 @@ from occlog.records.tables import (
     Truth,
     TruthBoxes,
     Views,
+    whole_times,
+    windows,
 )
 from occlog.scans.config import MeasuredConfig
 from occlog.scans.measured import Radio
+from occlog.settings import METRES
 
+from .bearings.detections import ViewFigures
+from .bearings.held_out import held_out_box_metrics
+from .bearings.noise import MeasuredNoise, figures_of, notes_of
+from .bearings.residuals import AgainstBearings
+from .errors.on_ground import PairSums, TrackErrors, no_targets, pairs_by_number
+from .errors.survey import Beside, Stretch, Survey, stretches, survey
+from .matching.config import EvaluateConfig
+from .matching.outline import Outlines
+from .mot import figures as headline
+from .mot.config import ManyConfig
+from .mot.on_ground import GroundFigures, GroundPart, places_of
+from .results import Evaluation
 from .sources import Chunks, MeasuredSource, Sources, in_memory, no_true_box, rows_of
 from .verdict import AgainstTruth, Made, with_truth
+
+SHARED = "shared"
+CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
+
+
+class CooperationCounts:
+    """Counts of requests that come in the order of time."""
+
+    def __init__(self) -> None:
+        """No request yet."""
+        self._rows = self._own = self._answered = self._frames = self._times = 0
+        self._causes: Counter[str] = Counter()
+        self._span: tuple[int, int] | None = None
+
+    def update(self, asked: Cooperation) -> None:
+        """Requests of some more times."""
+        own = asked.take(asked.cause != SHARED)
+        self._rows, self._own = self._rows + len(asked), self._own + len(own)
+        self._answered += int(np.count_nonzero(own.answered))
+        self._frames += int(asked.frames.sum())
+        self._causes.update(cause for text in own.cause.tolist() for cause in text.split(","))
+        times = np.unique(own.t_ns)
+        self._times += len(times)
+        if len(times):
+            self._span = (int(times[0]) if self._span is None else self._span[0]), int(times[-1])
+
+    def result(self, tracked: tuple[int, int] | None) -> dict[str, float]:
+        """Requests, frames and their mean period.
+
+        Args:
+            tracked: first and last time of the tracks; the period is the time between them by the number of times at
+                which cameras were asked.  None, without tracks: the mean time between these.
+
+        Returns:
+            `cooperation_requests` (one for each target and time), `cooperation_answered`, `cooperation_shared` (rows
+            of this cause are no requests, but places that came along with others), `cooperation_frames`,
+            `cooperation_period_s` (NaN if it is not known), and `cooperation_requests_CAUSE`; a request with several
+            causes counts for each.
+        """
+        first, last = tracked or self._span or (0, 0)
+        count, causes = (self._times if tracked else self._times - 1), self._causes
+        return {
+            "cooperation_requests": float(self._own),
+            "cooperation_answered": float(self._answered),
+            "cooperation_shared": float(self._rows - self._own),
+            "cooperation_frames": float(self._frames),
+            "cooperation_period_s": float(last - first) / NS / count if count > 0 else math.nan,
+            **{f"cooperation_requests_{c}": float(causes[c]) for c in (*CAUSES, *sorted(set(causes) - set(CAUSES)))},
+        }
+
 
 Metrics = dict[str, float]
 BOUND_WITHOUT_DISTANCES = (
@@ -325,3 +385,63 @@ class Evaluator:
         for rows in whole_times(asked()):
             counts.update(rows)
         return counts.result(self.known.tracks_ns)
+
+
+PURE = ("", "1")
+"""Units of numbers without one, which end no name."""
+
+
+def full_name(plugin: str, figure: str, unit: str, length_unit: str) -> str:
+    """Name of a figure: the plug-in's, its own, and its unit: `gaps_longest_s`."""
+    of = unit.replace("length", length_unit)
+    own = f"{plugin.replace('-', '_')}_{figure}"
+    return own if of in PURE else f"{own}_{of}"
+
+
+def names_of_figures(plugged: Iterable[Chosen]) -> set[str]:
+    """Full names of the figures that plug-ins give, in any unit of length."""
+    lengths = (*METRES, "unit")
+    return {
+        full_name(each.plugin.name, name, unit, length)
+        for each in plugged
+        for name, unit in each.plugin.load().units.items()
+        for length in lengths
+    }
+
+
+def fault_of(figures: object, units: Mapping[str, str]) -> str | None:
+    """What is wrong with what a metric gave back, in words; None: nothing."""
+    if not isinstance(figures, Mapping):
+        return f"figures gives a {type(figures).__name__}; a mapping of names to numbers was expected"
+    for name in units:
+        if name not in figures:
+            return f"figures gives no {name}, which units declares"
+    for name, value in figures.items():
+        if name not in units:
+            return f"figures gives {name}, which units does not declare"
+        if not isinstance(value, numbers.Real):
+            return f"{name} is a {type(value).__name__}; a number was expected"
+        if math.isinf(value):
+            return f"{name} is infinite; NaN says that there is nothing to compute it from"
+    return None
+
+
+def with_plugins(
+    result: Evaluation, plugged: Iterable[Chosen], tracks: Tracks, truth: Truth, length_unit: str
+) -> Evaluation:
+    """The evaluation with the figures of plug-ins; PluginError where one fails or gives what cannot be."""
+    metrics, names = dict(result.metrics), list[str]()
+    for each in plugged:
+        own: Metric = each.make(length_unit)
+        with said_by(each.plugin):
+            found = own.figures(Compared(tracks, truth, result.errors, length_unit))
+        wrong = fault_of(found, own.units)
+        if wrong is not None:
+            raise PluginError(f"{each.plugin.label}: {wrong}")
+        named = {full_name(each.plugin.name, n, own.units[n], length_unit): float(v) for n, v in found.items()}
+        both = sorted(named.keys() & metrics.keys())
+        if both:
+            raise UsageError(f"{each.plugin.label}: {both[0]} is a figure of the evaluation itself; rename the plug-in")
+        metrics |= named
+        names += named
+    return replace(result, metrics=metrics, plugged=tuple(names))

@@ -2,30 +2,36 @@
 
 `occlog.consistency.verdict` judges what the tracks themselves and their bearings say, here as there; this file
 adds what only a comparison with the truth can say.
+
+What bearings say for and against tracks.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import NS, Floats, Ints
+from occlog.consistency.bearings import TOGETHER_S, Sight, near_another, pose_share
 from occlog.consistency.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, beyond
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
+from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.columns import rows_by_label
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Errors
+from occlog.records.tables import LAST, Bearings, Diagnostics, Errors, Limits, Residuals, Side, Tracks
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.catalogue import smooths
 
-from .errors.sums import in_space
+from .errors.sums import in_space, median_of
 from .mot.config import ManyConfig
-from .mot.headline import own_identities
+from .mot.figures import own_identities
 
 COVARIANCES, IDENTITY = "covariances against the truth (NEES)", "truth and bearings of one target"
 DETECTIONS, BOUND = "detection rate at the true positions", "errors against the bound"
@@ -313,3 +319,115 @@ def _number(metrics: Mapping[str, object], name: str) -> float:
     """A figure; NaN if it is not there."""
     value = metrics.get(name)
     return float(value) if isinstance(value, int | float) else math.nan
+
+
+class SightEvidence:
+    """What bearings say for and against tracks."""
+
+    def __init__(
+        self,
+        evidence: Evidence,
+        scene: Scene,
+        made: Made,
+        held_out: tuple[str, ...],
+        in_memory: int = NUMBERS_IN_MEMORY,
+    ) -> None:
+        """Nothing was seen yet.
+
+        Args:
+            evidence: takes what is found.
+            scene: the sensors.
+            made: how the tracks were made.
+            held_out: sensors that the tracks were made without.
+            in_memory: how many distances of all cameras are kept in memory.
+        """
+        self._evidence, self._scene, self._made, self._held_out = evidence, scene, made, held_out
+        self._of_estimates, self._of_frames = (Sight(scene, made.window_ns) for _ in range(2))
+        self._alone = _Alone(evidence)
+        unsure = [c for c in scene.cameras if c.sigma_yaw > 0.0 or c.sigma_position > 0.0]
+        self._distances = {c.name: Spool(in_memory // len(unsure)) for c in unsure}
+
+    @property
+    def margin_ns(self) -> int:
+        """How far about a stretch tracks and bearings must be there."""
+        return self._made.window_ns + 1
+
+    def update(
+        self, limits: Limits, tracks: Side[Tracks], bearings: Side[Bearings], diagnostics: Side[Diagnostics] | None
+    ) -> None:
+        """Another stretch; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
+        window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
+        ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
+        fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)
+        its = used(its, self._made, self._held_out)
+        residuals, frames = self._of_estimates.compare(ours, its, fared)
+        if window_ns:
+            # A bearing may belong to an estimate after the stretch
+            ours, its = before.about(tracks, 0, self.margin_ns), used(before.of(bearings), self._made, self._held_out)
+            fared = None if diagnostics is None else before.about(diagnostics, 0, self.margin_ns)
+            _, frames = self._of_frames.compare(ours, its, fared)
+            ours = before.about(tracks, window_ns, 0)
+        residuals = residuals.take(residuals.t_ns >= limits.begin)
+        evidence, own = self._evidence, limits.of(tracks)
+        for camera in self._scene.cameras:
+            if camera.name in self._distances:
+                x, y = own.x - camera.position[0], own.y - camera.position[1]
+                self._distances[camera.name].add(np.hypot(x, y))
+        evidence.agreements.add(residuals)
+        evidence.crowd.add(frames)
+        evidence.places.add(ours, residuals, self._scene)
+        self._alone.add(residuals, limits.end)
+
+    def finish(self) -> None:
+        """Say that all stretches came."""
+        self._alone.add(Residuals.empty(), LAST)
+        for camera in self._scene.cameras:
+            found = self._evidence.agreements.sensors.get(camera.name)
+            if found is not None and camera.name in self._distances and self._distances[camera.name].count:
+                found.pose = pose_share(camera, median_of(self._distances[camera.name])) * found.means.expected
+
+
+class _Alone:
+    """Counts bearings near to one of another sensor, once all about them have come."""
+
+    def __init__(self, evidence: Evidence) -> None:
+        self._evidence = evidence
+        self._kept, self._begin = Residuals.empty(), 0
+        self._first: dict[int, int] = {}
+
+    def add(self, residuals: Residuals, end_ns: int) -> None:
+        """Some more rows; none that comes later is before `end_ns`."""
+        rows = Residuals.concat([self._kept, residuals])
+        if not len(rows):
+            return
+        near_ns = round(TOGETHER_S * NS) + 1
+        ready = len(rows) if end_ns == LAST else int(np.searchsorted(rows.t_ns, end_ns - near_ns))
+        done, alone = np.arange(len(rows)) < self._begin, self._evidence.alone
+        for target in np.unique(rows.target_id).tolist():
+            mine = rows.target_id == target
+            own = rows.take(mine)
+            # Seconds since the first bearing of all, so that chunks change no rounding
+            seconds = (own.t_ns - self._first.setdefault(target, int(own.t_ns[0]))) / NS
+            new = ~done[mine] & (np.flatnonzero(mine) < ready)
+            alone.bearings += int(np.count_nonzero(new))
+            alone.confirmed += int(np.count_nonzero(near_another(own.sensor, seconds)[new]))
+            alone.doubted += int(np.count_nonzero(own.believed[new] < 0.5))
+        since = 0 if ready == 0 else int(np.searchsorted(rows.t_ns, rows.t_ns[ready - 1] - near_ns))
+        self._kept, self._begin = rows.take(slice(since, None)), max(ready, self._begin) - since
+
+
+def in_rows_of(tracks: Iterable[Tracks], diagnostics: Iterable[Diagnostics]) -> Iterator[Diagnostics]:
+    """Diagnostics of the rows of tracks, one for each, at the times of these.
+
+    Raises:
+        InputError: there are fewer or more of them.
+    """
+    held, rest = Diagnostics.empty(), iter(diagnostics)
+    for chunk in tracks:
+        while len(held) < len(chunk):
+            more = next(rest, None)
+            if more is None:
+                raise InputError("diagnostics: fewer rows than the tracks have")
+            held = Diagnostics.concat([held, more])
+        yield replace(held.take(slice(0, len(chunk))), t_ns=chunk.t_ns)
+        held = held.take(slice(len(chunk), None))

@@ -1,9 +1,15 @@
-"""The `occlog info` command: describes a scene, a recording or a table, of another program too."""
+"""The `occlog info` command: describes a scene, a recording or a table, of another program too.
+
+What a folder holds: a line for each file that occlog reads, and how many others there are.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,7 +20,7 @@ from occlog.cli import options
 from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted
 from occlog.errors import InputError
-from occlog.io.files.times.utc import utc
+from occlog.io.files.utc import utc
 from occlog.records.losses import Loss
 
 if TYPE_CHECKING:
@@ -22,6 +28,79 @@ if TYPE_CHECKING:
     from occlog.io.foreign.table import ForeignTable
     from occlog.io.recording.reader import Recording
     from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene
+
+
+MOST = 1000
+"""Entries of a folder that are looked at."""
+PART = re.compile(r"_\d+$")
+"""What the names of files of one split bag end with."""
+CONTAINERS = (".mcap", ".db3", ".zstd")
+
+Described = tuple[Mapping[str, object], list[str]]
+
+
+def is_one_bag(folder: Path) -> bool:
+    """Whether the files of a folder are one bag of ROS 2: it has the bag's metadata, or they are parts of one name."""
+    from occlog.io.messages.bag import METADATA, is_bag
+    from occlog.io.recording.reader import open_recording
+
+    if (folder / METADATA).is_file():
+        return True
+    if not is_bag(folder):
+        return False
+    files = [path for path in folder.iterdir() if path.suffix in CONTAINERS]
+    if len({PART.sub("", path.name.split(".")[0]) for path in files}) != 1:
+        return False
+    try:
+        return not any(path.suffix == ".mcap" and open_recording(path).ours for path in files)
+    except InputError:
+        return True
+
+
+def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Described:
+    """Describe each file of a folder in one line.
+
+    Args:
+        folder: whose entries are looked at, up to `MOST`; those of its own folders that are bags, too.
+        describe: values and lines of one file; InputError where it is none that occlog reads.
+
+    Raises:
+        InputError: the folder is empty, or cannot be listed.
+    """
+    try:
+        entries = sorted(islice(folder.iterdir(), MOST + 1))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be listed: {error.strerror or error}") from error
+    if not entries:
+        raise InputError(f"{folder}: is an empty folder")
+    files: list[Mapping[str, object]] = []
+    lines, others = [], Counter[str]()
+    width = max(len(path.name) for path in entries[:MOST])
+    for path in entries[:MOST]:
+        try:
+            if path.is_dir() and not is_one_bag(path):
+                others["folder"] += 1
+                continue
+            values, said = describe(path)
+        except InputError as error:
+            if path.suffix.lower() not in (".mcap", ".parquet", ".db3"):
+                others[path.suffix.lower() or "without an ending"] += 1
+                continue
+            values, said = {"kind": "unreadable", "error": str(error)}, [f"cannot be read: {error}"]
+        files.append({"file": path.name, **values})
+        time = "".join(f", {line.removeprefix('time').strip()}" for line in said[1:2] if line.startswith("time"))
+        lines.append(f"{path.name:<{width}}  {said[0]}{time}")
+    head = f"folder, {counted(len(files), 'file')} that occlog reads"
+    more = [f"{n} x {what}" for what, n in sorted(others.items())]
+    more += [f"entries after the first {MOST} were not looked at"] if len(entries) > MOST else []
+    values = {
+        "kind": "folder",
+        "files": files,
+        "others": dict(sorted(others.items())),
+        "complete": len(entries) <= MOST,
+    }
+    return values, [head, *lines, *([f"others: {', '.join(more)}"] if more else [])]
+
 
 SHOWN_VERSIONS = ("python", "numpy", "scipy", "numba", "opencv-python-headless", "pyarrow")
 """Packages whose versions change figures most; `--json` has all."""
@@ -63,10 +142,10 @@ class Description(NamedTuple):
 
 def describe(path: Path, rows: int) -> Description:
     """Describe a file by its content; of a table also the first rows."""
-    from occlog.io.files.untrusted.content import mistaken_for
+    from occlog.io.files.limits import mistaken_for
     from occlog.io.open import open_if_ours, open_input
 
-    from .folder import describe_folder, is_one_bag
+    pass  # MERGED
 
     kind = path.suffix.lower()
     if path.is_dir() and not is_one_bag(path):
@@ -93,7 +172,7 @@ def describe(path: Path, rows: int) -> Description:
 
 def _is_foreign_bag(path: Path) -> bool:
     """Whether a path is a bag of ROS 2 or an MCAP file of another program, perhaps cut off."""
-    from occlog.io.files.untrusted.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
+    from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
 
     if path.is_dir():
         from occlog.io.messages.bag import is_bag
@@ -122,9 +201,8 @@ def _says_occlog(path: Path) -> bool:
 def _describe_bag(path: Path) -> Description:
     """Describe a bag: topics, rates, what would be taken of it, and by which command."""
     from occlog.errors import UsageError
-    from occlog.io.messages.bag import open_bag
+    from occlog.io.messages.bag import open_bag, survey, taken_lines
     from occlog.io.messages.kinds import Kind, kind_of
-    from occlog.io.messages.survey import survey, taken_lines
 
     with open_bag([path]) as bag:
         topics, span = bag.topics(), bag.span()
@@ -316,7 +394,7 @@ def _verdict_lines(path: Path) -> list[str]:
 
 
 def _describe_table(path: Path, rows: int) -> Description:
-    from occlog.io.files.tables.header import describe as describe_parquet
+    from occlog.io.files.tables.parquet import describe as describe_parquet
 
     found = describe_parquet(path)
     lines = [f"table {found['schema']}, {counted(found['rows'], 'row')}"]
@@ -362,7 +440,7 @@ def _unit_of(spelled: Spelling) -> str:
 
 def _first_rows(path: Path, rows: int) -> list[str]:
     """The first rows of a table, aligned to the right under the names of their columns."""
-    from occlog.io.files.tables.header import first_rows
+    from occlog.io.files.tables.parquet import first_rows
 
     columns = [
         [name, *(f"{v:.6g}" if isinstance(v, float) and v == v else "NaN" if v != v else str(v) for v in values)]

@@ -35,7 +35,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
       occlog recover hall.mcap -o whole.mcap
       occlog recover hall.mcap -o whole.mcap --video cam1=hall.cam1.avi
     """
-    from occlog.io.files.untrusted.content import Content, content_of, mistaken_for
+    from occlog.io.files.limits import Content, content_of, mistaken_for
 
     given = dict(map(_named, videos))
     check_outputs([file, *given.values()], [output], overwrite)
@@ -55,7 +55,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
 
 def _made_again(path: Path) -> str:
     """What to do with a table instead: the command and the inputs that it was made by, as far as its footer says."""
-    from occlog.io.files.tables.header import read_header
+    from occlog.io.files.tables.parquet import read_header
 
     try:
         header = read_header(path)
@@ -71,7 +71,7 @@ def _made_again(path: Path) -> str:
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:
     """What the summary says of the first and the last time."""
-    from occlog.io.files.times.utc import utc
+    from occlog.io.files.utc import utc
 
     return {} if span is None else {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}
 

@@ -72,7 +72,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
 """Classes of settings of each verb but `track`."""
 AROUND_METHODS = (
     "occlog.track.images.births.config:ViewsConfig",
-    "occlog.track.apf.selection_config:SelectConfig",
+    "occlog.track.apf.config:SelectConfig",
     "occlog.scans.config:MeasuredConfig",
 )
 """Settings that several methods of `track` share."""

@@ -3,19 +3,179 @@
 A copy of a particle is pulled towards the mean and then moved by a draw from a Gaussian with
 the cloud's own covariance, a x + (1 - a) mean + h B n with a^2 + h^2 = 1 and B B^T the covariance.
 Mean and covariance stay what they were; only finer shape is blurred, by h standard deviations.
+
+Backward simulation of trajectories through kernel densities of particles.
+
+The particles of a filter at a time stand for a density with the width h of a kernel,
+
+    sum_l w_l N(x; c_l, h^2 V),   c_l = a x_l + (1 - a) m,   a^2 + h^2 = 1,
+
+which has their mean m and covariance V.  Given the state x' a step later, of which b is the same state moved back
+without noise and B the covariance of the step's noise moved back likewise, the state before it is, by Bayes' rule,
+
+    l ~ w_l P(l to x') N(b; c_l, h^2 V + B),   x | l ~ N(b + G (c_l - b), B - G B),   G = B (h^2 V + B)^-1.
+
+With particles alone (Godsill, Doucet and West 2004) a step whose noise is small beside the distances of the
+particles leaves no choice but the filter's own ancestry; one without noise none at all.  Here all particles count
+that are within a kernel's width, and a step without noise gives x = b: a motion that is exactly known has one
+trajectory through each of its last states, and smoothing moves these back.  For linear motion and Gaussian densities
+the trajectories are those of Rauch, Tung and Striebel's smoother, for any number of particles.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import array_kernel
-from occlog.filtering.backward_simulation import root_of
-from occlog.filtering.motion.white_acceleration import half_normals
-from occlog.filtering.particles import effective_size, normalise, systematic_ancestors
+
+from .motion.white_acceleration import half_normals
+from .particles import effective_size, normalise, systematic_ancestors
+
+KEPT = 200
+"""Particles that are kept of each time at most."""
+NOTHING, LEAST = 1e-18, 1e-12
+"""Variances below this, and below this share of the largest, count as so much."""
+TOO_FAR = 50.0
+"""Half the squared distance beyond which a density counts as 0."""
+
+
+class Knot(NamedTuple):
+    """A kernel density of K equally weighted particles with n rows, and of which kind each is."""
+
+    mean: Floats  # (n,)
+    covariance: Floats  # (n, n)
+    centres: Floats  # (n, K) c_l
+    width: float  # h, in (0, 1)
+    kinds: Ints  # (K,)
+
+
+def best_width(particles: int, dimension: int) -> float:
+    """Width h, in standard deviations, that is best for a Gaussian: (4 / (n (d + 2)))^(1 / (d + 4))."""
+    return float((4.0 / (particles * (dimension + 2.0))) ** (1.0 / (dimension + 4.0)))
+
+
+def knot(cloud: Floats, weights: Floats, kinds: Ints | None = None, kept: int = KEPT) -> Knot:
+    """The kernel density of particles, of which not all are kept.
+
+    Those kept are moved and stretched so that their mean and covariance are those of all.
+
+    Args:
+        cloud: (n, L).
+        weights: (L,) of sum 1.
+        kinds: (L,) of which kind each is, from 0; None: all are alike.
+        kept: most particles.
+    """
+    mean = cloud @ weights
+    off = cloud - mean[:, None]
+    covariance = (off * weights) @ off.T
+    count = min(kept, cloud.shape[1])
+    rows = systematic_ancestors(weights, count, 0.5)
+    h = min(best_width(count, len(cloud)), 0.9)
+    centres = mean[:, None] + math.sqrt(1.0 - h * h) * _stretched(off[:, rows], covariance)
+    own = np.zeros(count, dtype=np.int64) if kinds is None else kinds[rows]
+    return Knot(mean, covariance, centres, h, own)
+
+
+def _stretched(off: Floats, covariance: Floats) -> Floats:
+    """(n, K) distances from the mean, moved and stretched to a covariance; as they are where that cannot be."""
+    off = off - off.mean(axis=1)[:, None]
+    own = off @ off.T / off.shape[1]
+    try:
+        return np.asarray(np.linalg.cholesky(covariance) @ np.linalg.solve(np.linalg.cholesky(own), off))
+    except np.linalg.LinAlgError:
+        return off
+
+
+def last_states(end: Knot, count: int, rng: Generator) -> tuple[Floats, Ints]:
+    """(n, M) states drawn from a density, where trajectories end, and their kinds; with its mean and covariance."""
+    rows = systematic_ancestors(np.full(end.centres.shape[1], 1.0 / end.centres.shape[1]), count, rng.random())
+    noise = root_of(end.covariance) @ rng.standard_normal((len(end.mean), count))
+    drawn = end.centres[:, rows] + end.width * noise
+    return end.mean[:, None] + _stretched(drawn - end.mean[:, None], end.covariance), end.kinds[rows]
+
+
+def states_before(
+    before: Knot,
+    back: Floats,
+    noise: Floats,
+    kinds: Ints | None = None,
+    chances: Floats | None = None,
+    *,
+    rng: Generator,
+) -> tuple[Floats, Ints]:
+    """(n, M) states drawn a step before those of M trajectories, and their kinds.
+
+    Args:
+        before: density of the filter before the step.
+        back: (n, M) b.
+        noise: (n, n) B, positive semi-definite.
+        kinds: (M,) of the states after the step; None: all are 0.
+        chances: (J, J) probabilities of a kind given that before it, rows before; None: all kinds follow each other.
+        rng: draws.
+    """
+    M = back.shape[1]
+    kinds = np.zeros(M, dtype=np.int64) if kinds is None else kinds
+    most = 1 + int(max(kinds.max(), before.kinds.max()))
+    chances = np.ones((most, most)) if chances is None else chances
+    S = before.width**2 * before.covariance + noise
+    S = S + max(LEAST * float(np.trace(S)), NOTHING) * np.eye(len(S))
+    root = np.linalg.cholesky(S)
+    centres, at = np.linalg.solve(root, before.centres), np.linalg.solve(root, back)
+    u = rng.random(size=(M,))
+    rows = _chosen(np.ascontiguousarray(centres), np.ascontiguousarray(at), before.kinds, kinds, chances, u)
+    gain = np.linalg.solve(S, noise).T
+    drawn = back + gain @ (before.centres[:, rows] - back)
+    return drawn + root_of(noise - gain @ noise) @ rng.standard_normal(back.shape), before.kinds[rows]
+
+
+@array_kernel
+def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
+    """(M,) one of K centres (n, K) for each of (n, M) places, by unit Gaussians times chances; the nearest if all 0."""
+    n, K = centres.shape
+    M = at.shape[1]
+    half, out = np.empty(K), np.empty(M, dtype=np.int64)
+    for j in range(M):
+        half[:] = 0.0
+        for i in range(n):
+            x = at[i, j]
+            for k in range(K):
+                d = x - centres[i, k]
+                half[k] += d * d
+        nearest = 0
+        for k in range(K):
+            if half[k] < half[nearest]:
+                nearest = k
+        base, total = half[nearest], 0.0
+        for k in range(K):
+            exponent = 0.5 * (half[k] - base)
+            half[k] = chances[before[k], after[j]] * math.exp(-exponent) if exponent < TOO_FAR else 0.0
+            total += half[k]
+        out[j] = nearest
+        point = u[j] * total
+        for k in range(K):
+            point -= half[k]
+            if point < 0.0:
+                out[j] = k
+                break
+    return out
+
+
+def root_of(covariance: Floats) -> Floats:
+    """B (n, n) with B B^T the covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def spread_of(states: Floats) -> tuple[Floats, Floats]:
+    """Mean (n,) and covariance (n, n) of (n, M) equally weighted states."""
+    mean = states.mean(axis=1)
+    off = states - mean[:, None]
+    return mean, off @ off.T / max(states.shape[1] - 1, 1)
 
 
 def weigh(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floats, float]:

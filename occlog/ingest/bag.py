@@ -14,11 +14,10 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.calibration.common import Pose, build_camera
-from occlog.io.files.times.frame_times import FrameTimes, to_world_time
-from occlog.io.files.times.utc import utc
-from occlog.io.messages.bag import Bag
-from occlog.io.messages.camera_info import intrinsics
-from occlog.io.messages.images import stored
+from occlog.io.files.times import FrameTimes, to_world_time
+from occlog.io.files.utc import utc
+from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagSurvey, Messages, survey, taken_lines
+from occlog.io.messages.contents import BoxRows, Placed, Transforms, direction_rows, intrinsics, stored, truth_rows
 from occlog.io.messages.kinds import (
     BoxMessage,
     DirectionMessage,
@@ -29,18 +28,15 @@ from occlog.io.messages.kinds import (
     kind_of,
 )
 from occlog.io.messages.mcap_file import Message
-from occlog.io.messages.rows import BoxRows, direction_rows, truth_rows
-from occlog.io.messages.survey import CLOCKS_APART_S, BagSurvey, Messages, survey, taken_lines
 from occlog.io.messages.topics import is_rectified, read_topic_map
-from occlog.io.messages.transforms import Placed, Transforms
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Clock, Scene
 from occlog.records.tables import Boxes, Doa, Truth
 
 from .plan import IngestPlan
-from .truth_span import span_of, tell_left_out
-from .upright import Turn
+from .scene import Turn
+from .truth import span_of, tell_left_out
 
 Note = Callable[[str], None]
 BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

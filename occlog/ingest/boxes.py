@@ -12,10 +12,10 @@ import numpy as np
 
 from occlog.array_types import Bools
 from occlog.console.text import counted
-from occlog.io.boxes.classes import in_words
-from occlog.io.boxes.folder import camera_folders, label_files
+from occlog.io.boxes.datasets import camera_folders, label_files
 from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
-from occlog.io.frames.folder import are_times, list_images, numbers_of
+from occlog.io.boxes.rows import in_words
+from occlog.io.frames.streams import are_times, list_images, numbers_of
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes

@@ -17,20 +17,19 @@ from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.limits import check_input
 from occlog.io.files.provenance import InputDigests, Provenance, hash_file
-from occlog.io.files.times.frame_times import FrameTimes
-from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.times import FrameTimes
 from occlog.io.frames.camera_source import CameraSource
 from occlog.io.frames.decoders.process import Delivered
-from occlog.io.messages.bag import Bag, open_bag
-from occlog.io.messages.survey import BagSurvey
-from occlog.io.recording.layout import is_of_occlog
+from occlog.io.messages.bag import Bag, BagSurvey, open_bag
+from occlog.io.recording.chunks import is_of_occlog
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
-from occlog.io.sound.odas import parse_hop
-from occlog.io.tags.reads import ReadLog, read_reads
-from occlog.io.truth.reader import TruthOptions, read_truth
+from occlog.io.sound.formats import parse_hop
+from occlog.io.tags import ReadLog, read_reads
+from occlog.io.truth import TruthOptions, read_truth
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -38,19 +37,15 @@ from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
 from occlog.records.verdicts import Verdict
 from occlog.runner import Job
 
-from .agreement import checked
 from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
 from .boxes import box_files, box_options, inside, known_cameras, truth_options
 from .boxes import survey as survey_of
-from .copies import Copies
-from .offsets import with_offsets
-from .plan import IngestPlan, files_in
+from .plan import IngestPlan, files_in, with_offsets
 from .request import IngestRequest
-from .scene import Sized, add_bag_cameras, base_scene, fit_sizes, match_cameras
-from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras
+from .sources import Copies, Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
 from .times import Span, TimedWriter, Times
-from .truth_span import within_frames
-from .upright import Turn
+from .truth import checked, within_frames
 
 
 @dataclass

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from occlog.array_types import NS, Ints
-from occlog.io.files.times.utc import utc
+from occlog.io.files.utc import utc
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import Table
 from occlog.records.tables import Boxes, Doa, Truth, TruthBoxes

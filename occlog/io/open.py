@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from occlog.console.details import tell
+from occlog.console.notes import tell
 from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
+from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, SQLITE_MAGIC, Content, content_of, mistaken_for
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
-from occlog.io.files.tables.header import describe, read_header
-from occlog.io.files.tables.parquet import is_ours, iter_table
-from occlog.io.files.untrusted.content import EXPECTED, SQLITE_MAGIC, Content, content_of, mistaken_for
-from occlog.io.files.untrusted.inputs import FOREIGN_BAG
+from occlog.io.files.tables.parquet import describe, is_ours, iter_table, read_header
 from occlog.records.columns import LENGTHS, Table
 from occlog.records.losses import Loss
 from occlog.records.tables import table_with

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from occlog.errors import UsageError
-from occlog.papers.ercan import baselines, joint_states, selection, selection_period, speed, square
+from occlog.papers.ercan import baselines, joint_states, selection, speed, square
+from occlog.papers.ercan import recorded as recorded_figures
+from occlog.papers.ercan import selection as selection_period
 from occlog.papers.ercan import statements as ercan_statements
 from occlog.papers.ercan.formulas import accuracy
 from occlog.papers.ercan.formulas import equations as ercan_equations
-from occlog.papers.ercan.recorded import figures as recorded_figures
 from occlog.papers.lee import equations as lee_equations
 from occlog.papers.lee import statements as lee_statements
 from occlog.papers.lee.appearance.coefficient import COEFFICIENT
@@ -26,11 +27,10 @@ from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS
 from occlog.papers.lee.fusion.detection_rates import FUSION_EXPERIMENTS
 from occlog.papers.lee.navigation.escapes import ESCAPE_EXPERIMENTS
 from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS
-from occlog.papers.lee.readers.coarse_and_refined import READER_EXPERIMENTS
+from occlog.papers.lee.readers import READER_EXPERIMENTS
 from occlog.papers.lee.space import scenarios, tables, variances, weight_sums
 from occlog.papers.lee.traffic.delays import TRAFFIC_EXPERIMENTS
-from occlog.papers.page.planplot import Plan
-from occlog.papers.page.shotplot import Shots
+from occlog.papers.plots import Plan, Shots
 from occlog.papers.qu import statements as qu_statements
 from occlog.papers.qu import variants
 from occlog.papers.qu.experiments import (
@@ -41,17 +41,18 @@ from occlog.papers.qu.experiments import (
     mechanisms,
     motion,
     rooms,
-    sweeps,
     table1,
     table2,
     table3,
     unseen,
 )
+from occlog.papers.qu.experiments import (
+    loop as sweeps,
+)
 from occlog.papers.rahimi import equations as rahimi_equations
 from occlog.papers.rahimi import results, search, trust, walk
 from occlog.papers.rahimi import statements as rahimi_statements
-from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
-from occlog.papers.verdicts.source import Sources, attributed
+from occlog.papers.verdicts import Execute, Experiment, Size, Sources, Table, Verdict, attributed
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (

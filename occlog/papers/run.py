@@ -21,20 +21,9 @@ from tqdm import tqdm
 from occlog import console
 from occlog.errors import InputError, OutputError, UsageError
 from occlog.io.files.atomic import check_writable, translate_write_errors, write_bytes
-from occlog.papers.ercan.recorded.detections import cmc_files, files_of, target_of
-from occlog.papers.ercan.recorded.figures import recorded_experiments
-from occlog.papers.page.reproduction import (
-    Chart,
-    Curve,
-    Paper,
-    Part,
-    build_reproduction,
-    build_verdicts,
-    chart_png,
-    picture_png,
-)
-from occlog.papers.verdicts.model import EXTRAS, Execute, Experiment, Table, Verdict
-from occlog.papers.verdicts.words import WORDS
+from occlog.papers.ercan.recorded import cmc_files, files_of, recorded_experiments, target_of
+from occlog.papers.page import Chart, Curve, Paper, Part, build_reproduction, build_verdicts, chart_png, picture_png
+from occlog.papers.verdicts import EXTRAS, WORDS, Execute, Experiment, Table, Verdict
 from occlog.pipeline.sweep.engine import run_all
 from occlog.pipeline.sweep.trial import Spec
 

@@ -1,9 +1,21 @@
 """The expected error of a filter at the end of each way, for many targets at a time.
 
-The filter knows that people walk straight on and turn now and then (`occlog.plan.hypotheses`).  How often they turn,
-how fast they are and the noise of their places is that of the walk (`occlog.plan.moments`).  Between turns it expects
+The filter knows that people walk straight on and turn now and then (`occlog.plan.filtering`).  How often they turn,
+how fast they are and the noise of their places is that of the walk (`occlog.plan.walks`).  Between turns it expects
 as much noise as the trackers of occlog do by their defaults, and is worse for it where the walk has less.  None can
 know where the target wants to go, as the posterior bound of `occlog evaluate` does.
+
+A filter that knows that people walk straight on and turn now and then: compiled, for one way after the other.
+
+Between turns a velocity stays as it is, but for noise; at a turn it is drawn anew, N(0, fresh I), whatever it was.
+When somebody turned the filter has to find out by what is seen.  It keeps hypotheses, each a Kalman filter of (x, y,
+vx, vy) with a probability: at every step one more is born of all others, that the target turns just now.  Of more than
+`MOST` two neighbours in the order of their births are merged that differ least.  In a gap without sight the first two
+moments of all hypotheses together are exactly those of the walk.
+
+A filter may expect more noise of velocities than there is.  So each hypothesis has two covariances: the one that the
+filter believes in, which makes its gains and probabilities, and that of the errors that come of these gains on the
+walk.
 """
 
 from __future__ import annotations
@@ -14,8 +26,241 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel
 
-from .hypotheses import StepNoise, follow
+MOST = 4
+"""Hypotheses after a step; with 20 expected errors are the same to 1 %."""
+NEGLIGIBLE = 1e-6
+"""Probability below which a hypothesis is dropped."""
+
+CHANCE, STATE, BELIEVED, TRUE, WIDTH = 0, 1, 5, 15, 25
+"""Columns of the hypotheses: probability, state, and the triangles of the two covariances."""
+TRIANGLE = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
+"""Where an element of a covariance is in its triangle."""
+
+
+class StepNoise(NamedTuple):
+    """What a step without a turn adds to a covariance, per axis, and the velocity after a turn."""
+
+    place: float
+    both: float  # of place and velocity
+    velocity: float
+    fresh: float  # variance of a new velocity
+
+
+@kernel
+def follow(
+    ways: Floats,
+    information: Floats,
+    noise: Floats,
+    start: Floats,
+    prior: Floats,
+    turn: float,
+    believed: StepNoise,
+    true: StepNoise,
+    dt: float,
+    keep: int,
+) -> tuple[Floats, Floats]:
+    """Errors of the filter at the last steps of each way.
+
+    Args:
+        ways: (N, T, 2) places of targets.
+        information: (3, N, T) xx, xy, yy of the Fisher information I of each step about the place.
+        noise: (2, N, T) what is told of a place x is I x + this; its covariance is I.
+        start: (2,) the place that is expected first.
+        prior: (2, 2) its covariance.
+        turn: probability that the target turns in a step.
+        believed: noise of a step that the filter expects.
+        true: noise of the walk.
+        dt: between steps [s].
+        keep: number of the last steps that are wanted.
+
+    Returns:
+        (N, keep, 2) places that the filter expects.
+        (N, keep, 3) xx, xy, yy of the covariance of their errors.
+    """
+    steps = ways.shape[1]
+    places, spread = np.empty((ways.shape[0], keep, 2)), np.empty((ways.shape[0], keep, 3))
+    rows, told, work = np.empty((MOST + 1, WIDTH)), np.empty(7), np.empty((4, 8))
+    for i in range(ways.shape[0]):
+        rows[0] = 0.0
+        rows[0, CHANCE] = 1.0
+        rows[0, STATE], rows[0, STATE + 1] = start[0], start[1]
+        for first in (BELIEVED, TRUE):
+            rows[0, first], rows[0, first + 1], rows[0, first + 4] = prior[0, 0], prior[0, 1], prior[1, 1]
+            rows[0, first + 7] = rows[0, first + 9] = believed.fresh
+        n = 1
+        for t in range(steps):
+            if t:
+                _turn_into(rows, n, turn, believed.fresh)
+                n += 1
+                for h in range(n):
+                    _move_into(rows, h, dt, believed, true)
+            told[0], told[1], told[2] = information[0, i, t], information[1, i, t], information[2, i, t]
+            if told[0] + told[2] > 0.0:
+                told[3], told[4], told[5], told[6] = ways[i, t, 0], ways[i, t, 1], noise[0, i, t], noise[1, i, t]
+                n = _weigh_into(rows, n, told, work)
+            if n > MOST:
+                _merge_into(rows, n)
+                n -= 1
+            if t >= steps - keep:
+                _moments_into(rows, n, TRUE, places[i, t - steps + keep], spread[i, t - steps + keep])
+    return places, spread
+
+
+@kernel
+def _moments_into(rows: Floats, n: int, first: int, place: Floats, spread: Floats) -> None:
+    """Mean (2,) and covariance (3,) of the place over all hypotheses; `first` column of the covariances that count."""
+    x, y = 0.0, 0.0
+    for h in range(n):
+        x += rows[h, CHANCE] * rows[h, STATE]
+        y += rows[h, CHANCE] * rows[h, STATE + 1]
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for h in range(n):
+        dx, dy = rows[h, STATE] - x, rows[h, STATE + 1] - y
+        xx += rows[h, CHANCE] * (rows[h, first] + dx * dx)
+        xy += rows[h, CHANCE] * (rows[h, first + 1] + dx * dy)
+        yy += rows[h, CHANCE] * (rows[h, first + 4] + dy * dy)
+    place[0], place[1] = x, y
+    spread[0], spread[1], spread[2] = xx, xy, yy
+
+
+@kernel
+def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
+    """Row n becomes the hypothesis that the target turns now, wherever it is; the others lose that probability."""
+    born = rows[n]
+    born[:] = 0.0
+    _moments_into(rows, n, BELIEVED, born[STATE : STATE + 2], born[TRUE : TRUE + 3])
+    born[BELIEVED], born[BELIEVED + 1], born[BELIEVED + 4] = born[TRUE], born[TRUE + 1], born[TRUE + 2]
+    _moments_into(rows, n, TRUE, born[STATE : STATE + 2], born[TRUE : TRUE + 3])
+    born[TRUE + 4] = born[TRUE + 2]
+    born[TRUE + 2] = 0.0
+    born[BELIEVED + 7] = born[BELIEVED + 9] = born[TRUE + 7] = born[TRUE + 9] = fresh
+    for h in range(n):
+        rows[h, CHANCE] *= 1.0 - turn
+    born[CHANCE] = turn
+
+
+@kernel
+def _move_into(rows: Floats, h: int, dt: float, believed: StepNoise, true: StepNoise) -> None:
+    """Hypothesis h a step later."""
+    rows[h, STATE] += dt * rows[h, STATE + 2]
+    rows[h, STATE + 1] += dt * rows[h, STATE + 3]
+    _spread_into(rows[h, BELIEVED:TRUE], dt, believed)
+    _spread_into(rows[h, TRUE:], dt, true)
+
+
+@kernel
+def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
+    """The triangle (10,) of a covariance a step later."""
+    P[0] += dt * (2.0 * P[2] + dt * P[7]) + noise.place
+    P[1] += dt * (P[3] + P[5] + dt * P[8])
+    P[4] += dt * (2.0 * P[6] + dt * P[9]) + noise.place
+    P[2] += dt * P[7] + noise.both
+    P[3] += dt * P[8]
+    P[5] += dt * P[8]
+    P[6] += dt * P[9] + noise.both
+    P[7] += noise.velocity
+    P[9] += noise.velocity
+
+
+@kernel
+def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
+    """All hypotheses after what is told at a step; how many are left of them, in front.
+
+    Args:
+        rows: hypotheses.
+        n: how many there are.
+        told: (7,) xx, xy, yy of the information, the place, and the noise.
+        work: (4, 8) room for gains.
+    """
+    best = -math.inf
+    for h in range(n):
+        log_chance = math.log(rows[h, CHANCE]) + _update_into(rows[h], told, work)
+        rows[h, CHANCE] = log_chance
+        best = max(best, log_chance)
+    total = 0.0
+    for h in range(n):
+        rows[h, CHANCE] = math.exp(rows[h, CHANCE] - best)
+        total += rows[h, CHANCE]
+    left, kept = 0, 0.0
+    for h in range(n):
+        if rows[h, CHANCE] >= NEGLIGIBLE * total:
+            kept += rows[h, CHANCE]
+            if left < h:
+                rows[left] = rows[h]
+            left += 1
+    for h in range(left):
+        rows[h, CHANCE] /= kept
+    return left
+
+
+@kernel
+def _update_into(row: Floats, told: Floats, work: Floats) -> float:
+    """A hypothesis after what is told; the logarithm of its likelihood, but for what all have in common.
+
+    With M = 1 + I P_xx: gain W = P_x M^-1 of what is told beside I x, G = W I of the place; the believed covariance
+    becomes P - G P_x^T, the true one (1 - G H) R (1 - G H)^T + W I W^T.
+    """
+    xx, xy, yy = told[0], told[1], told[2]
+    p, q, r = row[BELIEVED], row[BELIEVED + 1], row[BELIEVED + 4]
+    a, b, c, d = 1.0 + xx * p + xy * q, xx * q + xy * r, xy * p + yy * q, 1.0 + xy * q + yy * r
+    det = a * d - b * c
+    off_x, off_y = told[3] - row[STATE], told[4] - row[STATE + 1]
+    new_x, new_y = xx * off_x + xy * off_y + told[5], xy * off_x + yy * off_y + told[6]
+    gone_x, gone_y = (d * new_x - b * new_y) / det, (a * new_y - c * new_x) / det
+    log: float = -0.5 * math.log(det) - 0.5 * (off_x * (new_x + told[5]) + off_y * (new_y + told[6]))
+    log += 0.5 * (new_x * (p * gone_x + q * gone_y) + new_y * (q * gone_x + r * gone_y))
+    r_xx, r_xy, r_yy = row[TRUE], row[TRUE + 1], row[TRUE + 4]
+    for k in range(4):
+        px, py = row[BELIEVED + TRIANGLE[k, 0]], row[BELIEVED + TRIANGLE[k, 1]]
+        wx, wy = (px * d - py * c) / det, (py * a - px * b) / det
+        work[k, 0], work[k, 1], work[k, 2], work[k, 3] = px, py, wx, wy
+        work[k, 4], work[k, 5] = wx * xx + wy * xy, wx * xy + wy * yy
+        work[k, 6], work[k, 7] = row[TRUE + TRIANGLE[k, 0]], row[TRUE + TRIANGLE[k, 1]]
+        row[STATE + k] += wx * new_x + wy * new_y
+    for k in range(4):
+        gx, gy = work[k, 4], work[k, 5]
+        # R G^T is P_x of the true covariance times gains; what the gains make of it and of the noise
+        ux, uy = gx * r_xx + gy * r_xy - work[k, 6], gx * r_xy + gy * r_yy - work[k, 7]
+        for m in range(k, 4):
+            at = TRIANGLE[k, m]
+            row[BELIEVED + at] -= gx * work[m, 0] + gy * work[m, 1]
+            row[TRUE + at] += ux * work[m, 4] + uy * work[m, 5] - gx * work[m, 6] - gy * work[m, 7]
+            row[TRUE + at] += gx * work[m, 2] + gy * work[m, 3]
+    return log
+
+
+@kernel
+def _merge_into(rows: Floats, n: int) -> None:
+    """Of n hypotheses two neighbours become one, those that lose least: by probability and distance in deviations."""
+    at, least = 0, math.inf
+    for h in range(n - 1):
+        one, two = rows[h, CHANCE], rows[h + 1, CHANCE]
+        off = 0.0
+        for k in range(4):
+            v = rows[h, BELIEVED + TRIANGLE[k, k]] + rows[h + 1, BELIEVED + TRIANGLE[k, k]]
+            off += (rows[h, STATE + k] - rows[h + 1, STATE + k]) ** 2 / v
+        for k in (7, 9):
+            off += abs(math.log(rows[h, BELIEVED + k] / rows[h + 1, BELIEVED + k]))
+        loss = off * one * two / (one + two)
+        if loss < least:
+            at, least = h, loss
+    total = rows[at, CHANCE] + rows[at + 1, CHANCE]
+    one = rows[at, CHANCE] / total
+    two = 1.0 - one
+    for k in range(4):
+        for m in range(k, 4):
+            spread = one * two
+            spread *= (rows[at, STATE + k] - rows[at + 1, STATE + k]) * (rows[at, STATE + m] - rows[at + 1, STATE + m])
+            for first in (BELIEVED + TRIANGLE[k, m], TRUE + TRIANGLE[k, m]):
+                rows[at, first] = one * rows[at, first] + two * rows[at + 1, first] + spread
+    for k in range(4):
+        rows[at, STATE + k] = one * rows[at, STATE + k] + two * rows[at + 1, STATE + k]
+    rows[at, CHANCE] = total
+    for h in range(at + 1, n - 1):
+        rows[h] = rows[h + 1]
+
 
 BLOCK = 1_000_000
 """Places times cells that are summed at a time."""
@@ -24,7 +269,7 @@ LEAST = 1e-18
 
 
 class Motion(NamedTuple):
-    """The second moments of a walk; how they are counted is in `occlog.plan.moments`."""
+    """The second moments of a walk; how they are counted is in `occlog.plan.walks`."""
 
     speed: float  # root mean square of the velocity, per second
     turns: float  # how often a second the velocity is forgotten

@@ -1,18 +1,139 @@
-"""The page of a plan: map, figures in words, rankings; one offline file without scripts."""
+"""The page of a plan: map, figures in words, rankings; one offline file without scripts.
+
+Picture of a plan: where what error is to be expected, and where two sensors see the target, over the floor plan.
+"""
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
 
-from occlog.report.drawing.html import template
-from occlog.report.drawing.style import COLOURS, DARK, house_style, new_figure, raw_svg
-from occlog.report.drawing.svg import page_svg
+from occlog.array_types import Bools, Floats
+from occlog.records.declared.world import PlanMap
+from occlog.records.scene import Camera, Scene
+from occlog.report.drawing import COLOURS, DARK, house_style, label, new_figure, page_svg, raw_svg, template, to_png
+from occlog.report.plots.floorplan import draw_scene, frame_plan
 
-from .picture import MapPicture, draw_maps, size_of
+from .sensing import Sensor
+
+WIDTH, DPI = 9.6, 110.0
+MAP = "viridis_r"
+"""Colours of errors: dark is far off."""
+
+
+class MapPicture(NamedTuple):
+    """What is drawn."""
+
+    scene: Scene
+    table: PlanMap
+    size: Floats  # (2,) sides of a cell
+    added: tuple[Sensor, ...]  # placements that were found
+    within: float | None  # error that is outlined
+
+
+def map_picture(what: MapPicture, suffix: str) -> bytes:
+    """The picture as PNG or SVG, by the suffix of its name."""
+    with house_style():
+        figure = new_figure(*size_of(what))
+        draw_maps(figure, what)
+        return _svg(figure) if suffix == ".svg" else to_png(figure, DPI, {"Title": "Expected error and coverage"})
+
+
+def _svg(figure: Figure) -> bytes:
+    out = io.BytesIO()
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    return out.getvalue()
+
+
+def size_of(what: MapPicture) -> tuple[float, float]:
+    """Inches of a picture whose maps have the room's shape."""
+    extent = np.diff(_limits(what), axis=0)[0]
+    return WIDTH, float(np.clip(0.44 * WIDTH * extent[1] / extent[0] + 1.9, 3.4, 9.0))
+
+
+def draw_maps(figure: FigureBase, what: MapPicture) -> None:
+    """Draw both maps, to be called inside `house_style`."""
+    unit = label(what.scene.length_unit)
+    left, right = figure.subplots(1, 2)
+    rmse = what.table.rmse
+    low, high = float(rmse.min()), float(rmse.max())
+    norm = LogNorm(low, max(high, 1.01 * low))
+    handles = _map(left, what, rmse, norm, f"Expected error, RMSE [{unit}]")
+    _map(right, what, what.table.seen_by_2, Normalize(0.0, 1.0), "Seen by two or more, probability", "viridis")
+    if what.within is not None:
+        left.set_title(f"Expected error, RMSE [{unit}]; dots: below {what.within:g}")
+        _outline(left, what, rmse < what.within)
+    figure.legend(handles=handles, loc="outside lower center", ncols=5)
+
+
+def _map(
+    axes: Axes, what: MapPicture, values: Floats, norm: Normalize, title: str, colours: str = MAP
+) -> list[Line2D | Patch]:
+    limits = _limits(what)
+    # Squares lie over the fields of view, of which the map says more
+    handles = [h for h in draw_scene(axes, what.scene, limits) if h.get_label() != "field of view"]
+    squares = _squares(what, values, norm=norm, cmap=colours, linewidth=0.2, edgecolor="face", zorder=1.3)
+    axes.add_collection(squares)
+    bar = axes.figure.colorbar(squares, ax=axes, orientation="horizontal", aspect=30, pad=0.03)
+    low, high = norm.vmin or 0.0, norm.vmax or 1.0
+    ticks = np.geomspace(low, high, 5) if isinstance(norm, LogNorm) else np.linspace(low, high, 5)
+    bar.set_ticks(ticks.tolist(), labels=[f"{tick:.2g}" for tick in ticks])
+    bar.minorticks_off()
+    # Shapes and no image, which the page does not load
+    assert bar.solids is not None
+    bar.solids.set_rasterized(False)
+    bar.solids.set_edgecolor("face")
+    if what.added:
+        at = np.array([sensor.position[:2] for sensor in what.added])
+        handles += axes.plot(
+            at[:, 0], at[:, 1], "*", color=COLOURS["bound"], markersize=11, zorder=7, label="added", linestyle="none"
+        )
+        for number, (sensor, (x, y)) in enumerate(zip(what.added, at, strict=True), start=1):
+            axes.annotate(str(number), (x, y), (4, 4), textcoords="offset points", color=COLOURS["bound"], zorder=8)
+            if isinstance(sensor, Camera):
+                along = 0.07 * float((limits[1] - limits[0]).max()) * np.array([np.cos(sensor.yaw), np.sin(sensor.yaw)])
+                axes.plot([x, x + along[0]], [y, y + along[1]], color=COLOURS["bound"], zorder=7)
+    frame_plan(axes, limits, what.scene.length_unit)
+    axes.set_title(title)
+    return handles
+
+
+def _squares(what: MapPicture, values: Floats, **style: Any) -> PatchCollection:
+    width, height = (float(side) for side in what.size)
+    places = zip(what.table.x - 0.5 * width, what.table.y - 0.5 * height, strict=True)
+    squares = PatchCollection([Rectangle(corner, width, height) for corner in places], **style)
+    squares.set_array(values)
+    return squares
+
+
+def _outline(axes: Axes, what: MapPicture, good: Bools) -> None:
+    """Dots in the squares that are good enough."""
+    rows = np.flatnonzero(good)
+    axes.plot(
+        what.table.x[rows], what.table.y[rows], ".", color=COLOURS["halo"], markersize=2.0, zorder=2.4, linestyle="none"
+    )
+
+
+def _limits(what: MapPicture) -> Floats:
+    """(2, 2) lower and upper corner of the room and all sensors."""
+    assert what.scene.room is not None
+    sensors = [sensor.position[None, :2] for sensor in (*what.scene.cameras, *what.scene.arrays, *what.added)]
+    points = np.vstack([what.scene.room, *sensors])
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    return np.array([low - margin, high + margin])
+
 
 HEADING = "Expected error and coverage"
 RANKINGS = {

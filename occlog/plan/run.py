@@ -16,17 +16,28 @@ from occlog.console.text import as_bytes
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance
 from occlog.io.open import load_scene, open_input
-from occlog.records.declared.plans import PlanMap
+from occlog.records.declared.world import PlanMap
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.runner import Job, Tables
 from occlog.settings import configure
 
-from .candidates import Placed, add_greedily, along_walls, rank_candidates, rank_own
 from .config import PlanConfig
 from .request import PlanRequest
 from .sensing import Sensor
-from .stage import Planned, area_below, plan_map, prepare, sensors_of, worst_place
+from .stage import (
+    Placed,
+    Planned,
+    add_greedily,
+    along_walls,
+    area_below,
+    plan_map,
+    prepare,
+    rank_candidates,
+    rank_own,
+    sensors_of,
+    worst_place,
+)
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
@@ -216,8 +227,7 @@ def _draw(
     """Write the picture and the page."""
     if request.picture is None and request.report is None:
         return
-    from .page import PageInput, plan_page
-    from .picture import MapPicture, map_picture
+    from .page import MapPicture, PageInput, map_picture, plan_page
 
     added = tuple(placed.sensor for placed in rankings.added or ())
     drawn = MapPicture(planned.scene, table, planned.cells.size, added, planned.config.within)

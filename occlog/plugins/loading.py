@@ -1,14 +1,19 @@
-"""Finds installed plug-ins by their entry points, which are read only where a name is not ours or help is asked for."""
+"""Finds installed plug-ins by their entry points, which are read only where a name is not ours or help is asked for.
+
+A plug-in that the user has chosen, with the settings that were given.
+"""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from functools import cache
 from typing import Any, NamedTuple
 
 from occlog.errors import OcclogError, PluginError, UsageError, did_you_mean
+from occlog.settings import Settings, configure
 
 METHOD, VIEW_TRACKER, READER = "tracking method", "tracker in images", "reader"
 DETECTOR, METRIC, EXPORTER = "detector", "metric", "exporter"
@@ -143,3 +148,32 @@ def named(name: str) -> list[Plugin]:
     if not found:
         raise UsageError(f"no plug-in {name!r} is installed; {did_you_mean(name, [p.name for p in installed()])}")
     return found
+
+
+class Chosen(NamedTuple):
+    """A plug-in and its settings.
+
+    Attributes:
+        plugin: the plug-in.
+        values: settings as far as they were given.
+    """
+
+    plugin: Plugin
+    values: Mapping[str, object]
+
+    def config(self, length_unit: str) -> Settings:
+        """All settings, for lengths in this unit."""
+        of = self.plugin.load()
+        with said_by(self.plugin):
+            defaults: Settings = of.settings.in_unit(length_unit)
+        return configure(defaults, self.values)
+
+    def make(self, length_unit: str, *more: Any) -> Any:
+        """A new object of the plug-in; PluginError where it fails."""
+        of, config = self.plugin.load(), self.config(length_unit)
+        with said_by(self.plugin):
+            return of(config, *more)
+
+    def provenance(self, length_unit: str) -> dict[str, object]:
+        """Name, package, version and all settings, for the provenance of what is made."""
+        return {"name": self.plugin.name, "package": self.plugin.origin, **asdict(self.config(length_unit))}

@@ -1,8 +1,14 @@
-"""One video frame on its way from a recording to the detector."""
+"""One video frame on its way from a recording to the detector.
+
+Numbers of frames at which nobody looked, as the provenance of a table of regions has them.
+
+Such a table has no rows of frames in which nobody was found, so that a frame that was lost would pass for one of these.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,3 +33,30 @@ class Frame:
     index: int
     decode: Callable[[], Image]
     encoded: bytes | None = None
+
+
+LEFT_OUT = "frames_left_out"
+"""Parameter of provenance: (first, last) number of each stretch, by the name of the camera."""
+
+
+def carried(parameters: Mapping[str, object]) -> dict[str, object]:
+    """What provenance of a table that is made of another one says of it."""
+    return {LEFT_OUT: parameters[LEFT_OUT]} if LEFT_OUT in parameters else {}
+
+
+def holes(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]]:
+    """The stretches by camera, in order, as provenance has them; none for what is not of this form."""
+    told = parameters.get(LEFT_OUT)
+    if not isinstance(told, Mapping):
+        return {}
+    return {
+        str(name): sorted((int(first), int(last)) for first, last in each)
+        for name, each in told.items()
+        if all(isinstance(s, list | tuple) and len(s) == 2 and all(isinstance(n, int) for n in s) for s in each)
+    }
+
+
+def inside(stretches: list[tuple[int, int]], number: int) -> bool:
+    """Whether a number is in one of the stretches, which are in order."""
+    k = bisect_right(stretches, (number, 2**63)) - 1
+    return k >= 0 and number <= stretches[k][1]

@@ -1,6 +1,6 @@
 """The tables that pass between stages: frozen column records, NumPy only, no file formats.
 
-Each column states its dtype, unit and meaning once.  `occlog.io.files.tables.arrow_columns` and
+Each column states its dtype, unit and meaning once.  `occlog.io.files.tables.arrow` and
 `occlog.io.recording.reader` derive their schemas from the same declaration, and
 `schemas/` publishes them.
 
@@ -10,19 +10,23 @@ Conventions (all tables)
       the scene says otherwise).  Angles are radians from +x towards +y in [-pi, pi).
     * Pixels carry `_px`; x to the right, y down, the centre of the first pixel is (0, 0).
     * NaN is allowed only in columns declared with `nan=...`, which says what it means.
+
+Tables in pieces that a command works through one after another, so that memory does not grow with their length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.errors import InputError
 
 from .columns import Table
-from .declared.gallery import AppearanceMatches, Gallery
-from .declared.measurements import Measurements
-from .declared.people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
-from .declared.plans import PlanMap
-from .declared.robots import RobotPath
-from .declared.sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Reads, TruthBoxes, Views
+from .declared.people import AppearanceMatches, Events, Gallery, JoinedTracks, PeopleTracks, PeopleViews, Support
+from .declared.sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Measurements, Reads, TruthBoxes, Views
 from .declared.tracks import (
     Bound,
     Calibration,
@@ -36,9 +40,8 @@ from .declared.tracks import (
     Tracks,
     VirtualSensors,
 )
-from .declared.traffic import Delays
 from .declared.views import Counts, Failures, ViewTracks
-from .declared.world import Hulls, Occluders, Truth
+from .declared.world import Delays, Hulls, Occluders, PlanMap, RobotPath, Truth
 
 TABLES: dict[str, type[Table]] = {
     table.NAME: table
@@ -141,3 +144,168 @@ __all__ = [
     "has_all",
     "table_with",
 ]
+
+
+T = TypeVar("T", bound=Table)
+A = TypeVar("A", bound=Table)
+B = TypeVar("B", bound=Table)
+FIRST, LAST = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
+"""Limits of times."""
+
+
+def times(table: Table) -> Ints:
+    """The column t_ns, which every table has."""
+    out: Ints = getattr(table, "t_ns")  # noqa: B009
+    return out
+
+
+def whole_times(chunks: Iterable[T]) -> Iterator[T]:
+    """The rows of chunks in pieces that end between two times.
+
+    Args:
+        chunks: in the order of time; a time may be split over several of them.
+
+    Raises:
+        InputError: a chunk begins before the one ahead of it ends.
+    """
+    held: T | None = None
+    for chunk in chunks:
+        if not len(chunk):
+            continue
+        if held is not None and times(chunk)[0] < times(held)[-1]:
+            raise InputError(f"{chunk.NAME}: t_ns goes back between two chunks; sort the table by t_ns")
+        rows = chunk if held is None else type(chunk).concat([held, chunk])
+        cut = int(np.searchsorted(times(rows), times(rows)[-1]))
+        if cut:
+            yield rows.take(slice(0, cut))
+        held = rows.take(slice(cut, None))
+    if held is not None:
+        yield held
+
+
+class Window(NamedTuple, Generic[A, B]):
+    """Rows of two tables during a stretch of time, and those about it.
+
+    Attributes:
+        a: rows of the first table from the beginning of the stretch to its end, which is left out.
+        b: rows of the second table, likewise.
+        about_a: these rows of the first table and those that are at most the margin away from the stretch.
+        about_b: of the second table, likewise.
+    """
+
+    a: A
+    b: B
+    about_a: A
+    about_b: B
+
+
+class Side(Generic[T]):
+    """Chunks of one table, and its rows that are read and still wanted.
+
+    Attributes:
+        rows: these rows.
+        until: rows before this time have all arrived; `LAST`: all have.
+    """
+
+    def __init__(self, chunks: Iterable[T], kind: type[T], name: str = "") -> None:
+        """Nothing is read yet; `name` is that of the table in messages, if it is not its own."""
+        self._chunks = iter(chunks)
+        self._kind = kind
+        self._name = name or kind.NAME
+        self._next: T | None = None
+        self._begun = False
+        self.rows = kind.empty()
+        self.until = FIRST
+
+    def pull(self) -> None:
+        """Take the next chunk that has rows; with the last one all rows have arrived."""
+        if not self._begun:
+            self._next, self._begun = self._read(), True
+        chunk = self._next
+        self._next = None if chunk is None else self._read()
+        if chunk is not None:
+            first, last = int(times(chunk)[0]), int(times(chunk)[-1])
+            if first < self.until:
+                raise InputError(f"{self._name}: t_ns goes back between two chunks ({first}); sort the table by t_ns")
+            self.rows = self._kind.concat([self.rows, chunk])
+            self.until = last
+        if self._next is None:
+            self.until = LAST
+
+    def _read(self) -> T | None:
+        return next((chunk for chunk in self._chunks if len(chunk)), None)
+
+    def between(self, low: int, high: int) -> T:
+        """Rows from a time on, up to another, which is left out unless it is the last one that there is."""
+        at = times(self.rows)
+        stop = len(at) if high >= LAST else int(np.searchsorted(at, high))
+        return self.rows.take(slice(int(np.searchsorted(at, max(low, FIRST))), stop))
+
+
+class Limits(NamedTuple):
+    """A stretch of time.
+
+    Attributes:
+        begin: its first moment.
+        end: that after its last one, which is left out; `LAST`: there is none.
+    """
+
+    begin: int
+    end: int
+
+    def of(self, side: Side[T]) -> T:
+        """Rows of a table in the stretch."""
+        return side.between(self.begin, self.end)
+
+    def about(self, side: Side[T], before_ns: int, after_ns: int | None = None) -> T:
+        """The same and what is so near before and after it; `after_ns` None: as `before_ns`."""
+        after = before_ns if after_ns is None else after_ns
+        return side.between(self.begin - before_ns, LAST if self.end == LAST else self.end + after)
+
+
+def in_step(sides: Sequence[Side[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
+    """Go through tables side by side, in stretches of time that hold every row once.
+
+    While the caller looks at a stretch the sides have all rows of it and those that are at most their margins away.
+
+    Args:
+        sides: tables of which nothing is read yet.
+        margins_ns: of each how far about a stretch rows are there, >= 0.
+
+    Raises:
+        InputError: the chunks of a table are not in the order of time.
+    """
+    begin = FIRST
+    while begin < LAST:
+        # The side that lags behind is read first
+        arrived = [LAST if s.until == LAST else s.until - m for s, m in zip(sides, margins_ns, strict=True)]
+        behind = min(range(len(sides)), key=arrived.__getitem__)
+        sides[behind].pull()
+        arrived[behind] = LAST if sides[behind].until == LAST else sides[behind].until - margins_ns[behind]
+        end = min(arrived)
+        if end <= begin:
+            continue
+        yield Limits(begin, end)
+        begin = end
+        if end != LAST:
+            for side, margin_ns in zip(sides, margins_ns, strict=True):
+                side.rows = side.between(end - margin_ns, LAST)
+
+
+def windows(a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], margin_ns: int) -> Iterator[Window[A, B]]:
+    """Go through two tables as `in_step` does, with the rows of each stretch and those about it.
+
+    Args:
+        a: chunks of the first table in the order of time; a time may be split over two chunks.
+        b: chunks of the second table, likewise.
+        kinds: of the tables.
+        margin_ns: how far about a stretch rows are given along with it, >= 0.
+
+    Raises:
+        InputError: the chunks of a table are not in the order of time.
+    """
+    left, right = Side(a, kinds[0]), Side(b, kinds[1])
+    for part in in_step((left, right), (margin_ns, margin_ns)):
+        found = Window(part.of(left), part.of(right), part.about(left, margin_ns), part.about(right, margin_ns))
+        if len(found.a) or len(found.b):
+            yield found

@@ -1,37 +1,196 @@
-"""Puts a report together: figures, tables and words into one page, and the main ones into one picture."""
+"""Puts a report together: figures, tables and words into one page, and the main ones into one picture.
+
+The few figures on top of a report, and how many rows it was made from.
+
+The words and figures of a report as Markdown, for pull requests and notes.
+"""
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from occlog.console.text import noun
+from occlog.evaluate.mot.figures import own_identities
 from occlog.records.tables import UNLABELLED
-from occlog.report.content.looks import MOST_SENSORS, MOST_TARGETS
-from occlog.report.content.metrics_in_words import groups, number
-from occlog.report.content.model import ReportInput, TimeAxis
-from occlog.report.drawing.html import script, template
-from occlog.report.drawing.plot import Plot, plot
-from occlog.report.drawing.style import COLOURS, DARK, house_style, label
-from occlog.report.plots.accuracy import axes_of, draw_accuracy, of_target
-from occlog.report.plots.filterplot import draw_filter
-from occlog.report.plots.floorplan import (
-    MOST_MOVING_OCCLUDERS,
-    bold_from,
-    draw_floorplan,
-    moments,
-    outside,
-    plan_limits,
-)
-from occlog.report.plots.peopleplot import draw_crowd, draw_seen_by
-from occlog.report.plots.selectionplot import cameras_of, draw_selection
-from occlog.report.plots.sensortable import sensor_rows
-from occlog.report.plots.sightplot import draw_sight
-from occlog.report.plots.visibility import draw_visibility, sensors, watched
-from occlog.report.replay.build import Replay, replay
-from occlog.report.replay.thumbnails import Thumbnails
+from occlog.records.verdicts import Check, Verdict, all_plausible, counts_of, made_checks
 
-from .summary import check_counts, check_rows, headline, plural, row_counts, verdict_heading
+from .content.looks import MOST_SENSORS, MOST_TARGETS
+from .content.metrics_in_words import Figure, groups, number
+from .content.model import ReportInput, TimeAxis
+from .content.people import People
+from .drawing import COLOURS, DARK, Plot, house_style, label, plot, script, template
+from .plots.floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, moments, outside, plan_limits
+from .plots.over_time import (
+    axes_of,
+    cameras_of,
+    draw_accuracy,
+    draw_crowd,
+    draw_filter,
+    draw_seen_by,
+    draw_selection,
+    draw_sight,
+    draw_visibility,
+    of_target,
+    sensors,
+    watched,
+)
+from .plots.sensortable import sensor_rows
+from .replay.build import Replay, replay
+from .replay.thumbnails import Thumbnails
+
+
+def plural(count: int, what: str) -> str:
+    """`1 target`, `2 targets`."""
+    return f"{number(count)} {noun(count, what)}"
+
+
+def headline(data: ReportInput) -> list[Figure]:
+    """The few figures on top of the page: accuracy first, then how much was processed."""
+    out = _headline_accuracy(data)
+    if data.time.length > 0:
+        out.append(Figure("recorded time", number(float(f"{data.time.length:.4g}")), data.time.unit))
+    if data.people is not None:
+        out += _people(data.people)
+    elif data.tracks is not None:
+        out.append(Figure("estimates", number(data.rows("tracks")), "", f"of {plural(len(data.targets), 'target')}"))
+    looked = data.looked
+    if looked is not None and looked.rows:
+        share = 100.0 * (looked.seen / looked.rows)
+        out.append(Figure("target seen", number(round(share, 1)), "%", f"of {number(looked.rows)} looks"))
+    if data.losses:
+        lost = sum(loss.count for loss in data.losses)
+        out.append(Figure("input lost", number(lost or len(data.losses)), "", "items" if lost else "stretches"))
+    return out
+
+
+def _people(people: People) -> list[Figure]:
+    """How many people there were, all in all and at a time, and how many of them nobody saw."""
+    at_a_time = number(float(f"{people.mean:.3g}"))
+    unseen = number(round(100.0 * people.unseen, 1))
+    return [
+        Figure("identities", number(people.identities), "", f"{at_a_time} at a time"),
+        Figure("predicted", unseen, "%", f"seen by no camera, of {number(people.rows)} estimates"),
+    ]
+
+
+def _headline_accuracy(data: ReportInput) -> list[Figure]:
+    """RMSE, bound and their ratio over all targets; without truth, the distance from the sight lines."""
+    if own_identities(data.metrics):
+        return _pairs(data)
+    if data.errors is None or not len(data.errors):
+        return _headline_sight(data)
+    out = [Figure("RMSE", number(data.figures.errors.rmse()), data.unit, "estimate to truth")]
+    if data.bound is not None and len(data.bound):
+        rmse, bound = data.beside_bound()
+        if bound > 0:
+            who = "smoother" if data.smoothed else "filter"
+            out.append(Figure("bound", number(bound), data.unit, f"no {who} can do better"))
+            out.append(Figure("RMSE / bound", number(round(rmse / bound, 3)), "", "1 is the best possible"))
+    return out + _in_space(data)
+
+
+def _pairs(data: ReportInput) -> list[Figure]:
+    """Figures of tracks with identities of their own, of the evaluation."""
+    unit = data.unit
+    value = {name: found for name, found in data.metrics.items() if isinstance(found, int | float)}
+    gate = f"matching per frame, {number(value.get(f'pairs_gate_{unit}'))} {unit} gate"
+    shown = (
+        ("HOTA", "hota", "", "detection and association"),
+        ("IDF1", "idf1", "", "share of rows with the right identity"),
+        ("MOTA", "mota", "", "1 is the best possible"),
+        ("identity switches", "id_switches", "", ""),
+        ("RMSE", f"pairs_rmse_{unit}", unit, gate),
+        ("mean NEES", "pairs_nees_mean", "", "2 where covariances are right"),
+    )
+    return [Figure(name, number(value[key]), of, note) for name, key, of, note in shown if key in value]
+
+
+def _in_space(data: ReportInput) -> list[Figure]:
+    """RMSE in space and over its bound, where heights are known."""
+    whole = data.figures.errors.rmse_in_space()
+    if math.isnan(whole):
+        return []
+    rmse, bound = (math.nan, math.nan) if data.bound is None else data.beside_bound(where="_space")
+    note = f"{number(round(rmse / bound, 3))} × bound" if bound > 0 else "heights included"
+    return [Figure("RMSE in space", number(whole), data.unit, note)]
+
+
+def _headline_sight(data: ReportInput) -> list[Figure]:
+    """RMS distance of the tracks from where the sight lines meet."""
+    told = [each for each in data.sight.values() if each.rows]
+    rows = sum(each.rows for each in told)
+    off = math.sqrt(math.fsum(each.rms**2 * each.rows for each in told) / rows) if rows else math.nan
+    return [] if math.isnan(off) else [Figure("off sight lines", number(off), data.unit, "RMS; no truth is given")]
+
+
+def row_counts(data: ReportInput) -> list[Figure]:
+    """How many rows each table has, and the time it covers."""
+    out = []
+    for name in ("truth", "bearings", "tracks", "diagnostics", "events", "errors", "bound"):
+        if getattr(data, name) is None:
+            continue
+        if not data.rows(name):
+            out.append(Figure(name, "0", "rows", "empty"))
+            continue
+        lasted = TimeAxis(*data.whole[name].span_ns).told
+        moments = plural(data.whole[name].times, "time")
+        out.append(Figure(name, number(data.rows(name)), "rows", f"{lasted}, {moments}"))
+    return out
+
+
+class CheckRow(NamedTuple):
+    """A row of the table of checks."""
+
+    name: str
+    stage: str
+    result: str
+    figures: str
+    who: str
+
+
+def verdict_heading(verdicts: Sequence[Verdict]) -> str:
+    """The verdict in a line."""
+    return {
+        True: "Nothing speaks against these estimates",
+        False: "Not to be believed as they are",
+        None: "Not checked: nothing is known for or against these estimates",
+    }[all_plausible(verdicts)]
+
+
+def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
+    """What was checked, with results, figures and the reasons of what could not be checked."""
+    return [
+        CheckRow(check.name, stage, _result(check), _figures(check), affected(check))
+        for stage, check in made_checks(verdicts)
+    ]
+
+
+def check_counts(verdicts: Sequence[Verdict]) -> str:
+    """How many checks were made, and how they came out."""
+    return counts_of(check for _, check in made_checks(verdicts))
+
+
+def affected(check: Check) -> str:
+    """Sensors and targets that a finding is about."""
+    targets = [f"target {target}" for target in check.targets]
+    return ", ".join([*check.sensors, *targets])
+
+
+def _result(check: Check) -> str:
+    if check.status == "not applicable":
+        return f"not applicable: {check.text}"
+    return ", ".join([check.status, *([check.id] if check.id else [])])
+
+
+def _figures(check: Check) -> str:
+    words = {name: name.replace("_", " ") for name in check.figures}
+    return ", ".join(f"{words[name]} {number(value)}" for name, value in check.figures.items())
+
 
 WIDTH = 8.4
 SCRIPTS = ("plan.js", "time.js", "replay.js")
@@ -246,3 +405,55 @@ def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str
 
 def _provenance(values: object) -> str:
     return json.dumps(values, indent=2, sort_keys=True, ensure_ascii=False, default=str) if values else ""
+
+
+SPECIAL = "\\`*_{}[]<>()#+-!|&~"
+MOST_LOSSES = 20
+
+
+def build_markdown(data: ReportInput) -> str:
+    """The verdict, what was lost, and all figures; no pictures."""
+    out = [f"# {plain(data.title)}", ""]
+    if data.tracks is not None or data.verdicts:
+        out += [f"**{plain(verdict_heading(data.verdicts))}.**", ""]
+        out += [f"- **{plain(check.id)}** ({stage}): {plain(check.text)}" for stage, check in data.findings]
+        out += [""] if data.findings else []
+    out += table_lines(
+        ("Figure", "Value", "Unit", "Note"), ((f.name, f.value, f.unit, f.note) for f in headline(data)), "lrll"
+    )
+    if data.losses:
+        out += ["## Input that was lost", ""]
+        lost = ((loss.source, loss.place, loss.what, str(loss.count or "")) for loss in data.losses[:MOST_LOSSES])
+        out += table_lines(("Source", "Where", "What", "Items"), lost, "lllr")
+        if len(data.losses) > MOST_LOSSES:
+            out += [f"and {len(data.losses) - MOST_LOSSES} more.", ""]
+    for group in groups(data.metrics, data.unit):
+        out += [f"## {plain(group.title)}", ""]
+        if group.figures:
+            rows = ((f.name, f.value, f.unit, f.note) for f in group.figures)
+            out += table_lines(("Figure", "Value", "Unit", "Meaning"), rows, "lrll")
+        for table in group.breakdowns:
+            cells = ((name, *values) for name, values in table.rows)
+            out += table_lines((table.kind.capitalize(), *table.columns), cells, "l" + "r" * len(table.columns))
+    if checks := check_rows(data.verdicts):
+        out += ["## Checks", "", f"{check_counts(data.verdicts)}.", ""]
+        out += table_lines(("Check", "Stage", "Result", "Sensors, targets", "Figures"), checks, "lllll")
+    out += ["## Tables read", ""]
+    out += table_lines(("Table", "Rows", "Time"), ((r.name, r.value, r.note) for r in row_counts(data)), "lrl")
+    return "\n".join(out)
+
+
+def table_lines(head: Sequence[str], rows: Iterable[Sequence[object]], sides: str) -> list[str]:
+    """A table; `sides` says of each column whether it is to the left (l) or the right (r)."""
+    lines = [_row(head), "|" + "|".join("---:" if side == "r" else "---" for side in sides) + "|"]
+    return [*lines, *(_row(row) for row in rows), ""]
+
+
+def _row(cells: Sequence[object]) -> str:
+    return "| " + " | ".join(plain(cell) for cell in cells) + " |"
+
+
+def plain(value: object) -> str:
+    """Text in which nothing is markup, in one line."""
+    plain = " ".join(str(value).split())
+    return "".join(f"\\{c}" if c in SPECIAL else c for c in plain)

@@ -9,13 +9,11 @@ from typing import NamedTuple
 from matplotlib.figure import FigureBase, SubFigure
 
 from occlog.report.content.model import ReportInput
-from occlog.report.drawing.style import COLOURS, house_style, label, new_figure, to_png
-from occlog.report.plots.accuracy import axes_of, draw_accuracy
+from occlog.report.drawing import COLOURS, house_style, label, new_figure, to_png
 from occlog.report.plots.floorplan import draw_floorplan
-from occlog.report.plots.sightplot import draw_sight
-from occlog.report.plots.visibility import draw_visibility, sensors, watched
+from occlog.report.plots.over_time import axes_of, draw_accuracy, draw_sight, draw_visibility, sensors, watched
 
-from .summary import headline
+from .page import headline
 
 
 class Panel(NamedTuple):

@@ -80,7 +80,7 @@ class PageRequest(Report):
     @cached_property
     def found(self) -> PageRequest:
         """The request with what a run folder holds in the place of what is not named."""
-        found: PageRequest = load("occlog.report.inputs:from_folder")(self)
+        found: PageRequest = load("occlog.report.run:from_folder")(self)
         return found
 
     @property
@@ -190,7 +190,7 @@ class BesideRequest(Report):
     @cached_property
     def runs(self) -> tuple[PageRequest, PageRequest]:
         """The files of both runs, as a page of each shows them."""
-        files_of = load("occlog.report.beside.inputs:files_of")
+        files_of = load("occlog.report.beside.run:files_of")
         shared = PageRequest(scene=self.scene, truth=self.truth)
         return files_of(self.tracks, shared), files_of(self.other, shared)
 

@@ -1,28 +1,141 @@
-"""What `occlog report` does for a page: read, draw, write the page, the picture and the text."""
+"""What `occlog report` does for a page: read, draw, write the page, the picture and the text.
+
+What `occlog report` reads: the files that are named or lie in a run folder, and their rows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from occlog.console.details import begin_work
+from occlog.console.notes import begin_work
 from occlog.console.text import as_bytes
-from occlog.errors import UsageError, option
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.untrusted.content import Content, content_of
+from occlog.io.files.limits import Content, content_of
 from occlog.records.verdicts import summary_of, texts_of
-from occlog.report.content.model import ReportInput
 from occlog.runner import Done, Job
 
+from .content.model import ReportInput
 from .gather import TABLES
-from .inputs import read_input
-from .markdown import build_markdown
-from .overlay.world import Sources
-from .page import build_page
+from .overlay.plan import Sources
+from .page import build_markdown, build_page
 from .picture import build_picture
 from .replay.thumbnails import Thumbnails, thumbnails
 from .request import PageRequest
+
+if TYPE_CHECKING:
+    from occlog.evaluate.verdict import Made
+    from occlog.records.losses import Loss
+    from occlog.records.scene import Scene
+    from occlog.records.verdicts import Verdict
+
+    from .content.model import ReportInput
+
+
+def from_folder(request: PageRequest) -> PageRequest:
+    """Where TRACKS is a run folder, what it holds in place of what is not named."""
+    folder = request.tracks
+    if folder is None or not folder.is_dir():
+        return request
+    names = {n: f"{n}.parquet" for n in ("tracks", "bearings", "errors", "bound", "diagnostics", "events")}
+    names |= {"metrics": "metrics.json", "scene": "recording.mcap"}
+    names["occluders"] = "hulls.parquet" if (folder / "hulls.parquet").is_file() else "occluders.parquet"
+    found = {n: folder / file for n, file in names.items() if (folder / file).is_file()}
+    if "tracks" not in found:
+        raise InputError(f"{folder}: holds no tracks.parquet, so it is not the folder of a finished run")
+    if "scene" in found and _has_truth(found["scene"]):
+        found["truth"] = found["scene"]
+    unnamed: dict[str, Any] = {n: p for n, p in found.items() if n == "tracks" or getattr(request, n) is None}
+    return replace(request, **unnamed)
+
+
+def _has_truth(recording: Path) -> bool:
+    from occlog.io.recording.reader import open_recording
+    from occlog.records.tables import Truth
+
+    return open_recording(recording).has(Truth)
+
+
+def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput:
+    """Everything that was named; the scene of the recording with the truth or the bearings if no other is named.
+
+    Args:
+        request: what is read.
+        whole: names of tables that are drawn whole, however long they are.
+    """
+    from occlog.io.files.texts.documents import read_json
+
+    from .content.model import ReportInput
+    from .gather import TABLES, gather, in_files
+
+    paths, title = request.found, request.title
+    scene = _scene(paths)
+    unit = _unit(paths, scene)
+    provenance, losses, verdicts = _made(paths, title)
+    metrics = read_json(paths.metrics) if paths.metrics is not None else {}
+    made = _made_tracks(paths.tracks)
+    named = {name: path for name in TABLES if (path := getattr(paths, name)) is not None}
+    tables, figures = gather(in_files(named, unit, scene), made, scene, metrics, whole)
+    return ReportInput(
+        title=title,
+        scene=scene,
+        metrics=metrics,
+        provenance=provenance,
+        losses=losses,
+        earlier=verdicts,
+        made=made,
+        length_unit=unit,
+        gathered=figures,
+        **tables,
+    )
+
+
+def _made_tracks(tracks: Path | None) -> Made:
+    """How the tracks were made, as their provenance says."""
+    from occlog.evaluate.verdict import Made
+    from occlog.io.open import open_if_ours
+
+    opened = None if tracks is None else open_if_ours(tracks)
+    return Made() if opened is None else Made.of(opened.provenance)
+
+
+def _scene(paths: PageRequest) -> Scene | None:
+    from occlog.io.open import load_scene, open_input
+
+    if paths.scene is not None:
+        return load_scene(paths.scene, None, paths.scene)
+    opened = (open_input(path) for path in (paths.truth, paths.bearings) if path is not None)
+    return next((each.scene for each in opened if each.recording is not None), None)
+
+
+def _unit(paths: PageRequest, scene: Scene | None) -> str:
+    """The unit of lengths; InputError where a table has another than the scene or the tracks."""
+    from occlog.io.open import check_unit, common_unit, open_input
+
+    named = (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders)
+    opened = [each for path in named if path is not None and (each := open_input(path)).recording is None]
+    unit, source = common_unit(opened) if scene is None else (scene.length_unit, "the scene")
+    for each in opened:
+        check_unit(each, unit, source, InputError)
+    return unit
+
+
+def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
+    """How this report and each of its inputs were made, what was lost in making them, and what was found in them."""
+    from occlog.io.files.inputs import hash_inputs
+    from occlog.io.files.provenance import Provenance
+    from occlog.io.open import losses_of, open_if_ours
+
+    opened = [each for path in paths.inputs if (each := open_if_ours(path)) is not None]
+    losses = losses_of(opened)
+    said_apart = ("losses", "verdicts")
+    made = {o.path.name: {k: v for k, v in o.provenance.as_dict().items() if k not in said_apart} for o in opened}
+    own = Provenance("report", {"title": title}, None, hash_inputs(paths.inputs), losses)
+    values = {k: v for k, v in own.as_dict().items() if k not in said_apart} | {"made": made}
+    return values, losses, own.judged
 
 
 def run_report(request: PageRequest, job: Job) -> Done:

@@ -10,7 +10,7 @@ from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
 from occlog.records.columns import Table
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Truth
 
 from .measured import measurements_of_reads

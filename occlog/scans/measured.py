@@ -3,32 +3,191 @@
 A time difference becomes a difference of ranges by the speed of propagation, which must be stated.  A signal strength
 becomes the logarithm of a distance by the log-distance path loss.  Heights of stations count where that of the
 targets is stated; where it is not, stations that are not all in one plane are refused.
+
+Measurements of distances that cannot be: negative ranges, too strong signals, too long differences, copies.
+
+Standard deviations of signal strengths that do not state their own, where shadowing lasts from one read to the next.
+
+A strength has white noise and shadowing, whose correlation falls as exp(-dt / shadow_s).  Filters take all errors for
+white.  The mean of many reads that follow each other by dt has the variance (1 + r) / (1 - r) = coth(dt / 2 shadow_s)
+times that of as many independent ones, r = exp(-dt / shadow_s): so much larger is the variance of shadowing that a
+read counts with, after dt since the same station last read the same target.  Reads long after another count in full.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.sight.path_loss import log_distance
+from occlog.core.sight.usual_radio import NOISE_DB, SHADOW_DB, SHADOW_S
 from occlog.errors import InputError
 from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, PLAIN, RANGE, Distances, concat, nothing
-from occlog.records.declared.measurements import DIFFERENCES, VALUES, Measurements
+from occlog.records.declared.sensors import DIFFERENCES, VALUES, Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Reads
 from occlog.settings import METRES
 
 from .config import MeasuredConfig
-from .grouping import nearest
-from .impossible import Differences, refuse_impossible
-from .scan import Measured, Scan, sensor_names
-from .shadowing import LastReads, Shadowing, with_sigmas
+from .grouping import Measured, Scan, nearest, sensor_names
+
+BELOW = 5.0
+"""Standard deviations by which noise may bring a range below 0, or a difference beyond the distance of its stations."""
+STRONGEST_DBM = 20.0
+"""Nothing that is received is stronger."""
+FEWEST, MOST = 5, 0.5
+"""Fewest differences that tell, and the share of them that may be beyond their stations: single ones are false."""
+
+
+class Differences:
+    """Counts differences that are longer than their stations are apart, while measurements come by."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._all = self._beyond = 0
+        self._first = ""
+
+    def add(self, table: Measurements, row: Ints, packed: Distances) -> None:
+        """Some more measurements; see `refuse_impossible`."""
+        differs = packed.kind == DIFFERENCE
+        rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
+        apart = np.hypot(*(packed.place - packed.other).T) + rise
+        beyond = np.flatnonzero(differs & (np.abs(packed.value) > apart + BELOW * packed.sigma))
+        if len(beyond) and not self._beyond:
+            n = int(beyond[0])
+            where = _where(table, int(row[n]))
+            self._first = f"that {where} is {packed.value[n]:.4g}, and these are {apart[n]:.4g} apart"
+        self._all, self._beyond = self._all + int(np.count_nonzero(differs)), self._beyond + len(beyond)
+
+    def refuse(self) -> None:
+        """InputError where these are too many."""
+        if self._all >= FEWEST and self._beyond > MOST * self._all:
+            raise InputError(
+                f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
+                f"{self._first}; check the unit of times, propagation, and the unit of the stations"
+            )
+
+
+def _where(table: Measurements, n: int) -> str:
+    return f"of {str(table.sensor[n])!r} at {table.t_ns[n]} ns"
+
+
+def refuse_impossible(
+    table: Measurements, row: Ints, packed: Distances, differences: Differences | None = None
+) -> None:
+    """InputError, with the station and the time, for measurements from which only a wrong place could come.
+
+    Args:
+        table: the measurements, or a part of them that has all of each time.
+        row: (m,) rows of the table that the packed measurements are of.
+        packed: m measurements.
+        differences: counts those of a part, for whoever has all parts to refuse them; None: this is the whole.
+    """
+    with np.errstate(invalid="ignore"):
+        strong = np.flatnonzero(table.rssi > STRONGEST_DBM)
+    if len(strong):
+        raise InputError(
+            f"measurements: the signal strength {_where(table, int(strong[0]))} is {table.rssi[strong[0]]:g} dBm, and "
+            f"received signals are below {STRONGEST_DBM:g}; are signs missing?"
+        )
+    low = np.flatnonzero((packed.kind == RANGE) & (packed.value < -BELOW * packed.sigma))
+    if len(low):
+        n = int(low[0])
+        raise InputError(
+            f"measurements: the range {_where(table, int(row[n]))} is {packed.value[n]:g}, "
+            f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; a range is a "
+            "distance (range_difference is a difference)"
+        )
+    found = Differences() if differences is None else differences
+    found.add(table, row, packed)
+    if differences is None:
+        found.refuse()
+    _refuse_copies(table, row, packed)
+
+
+def _refuse_copies(table: Measurements, row: Ints, packed: Distances) -> None:
+    """InputError for a range or difference that is there twice: it would count as two that agree."""
+    exact = np.flatnonzero(packed.kind != LOGARITHM)  # of whole dBm two may well be alike
+    own = row[exact]
+    keys = (table.t_ns[own], packed.station[exact], table.target_id[own], packed.kind[exact], packed.value[exact])
+    keys = (*keys, *packed.other[exact].T)
+    order = np.lexsort(keys)
+    same = np.ones(max(len(order) - 1, 0), dtype=np.bool_)
+    for key in keys:
+        same &= key[order][1:] == key[order][:-1]
+    if same.any():
+        n = int(own[order][1:][same][0])
+        raise InputError(
+            f"measurements: a value of {str(table.sensor[n])!r} at {table.t_ns[n]} ns is there twice, and would count "
+            "as two that agree; remove one of the rows"
+        )
+
+
+SHORTEST = 1e-3
+"""Shares of the time of shadowing below which no time between two reads counts."""
+
+
+class Shadowing(NamedTuple):
+    """Errors of signal strengths."""
+
+    noise_db: float = NOISE_DB  # standard deviation of the white noise
+    shadow_db: float = SHADOW_DB  # of the shadowing
+    shadow_s: float = SHADOW_S  # time in which it is forgotten, > 0
+
+
+LastReads = MutableMapping[tuple[str, int], int]
+"""Times [ns] of the last strength by station and target."""
+
+
+def sigmas(shadowing: Shadowing, since_s: Floats) -> Floats:
+    """(n,) standard deviations [dB] that reads count with as if errors were white.
+
+    Args:
+        shadowing: how errors are.
+        since_s: (n,) times since the last read of the same station and target [s]; inf: there was none.
+    """
+    share = np.maximum(since_s / (2.0 * shadowing.shadow_s), SHORTEST / 2.0)
+    return np.asarray(np.sqrt(shadowing.noise_db**2 + shadowing.shadow_db**2 / np.tanh(share)))
+
+
+def with_sigmas(table: Measurements, shadowing: Shadowing, last: LastReads | None) -> Measurements:
+    """The table with a standard deviation for each strength that has none.
+
+    Args:
+        table: in the order of time.
+        shadowing: how errors are.
+        last: last reads of earlier parts of the table; those of this part are put in.  None: every read counts in full.
+    """
+    own = np.flatnonzero(np.isfinite(table.rssi))
+    if not len(own):
+        return table
+    since = np.full(len(own), np.inf) if last is None else _since(table, own, last)
+    sigma = table.sigma_rssi.copy()
+    sigma[own] = np.where(np.isfinite(sigma[own]), sigma[own], sigmas(shadowing, since))
+    return replace(table, sigma_rssi=sigma)
+
+
+def _since(table: Measurements, own: Ints, last: LastReads) -> Floats:
+    """(n,) times since the last strength of the same station and target [s]; inf: there was none."""
+    since = np.full(len(own), np.inf)
+    names, station = np.unique(table.sensor[own], return_inverse=True)
+    order = np.lexsort((table.t_ns[own], table.target_id[own], station))
+    t_ns, key = table.t_ns[own][order], np.column_stack([station, table.target_id[own]])[order]
+    fresh = np.append(True, (key[1:] != key[:-1]).any(axis=1))
+    since[order[1:]] = np.where(fresh[1:], np.inf, np.diff(t_ns) / NS)
+    for k in np.flatnonzero(fresh).tolist():
+        earlier = last.get((str(names[key[k, 0]]), int(key[k, 1])))
+        since[order[k]] = np.inf if earlier is None else (int(t_ns[k]) - earlier) / NS
+    for k in np.flatnonzero(np.append(fresh[1:], True)).tolist():
+        last[str(names[key[k, 0]]), int(key[k, 1])] = int(t_ns[k])
+    return since
+
 
 WORDS = {"range": "range", "rssi": "signal strength", "tdoa": "time difference", "range_difference": "difference"}
 

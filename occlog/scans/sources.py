@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Doa
 

@@ -15,10 +15,10 @@ import numpy as np
 from occlog import console
 from occlog.array_types import Floats
 from occlog.cli.setting_options import flag_of
-from occlog.console.details import threads_by_default
-from occlog.core.navigation.moving import Moving
-from occlog.core.navigation.potentials import distance
-from occlog.core.numerics.time_grid import Grid
+from occlog.console.notes import threads_by_default
+from occlog.core.navigation.forces import distance
+from occlog.core.navigation.obstacles import Moving
+from occlog.core.numerics.interpolate import Grid
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together, check_outputs
 from occlog.io.files.provenance import Provenance
@@ -26,20 +26,17 @@ from occlog.io.open import Opened, load_scene, open_input
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.paths import read_paths
 from occlog.records.columns import Table
-from occlog.records.scene import Scene
-from occlog.records.scripts import Script
+from occlog.records.scene import Scene, Script
 from occlog.records.tables import Tracks, Truth
 from occlog.runner import Done, Job
-from occlog.scans.moving_people import People, moving_people
+from occlog.scans.occluder_priors import People, moving_people
 from occlog.settings import SettingError, configure
-from occlog.simulate.render.target_colours import reference_appearances
+from occlog.simulate.render.people import reference_appearances
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe
-from occlog.simulate.sensors.readers import observe_readers
-from occlog.simulate.sensors.stations import observe_stations
+from occlog.simulate.sensors.stations import observe_readers, observe_stations
 from occlog.simulate.world.people_room import CLEARANCE, people_apart, people_room
-from occlog.simulate.world.scripted_paths import check_inside, grid_truth, silences, simulate_paths
-from occlog.simulate.world.truth_grid import truth_grid
+from occlog.simulate.world.scripted_paths import check_inside, grid_truth, silences, simulate_paths, truth_grid
 
 from .config import (
     FieldConfig,

@@ -12,16 +12,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.navigation.moving import Moving
-from occlog.core.navigation.potentials import distance
+from occlog.core.navigation.forces import distance
+from occlog.core.navigation.obstacles import Moving
 from occlog.core.navigation.steering import field_of, steps_of
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.core.plane.convexity import pockets
-from occlog.core.plane.polygons import pack_polygons
+from occlog.core.plane import pack_polygons, pockets
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth
-from occlog.simulate.world.avoiding import Avoidance, starting, walk_avoiding
+from occlog.simulate.world.people_room import Avoidance, starting, walk_avoiding
 from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, WaypointMotion, WaypointState, populate, walk
 
 from .config import FieldConfig, WorldConfig

@@ -10,17 +10,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from occlog import console
-from occlog.core.navigation.moving import Moving
-from occlog.core.numerics.time_grid import Grid
+from occlog.core.navigation.obstacles import Moving
+from occlog.core.numerics.interpolate import Grid
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import LosslessVideo
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
-from occlog.records.scene import Camera, Scene
-from occlog.records.scripts import Script
+from occlog.records.scene import Camera, Scene, Script
 from occlog.records.tables import Truth
-from occlog.simulate.render.light import grey
 from occlog.simulate.render.people import Rendered, render
+from occlog.simulate.render.surfaces import grey
 
 from .config import (
     FieldConfig,

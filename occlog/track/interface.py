@@ -18,7 +18,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 
 from .smoothing_and_lag import LagConfig
 

@@ -12,7 +12,7 @@ from occlog.errors import PluginError
 from occlog.plugins.interface import Filter, Moment, Place
 from occlog.plugins.loading import Plugin, said_by
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan, sensor_names
+from occlog.scans.grouping import Scan, sensor_names
 from occlog.settings import Settings
 from occlog.track.interface import Estimate, Online
 

@@ -142,7 +142,7 @@ class TrackRequest(_InWorld):
         "Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), or truth (known "
         "exactly)."
     )
-    select: Mapping[str, object] = group(lambda: load("occlog.track.apf.selection_config:SelectConfig"))
+    select: Mapping[str, object] = group(lambda: load("occlog.track.apf.config:SelectConfig"))
     starts: tuple[str, ...] = setting(
         (),
         "Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. For --method imm "

@@ -10,29 +10,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from occlog import console
-from occlog.consistency.compass import Compass
-from occlog.consistency.sharp import Sharp
-from occlog.consistency.sight import Compared
+from occlog.consistency.bearings import Compared, Compass, Sharp
 from occlog.consistency.verdict import Evidence
 from occlog.errors import InputError, UsageError, option
-from occlog.io.models.losses_of_models import lost_in_models
-from occlog.io.models.motion_models import read_motion
-from occlog.io.models.path_losses import read_path_loss
+from occlog.io.models.motion_models import lost_in_models, read_motion, read_path_loss
 from occlog.io.open import open_input
-from occlog.records.declared.traffic import END_TO_END
+from occlog.records.declared.world import END_TO_END
 from occlog.records.tables import Bearings, Delays
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.runner import Job
 from occlog.scans.config import MeasuredConfig
-from occlog.scans.grouping import checked, choose_sensors
+from occlog.scans.grouping import checked, choose_sensors, sensor_names
 from occlog.scans.inputs import Inputs
-from occlog.scans.measured import MeasuredFeed, Radio
-from occlog.scans.scan import sensor_names
-from occlog.scans.shadowing import Shadowing
+from occlog.scans.measured import MeasuredFeed, Radio, Shadowing
 from occlog.scans.sources import in_turn, only_measured
 from occlog.settings import METRES, Settings, configure
-from occlog.track.apf.selection_config import SelectConfig
-from occlog.track.drivers.network_cost import Messages
+from occlog.track.apf.config import SelectConfig
+from occlog.track.drivers.rows import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, ImmConfig

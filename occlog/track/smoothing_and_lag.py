@@ -1,6 +1,6 @@
 """Settings of methods that can look back: whether estimates use what was recorded after them.
 
-Particle filters look back in `occlog.track.drivers.lookback`, `map` in `occlog.track.map.fixed_lag`, `jipda` in
+Particle filters look back in `occlog.track.drivers.online`, `map` in `occlog.track.map.method`, `jipda` in
 `occlog.track.jipda.batch`.
 """
 

@@ -7,10 +7,10 @@ from typing import Any
 import click
 import pytest
 
-from occlog.cli.first_run import announced
 from occlog.cli.options import quiet_opt
-from occlog.console import details
-from occlog.console.details import COMPILING, note_uncached, tell_of_compiling
+from occlog.cli.startup import announced
+from occlog.console import notes as details
+from occlog.console.notes import COMPILING, note_uncached, tell_of_compiling
 
 
 @click.command()

@@ -14,7 +14,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.tables.parquet import read_provenance
 
 TRUTH = b"t_ns,id,x,y\n1000,0,1,2\n2000,0,1.5,2\n"
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.consistency.agreement import Agreement, Agreements, pose_shares
-from occlog.consistency.sight import SURE
+from occlog.consistency.bearings import SURE, Agreement, Agreements, pose_shares
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Residuals, Tracks
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.track.sparse_false_bearings import solve
 from occlog.array_types import NS
-from occlog.consistency.alone import OVERLAP, TOGETHER_S, Alone, near_another
+from occlog.consistency.bearings import OVERLAP, TOGETHER_S, Alone, near_another
 from occlog.records.tables import Residuals
 
 

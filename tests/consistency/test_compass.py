@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.cli.main import run
-from occlog.consistency.compass import FEWEST, Compass, misfit
+from occlog.consistency.bearings import FEWEST, Compass, misfit
 from occlog.errors import ExitCode
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.disagreement import Disagreement
+from occlog.consistency.estimates import Disagreement
 from occlog.records.tables import Diagnostics, Residuals
 
 STEP = 100_000_000

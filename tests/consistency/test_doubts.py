@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.doubts import WORDS, Doubts, near_edge, outside_view, without_distance
+from occlog.consistency.estimates import WORDS, Doubts, near_edge, outside_view, without_distance
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Diagnostics, Tracks
 

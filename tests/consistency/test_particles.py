@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.consistency.particles import FEW, Particles
+from occlog.consistency.estimates import FEW, Particles
 
 
 def test_quantities_of_a_run_do_not_depend_on_how_its_rows_come() -> None:

@@ -9,8 +9,8 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.array_types import Floats
-from occlog.consistency.places import Places, meetings
-from occlog.consistency.sight import Compared, Sight
+from occlog.consistency.bearings import Compared, Sight
+from occlog.consistency.estimates import Places, meetings
 from occlog.consistency.verdict import DOUBTED, FEWEST, Evidence
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks

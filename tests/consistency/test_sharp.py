@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.sharp import LEAST_RAD, Sharp
+from occlog.consistency.bearings import LEAST_RAD, Sharp
 from occlog.records.tables import Bearings
 from occlog.records.verdicts import findings
 

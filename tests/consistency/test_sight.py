@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS, Floats
-from occlog.consistency.sight import GATE, Compared, Sight, Witness, at_estimates
+from occlog.consistency.bearings import GATE, Compared, Sight, Witness, at_estimates
 from occlog.core.sight.camera import azimuth_to_u
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.consistency.particles import FEW
-from occlog.consistency.sight import Compared, Frames
+from occlog.consistency.bearings import Compared, Frames
+from occlog.consistency.estimates import FEW
 from occlog.consistency.verdict import (
     BLIND,
     CONTEST,

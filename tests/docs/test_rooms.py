@@ -47,7 +47,7 @@ def exists(path: str) -> bool:
 
 
 def test_a_path_that_is_named_is_found() -> None:
-    assert paths("see `core/plane/floor.py`, `track/` and `--method fix`") == {"core/plane/floor.py", "track/"}
+    assert paths("see `core/plane.py`, `track/` and `--method fix`") == {"core/plane.py", "track/"}
 
 
 def test_every_path_that_is_named_exists() -> None:

@@ -13,8 +13,7 @@ from places import ROOT
 
 from docs.verdicts import KEPT, Kept, RefusedError, items_of, keep, kept_of
 from occlog.papers.catalogue import PAPERS, SOURCES
-from occlog.papers.verdicts.source import source_of
-from occlog.papers.verdicts.words import WORDS
+from occlog.papers.verdicts import WORDS, source_of
 
 NUMBER = r"-?(?:\d[\d,]*)?\.?\d+"
 PAIR = re.compile(rf"(?<![\d.])({NUMBER}) ± ({NUMBER})")

@@ -14,20 +14,18 @@ from views_and_boxes import seen
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.evaluate.evidence import in_rows_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.compared import ComparedBoxes
 from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.stage import ComparedBoxes
 from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import MeasuredSource, Sources
 from occlog.evaluate.stage import Evaluator
-from occlog.evaluate.verdict import Made
+from occlog.evaluate.verdict import Made, in_rows_of
 from occlog.records.columns import Table
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.declared.views import Failures
-from occlog.records.pieces import windows
 from occlog.records.scene import Scene
-from occlog.records.tables import Boxes, Cooperation, Truth, TruthBoxes
+from occlog.records.tables import Boxes, Cooperation, Truth, TruthBoxes, windows
 from occlog.scans.config import MeasuredConfig
 
 T = TypeVar("T", bound=Table)

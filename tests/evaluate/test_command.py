@@ -11,10 +11,9 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate.text import LABEL, number, summary_lines
+from occlog.evaluate.results import LABEL, number, summary_lines
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml, scene_to_yaml

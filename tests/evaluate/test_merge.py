@@ -11,10 +11,10 @@ from tracked_crowds import crowd, views
 
 from occlog.array_types import NS
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.compared import ComparedBoxes
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.on_ground import GroundFigures, evaluate_ground
-from occlog.evaluate.several import NOT_COMBINED
+from occlog.evaluate.mot.stage import ComparedBoxes
+from occlog.evaluate.run import NOT_COMBINED
 from occlog.evaluate.sources import Sources, in_memory
 from occlog.evaluate.stage import Evaluator
 from occlog.records.columns import Table

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import ExitCode, UsageError
-from occlog.evaluate.cooperation import CooperationCounts
 from occlog.evaluate.results import Threshold, failures, parse_threshold
+from occlog.evaluate.stage import CooperationCounts
 from occlog.records.tables import Cooperation
 
 METRICS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.agreement import Agreements
+from occlog.consistency.bearings import Agreements
 from occlog.consistency.verdict import FEWEST, Evidence
 from occlog.core.metrics.consistency import Ratio
 from occlog.core.metrics.errors import CHI2_95_2D

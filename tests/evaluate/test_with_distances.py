@@ -15,7 +15,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate import sources
 from occlog.evaluate.bearings.detections import looks_of
-from occlog.evaluate.bearings.known_places import KnownPlaces, figures_of, scene_with
+from occlog.evaluate.bearings.noise import KnownPlaces, figures_of, scene_with
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import paths_of
 from occlog.evaluate.stage import evaluate
@@ -24,7 +24,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import read_scene, scene_to_yaml
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.scans.config import MeasuredConfig
 
 HOW = MeasuredConfig(tag_height=0.5, rssi_power=-40.0)

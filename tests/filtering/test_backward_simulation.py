@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.filtering.backward_simulation import KEPT, best_width, knot, last_states, spread_of, states_before
+from occlog.filtering.kernel_density import KEPT, best_width, knot, last_states, spread_of, states_before
 
 F = np.array([[1.0, 1.0], [0.0, 1.0]])
 """Place and velocity over a time of 1."""

@@ -17,11 +17,11 @@ from scipy.io import wavfile
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.calibration.rigs import colmap
+from occlog.io.calibration import colmap
 from occlog.io.frames.codec import image_size
 from occlog.io.models.fundamental_matrices import read_epipolar
 from occlog.io.models.motion_models import read_motion
-from occlog.io.truth.calibration_board import read_sync_times
+from occlog.io.truth import read_sync_times
 from occlog.records.declared.tracks import Cooperation
 from occlog.records.declared.world import Occluders
 

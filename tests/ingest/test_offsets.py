@@ -9,7 +9,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, UsageError
-from occlog.ingest.offsets import MOST_S, offsets_of, with_offsets
+from occlog.ingest.plan import MOST_S, offsets_of, with_offsets
 from occlog.io.recording.reader import open_recording
 from occlog.records.scene import Clock, MicrophoneArray, Scene
 from occlog.records.tables import Boxes, Doa, Truth

@@ -11,7 +11,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError, UsageError
-from occlog.ingest.upright import find_turn, read_up
+from occlog.ingest.scene import find_turn, read_up
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording
 from occlog.io.scenes.scene import scene_to_yaml

@@ -12,9 +12,9 @@ from occlog import __version__
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.papers.catalogue import PAPERS
-from occlog.papers.page.reproduction import Paper, build_verdicts
+from occlog.papers.page import Paper, build_verdicts
 from occlog.papers.run import PAGE, sizes_of, was_stopped
-from occlog.papers.verdicts.words import WORDS
+from occlog.papers.verdicts import WORDS
 
 FIG17 = ["reproduce", "ercan", "fig17", "--quick", "--steps", "60", "-q"]
 SMALL = ["reproduce", "ercan", "fig9", "--quick", "--steps", "12", "-q"]

@@ -9,9 +9,7 @@ from occlog.papers.catalogue import SOURCES
 from occlog.papers.ercan.formulas import equations as ercan
 from occlog.papers.lee import equations as lee
 from occlog.papers.rahimi import equations as rahimi
-from occlog.papers.verdicts.model import Experiment, Size
-from occlog.papers.verdicts.source import source_of
-from occlog.papers.verdicts.verdicts import find
+from occlog.papers.verdicts import Experiment, Size, find, source_of
 
 NOT, DONE = "not reproduced", "reproduced"
 

@@ -15,12 +15,19 @@ from occlog.core.occlusion.blocking_shares import shares
 from occlog.core.occlusion.priors import polygon_priors
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
-from occlog.plan.candidates import add_greedily, along_walls, rank_candidates, rank_own
 from occlog.plan.config import PlanConfig
 from occlog.plan.filtering import Belief, Motion, Reports, errors_along, square_error_in_room
-from occlog.plan.hiding import hide_behind_crowd
-from occlog.plan.sensing import low_share, plain_view, told_by
-from occlog.plan.stage import Planned, expected_error, plan_map, prepare
+from occlog.plan.sensing import hide_behind_crowd, low_share, plain_view, told_by
+from occlog.plan.stage import (
+    Planned,
+    add_greedily,
+    along_walls,
+    expected_error,
+    plan_map,
+    prepare,
+    rank_candidates,
+    rank_own,
+)
 from occlog.plan.walks import Walked
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 

@@ -14,10 +14,9 @@ from occlog.core.sight.visibility import behind_objects
 from occlog.errors import InputError
 from occlog.plan.config import PlanConfig
 from occlog.plan.filtering import Belief, Motion, Reports, errors_along
-from occlog.plan.hiding import hide_behind_crowd
-from occlog.plan.moments import moments_of
+from occlog.plan.sensing import hide_behind_crowd
 from occlog.plan.stage import prepare
-from occlog.plan.walks import cells_of, nearest_cell, people_walk, visits_of, ways_to
+from occlog.plan.walks import cells_of, moments_of, nearest_cell, people_walk, visits_of, ways_to
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Truth
 from occlog.simulate.config import WorldConfig

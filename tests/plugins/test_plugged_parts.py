@@ -19,8 +19,7 @@ from walk_frames import bearings_frame, stations_frame, truth_frame
 import occlog
 from occlog.cli.main import cli, run
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_to_yaml

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.records.pieces import LAST, Side, in_step, whole_times, windows
-from occlog.records.tables import Tracks
+from occlog.records.tables import LAST, Side, Tracks, in_step, whole_times, windows
 
 
 def at(t_ns: np.ndarray) -> Tracks:

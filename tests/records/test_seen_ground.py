@@ -7,10 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.core.plane.polygons import inside_polygon, signed_area
+from occlog.core.plane import inside_polygon, signed_area
 from occlog.errors import InputError
-from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
-from occlog.records.seen_ground import highest_elevation, sight_limit
+from occlog.records.scene import (
+    Camera,
+    MicrophoneArray,
+    Scene,
+    camera_fov,
+    camera_rotation,
+    highest_elevation,
+    sight_limit,
+)
 
 
 def camera(x=0.0, y=0.0, yaw=0.0, pitch=0.0, roll=0.0, z=0.0, focal=500.0, size=(640, 480), **more) -> Camera:

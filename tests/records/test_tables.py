@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
+from occlog.records.columns import MAX_NS
 from occlog.records.tables import TABLES, Bearings, Boxes, Cooperation, Tracks, Truth
-from occlog.records.times import MAX_NS
 
 
 def bearings(**changes: object) -> Bearings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from occlog.report.drawing import plot
+from occlog.report import drawing as plot
 
 
 @pytest.fixture

@@ -28,12 +28,12 @@ from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occluders, PeopleTracks, Tracks, Truth
+from occlog.report import drawing as plot
 from occlog.report.content import thinned as rule
 from occlog.report.content.model import ReportInput
 from occlog.report.content.thinned import ErrorsSoFar, Whole, fewer, thinned, with_rows
-from occlog.report.drawing import plot
 from occlog.report.gather import gather, in_files
-from occlog.report.markdown import build_markdown
+from occlog.report.page import build_markdown
 from occlog.report.plots.floorplan import plan_limits
 from occlog.report.replay.build import replay
 from occlog.report.replay.moments import Moments

@@ -7,7 +7,7 @@ from dataclasses import replace
 from made_up import run
 
 from occlog.records.losses import Loss
-from occlog.report.markdown import MOST_LOSSES, build_markdown
+from occlog.report.page import MOST_LOSSES, build_markdown
 
 
 def test_verdict_figures_and_losses() -> None:

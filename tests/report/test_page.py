@@ -19,10 +19,9 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
 from occlog.report.content.model import ReportInput, TimeAxis
-from occlog.report.page import build_page
+from occlog.report.page import build_page, headline, row_counts
 from occlog.report.picture import build_picture
 from occlog.report.plots.floorplan import plan_limits
-from occlog.report.summary import headline, row_counts
 
 EVIL = '<script>alert("x")</script>\' onload=$x_1$ style="color: red" ]]>\x07'
 

@@ -9,13 +9,12 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene, camera_rotation
 from occlog.records.tables import Reads
 from occlog.scans.config import MeasuredConfig
-from occlog.scans.measured import MeasuredFeed, Radio, make_stations, measurements_of_reads, pack
-from occlog.scans.scan import Scan
-from occlog.scans.shadowing import Shadowing
+from occlog.scans.grouping import Scan
+from occlog.scans.measured import MeasuredFeed, Radio, Shadowing, make_stations, measurements_of_reads, pack
 
 
 def scene(unit: str = "m", z: float = 0.0) -> Scene:

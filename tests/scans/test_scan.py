@@ -6,7 +6,7 @@ import numpy as np
 from tracker_scenes import room100, with_array
 
 from occlog.records.tables import UNLABELLED, Bearings
-from occlog.scans.scan import COLUMNS, Scan, concat, in_vain, sensor_names
+from occlog.scans.grouping import COLUMNS, Scan, concat, in_vain, sensor_names
 
 
 def made(*rows):

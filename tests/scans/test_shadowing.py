@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.records.declared.measurements import Measurements
-from occlog.scans.shadowing import Shadowing, sigmas, with_sigmas
+from occlog.records.declared.sensors import Measurements
+from occlog.scans.measured import Shadowing, sigmas, with_sigmas
 
 
 def reads(t_s: np.ndarray, sensor: list[str], target: list[int], sigma: np.ndarray) -> Measurements:

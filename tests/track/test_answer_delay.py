@@ -10,7 +10,7 @@ import pytest
 from places import EXAMPLES
 
 from occlog.cli.main import run
-from occlog.cli.values import NumberOrFile
+from occlog.cli.options import NumberOrFile
 from occlog.errors import ExitCode, InputError, UsageError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table

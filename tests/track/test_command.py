@@ -15,8 +15,7 @@ from tracker_scenes import SECOND, observe, room100, walk, with_array
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError, UsageError
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import describe, read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter

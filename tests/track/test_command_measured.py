@@ -13,10 +13,9 @@ import occlog
 from occlog.api.results import OcclogWarning
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.open import open_input
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.tables import Diagnostics, Residuals, Tracks
 
 PLACES = {"a": (0.0, 0.0), "b": (10.0, 0.0), "c": (0.0, 8.0), "d": (10.0, 8.0)}

@@ -11,7 +11,7 @@ import pytest
 from places import ROOT
 
 from occlog.cli.main import run
-from occlog.consistency.doubts import covariances
+from occlog.consistency.estimates import covariances
 from occlog.errors import ExitCode
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.open import open_input

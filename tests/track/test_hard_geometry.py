@@ -10,7 +10,7 @@ import pytest
 from tracker_scenes import ROOM, SECOND, camera, observe, room100, walk
 
 from occlog.array_types import Floats
-from occlog.consistency.doubts import covariances
+from occlog.consistency.estimates import covariances
 from occlog.core.metrics.errors import CHI2_95_2D, normalised_squared_errors
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.track._metric_rooms import Recording, record
-from occlog.consistency.doubts import covariances
+from occlog.consistency.estimates import covariances
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.records.tables import Tracks
 from occlog.records.verdicts import findings

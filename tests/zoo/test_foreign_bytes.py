@@ -21,7 +21,7 @@ from places import ROOT
 
 from occlog.cli.main import DEBUG, LazyGroup, run
 from occlog.errors import ExitCode
-from occlog.io.files.untrusted.guard import MAX_CONFIGURATION_BYTES
+from occlog.io.files.limits import MAX_CONFIGURATION_BYTES
 
 SCENE = """occlog_scene: 1
 room: [[0, 0], [8, 0], [8, 6], [0, 6]]
@@ -327,22 +327,22 @@ LIBRARIES = {
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mkv_uids", "mp4", "reader")}
     | {"io/models/onnx_file.py"}
     | {"io/frames/decoders/memory.py"},  # of images that were decoded
-    "import pickle": {"track/people/named/by_gallery.py", "conformance/faults.py"},  # of the process itself
+    "import pickle": {"track/people/named.py", "conformance/faults.py"},  # of the process itself
     "import sqlite3": {"io/messages/sqlite_file.py"},
-    "import tomllib": {"io/files/texts/toml_file.py"},
+    "import tomllib": {"io/files/texts/documents.py"},
     "import wave": set(),
-    "import yaml": {"io/files/texts/yaml_file.py", "io/files/texts/yaml_nodes.py", "io/scenes/scene.py"},
-    "import zipfile": {"io/calibration/rigs/arrays.py", "pipeline/pack/archive.py"},
+    "import yaml": {"io/files/texts/yaml.py", "io/scenes/scene.py"},
+    "import zipfile": {"io/calibration/arrays.py", "pipeline/pack/archive.py"},
     "import tarfile": set(),
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage/records")}
-    | {"io/messages/bag.py", "io/messages/mcap_file.py", "io/messages/zstd_frames.py"},
-    "from xml": {"io/calibration/qualisys.py", "io/files/texts/xml_file.py", "io/truth/xml_boxes.py"},
+    | {"io/messages/bag.py", "io/messages/mcap_file.py"},
+    "from xml": {"io/calibration/qualisys.py", "io/files/texts/documents.py", "io/truth.py"},
     "from scipy.io": set(),
-    "from google.protobuf": {"io/messages/decoding.py", "io/recording/reader.py", "examine/viewers/series.py"},
-    "np.load(": {"io/calibration/rigs/arrays.py"},
+    "from google.protobuf": {"io/messages/kinds.py", "io/recording/reader.py", "examine/viewers/series.py"},
+    "np.load(": {"io/calibration/arrays.py"},
     "np.genfromtxt(": set(),
     "np.loadtxt(": set(),
-    "zlib.decompress": {"io/calibration/rigs/matlab.py"},
+    "zlib.decompress": {"io/calibration/arrays.py"},
 }
 """What stands in a module that takes foreign bytes apart, and all modules of the program in which it stands."""
 

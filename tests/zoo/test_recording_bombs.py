@@ -11,9 +11,8 @@ import zstandard
 from apart import check_apart
 
 from occlog.errors import ExitCode, InputError
-from occlog.io.files.untrusted.content import RECORDING_MAGIC
-from occlog.io.recording.chunks import MAX_CHUNK_BYTES
-from occlog.io.recording.growth import FREE_RECORDS, Growth
+from occlog.io.files.limits import RECORDING_MAGIC
+from occlog.io.recording.chunks import FREE_RECORDS, MAX_CHUNK_BYTES, Growth
 from occlog.io.recording.mcap_errors import open_mcap
 
 EMPTY = b'{"t_ns":1,"sensor":"a","target_id":[],"azimuth_rad":[],"sigma_rad":[],"visible":[]}'

@@ -17,13 +17,15 @@ from thrift_compact import Field, Struct, Structs, written
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
+from occlog.io.files.limits import FREE_BYTES, FREE_ROWS, check_promise
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables import arrow_columns, parquet, sizes, vectors
+from occlog.io.files.tables import arrow as arrow_columns
+from occlog.io.files.tables import parquet, sizes
+from occlog.io.files.tables import parquet as vectors
 from occlog.io.files.tables.parquet import batches, opened_table, read_table
 from occlog.io.files.tables.sizes import BINARY, I32, I64, LIST, STRUCT
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.files.untrusted.promises import FREE_BYTES, FREE_ROWS, check_promise
-from occlog.io.foreign.arrow_messages import Message, messages
+from occlog.io.foreign.source import Message, messages
 from occlog.records.tables import Bearings, Views
 
 BIG = 1 << 30

@@ -2,11 +2,17 @@
 
 Times are int64 nanoseconds.  Differences are taken as integers, so that they stay
 exact at times since 1970 (a float64 resolves only about 200 ns there).
+
+Places of several objects on a grid of times, and at the times at which sensors look.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
 
@@ -57,3 +63,100 @@ def _bracket(t_ns: Ints, known_t_ns: Ints) -> tuple[Ints, Ints, Floats, Ints]:
     gap = np.where(gap < 0, np.iinfo(np.int64).max, gap)
     fraction = (t_ns - known_t_ns[before]) / np.maximum(gap, 1)
     return before, after, fraction, gap
+
+
+NO_LIMIT = np.iinfo(np.int64).max
+
+
+class Grid(NamedTuple):
+    """Places of n objects at C times."""
+
+    t_ns: Ints  # (C,) rising
+    ids: Ints  # (n,) rising
+    target: Bools  # (n,): a target, not an occluder
+    xyz: Floats  # (C, n, k) x, y, z and whatever else changes with time; NaN where an object is absent
+
+
+class SensorFrames(NamedTuple):
+    """What one sensor looks at during a chunk: T frames."""
+
+    t_ns: Ints  # (T,)
+    first: int  # number of the first of these frames in the sensor's stream
+    xyz: Floats  # (T, n, k) the same at these times
+
+
+def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> Grid:
+    """R rows of times, object numbers, whether a target, and (R, 3) places as a grid.
+
+    Of two rows for the same time and object the last counts.
+    """
+    times, row = np.unique(t_ns, return_inverse=True)
+    names, column = np.unique(ids, return_inverse=True)
+    places = np.full((len(times), len(names), 3), np.nan)
+    places[row, column] = xyz
+    is_target = np.zeros(len(names), dtype=np.bool_)
+    is_target[column[target]] = True
+    return Grid(times, names.astype(np.int64), is_target, places)
+
+
+def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> tuple[Ints, int]:
+    """Times in (after, last] of a sensor that delivers frames from `start_ns` on, and the number of the first.
+
+    Frame k is at start + round(k 1e9 / rate).
+    """
+    period = 1e9 / rate_hz
+    first = max(0, int((after_ns - start_ns) / period) - 1)
+    numbers = np.arange(first, max(first, int((last_ns - start_ns) / period) + 2))
+    times = start_ns + np.rint(numbers * period).astype(np.int64)
+    inside = (times > after_ns) & (times <= last_ns)
+    return times[inside], first + int(np.argmax(inside)) if inside.any() else 0
+
+
+def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[tuple[Grid, list[SensorFrames]]]:
+    """Yield each chunk with what every sensor looks at during it.
+
+    A sensor without a rate looks at every time of the chunk.
+
+    Places between two times are interpolated linearly, also across the border of two chunks.
+
+    Args:
+        chunks: grids one after another in time.
+        rates_hz: frames per second of each sensor, or None.
+    """
+    last: Grid | None = None
+    start_ns, done = 0, 0
+    for chunk in chunks:
+        if not len(chunk.t_ns):
+            continue
+        if last is None:
+            start_ns = int(chunk.t_ns[0])
+        after_ns = start_ns - 1 if last is None else int(last.t_ns[-1])
+        joined = chunk if last is None else _joined(last, chunk)
+        found = []
+        for rate in rates_hz:
+            if rate is None:
+                found.append(SensorFrames(chunk.t_ns, done, chunk.xyz))
+            else:
+                times, first = frame_times(start_ns, after_ns, int(chunk.t_ns[-1]), rate)
+                found.append(SensorFrames(times, first, _places(joined, times)))
+        yield chunk, found
+        done += len(chunk.t_ns)
+        last = chunk._replace(t_ns=chunk.t_ns[-1:], xyz=chunk.xyz[-1:])
+
+
+def _joined(last: Grid, chunk: Grid) -> Grid:
+    """The last row of the chunk before, as far as its objects are still there, and the chunk."""
+    before = np.full((1, *chunk.xyz.shape[1:]), np.nan)
+    common, old, new = np.intersect1d(last.ids, chunk.ids, return_indices=True)
+    if len(common):
+        before[0, new] = last.xyz[-1, old]
+    return chunk._replace(
+        t_ns=np.concatenate([last.t_ns[-1:], chunk.t_ns]), xyz=np.concatenate([before, chunk.xyz], axis=0)
+    )
+
+
+def _places(grid: Grid, times: Ints) -> Floats:
+    n, k = grid.xyz.shape[1:]
+    flat = grid.xyz.reshape(len(grid.t_ns), n * k)
+    places, _ = interpolate_positions(times, grid.t_ns, flat, int(NO_LIMIT))
+    return places.reshape(len(times), n, k)

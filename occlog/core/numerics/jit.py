@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar, cast
 
-from occlog.console.details import tell_of_compiling
+from occlog.console.notes import tell_of_compiling
 
 from .kernel_cache import KernelCache, NoCacheError  # before numba, which would read files of the current folder
 

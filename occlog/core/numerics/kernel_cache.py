@@ -16,9 +16,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from occlog.console.details import note_uncached
 from occlog.console.foreign_code import PROGRAM, hidden, is_own
-from occlog.console.notes import note
+from occlog.console.notes import note, note_uncached
 
 CONFIGURATION = ".numba_config.yaml"
 CACHE_DIR = "NUMBA_CACHE_DIR"

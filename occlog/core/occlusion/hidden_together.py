@@ -44,7 +44,7 @@ def add_joint(
 ) -> None:
     """Add the log of the sum over subsets of cameras to `total` (L,), in place.
 
-    See `occlog.filtering.likelihood.among_occluders`.
+    See `occlog.filtering.likelihood.directions`.
 
     Args:
         total: (L,) log-likelihoods.

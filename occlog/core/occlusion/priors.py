@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.plane.polygons import signed_area
+from occlog.core.plane import signed_area
 
 NEGLIGIBLE = 1e-12
 """A variance below this share of the other counts as 0: the prior is degenerate."""

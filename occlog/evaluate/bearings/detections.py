@@ -1,20 +1,34 @@
-"""How well bearings tell where the targets are: detections, misses, false alarms, errors of the bearings."""
+"""How well bearings tell where the targets are: detections, misses, false alarms, errors of the bearings.
+
+Views (clusters or detector boxes) against true boxes: recall, precision, horizontal error.
+
+True boxes are put into three classes: `clear`, people that share next to nothing with
+another box; `front`, in front of others; `hidden`, partly behind others.  Of two boxes
+the one that reaches further down in the image is the nearer, as people stand on the ground.
+
+Directions of arrival against true ones: unordered sets, assigned as well as they can be.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from occlog.core.metrics.errors import ratio
-from occlog.core.metrics.sums import Sum
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.metrics.errors import Sum, box_overlap, intersection_areas, pair_within, ratio
+from occlog.errors import InputError
+from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks, look_at
 from occlog.evaluate.matching.paths import paths_of, sensors_of
+from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Truth
+from occlog.records.tables import Bearings, Doa, Truth, TruthBoxes, Views
 
 Metrics = dict[str, float]
 
@@ -150,4 +164,263 @@ def _figures(c: Counts, whose: str) -> Metrics:
         f"bearing_bias{whose}_px": ratio(c.sum_px, c.n_px),
         f"bearing_rms{whose}_mrad": 1e3 * math.sqrt(ratio(c.square_rad, c.detected)),
         f"bearing_nis{whose}": ratio(c.square_normalised, c.detected),
+    }
+
+
+CLEAR, FRONT, HIDDEN = 0, 1, 2
+CLASSES = ("clear", "front", "hidden")
+SHARED = 0.1
+"""Share of a box's area that another must cover before the box counts as overlapped or hidden."""
+
+
+class FrameResult(NamedTuple):
+    """One frame: each true box with its class and the horizontal error of its view (NaN: not found)."""
+
+    kind: Ints  # (n,)
+    error_px: Floats  # (n,) view minus truth, to the right
+    found: Bools  # (n,)
+    views: int
+
+
+def box_classes(boxes: Floats) -> Ints:
+    """(n,) class of each of the (n, 4) true boxes (left, top, width, height) of one frame."""
+    area = np.prod(boxes[:, 2:], axis=1)
+    cover = intersection_areas(boxes, boxes) / area[:, None]  # [i, j]: share of i that j covers
+    np.fill_diagonal(cover, 0.0)
+    bottom = boxes[:, 1] + boxes[:, 3]
+    nearer = bottom[None, :] > bottom[:, None]
+    hidden = np.max(np.where(nearer, cover, 0.0), axis=1, initial=0.0) > SHARED
+    touched = np.max(cover, axis=1, initial=0.0) > SHARED
+    return np.asarray(np.where(hidden, HIDDEN, np.where(touched, FRONT, CLEAR)), dtype=np.int64)
+
+
+def match_frame(views: Views, truth: TruthBoxes, min_overlap: float) -> FrameResult:
+    """Views of one frame paired with its true boxes: as many pairs of enough overlap as there are."""
+    real = truth.take(truth.box >= 0)
+    boxes = _boxes(real)
+    pairs = pair_within(1.0 - box_overlap(_boxes(views), boxes), 1.0 - min_overlap)
+    error = np.full(len(real), np.nan)
+    for i, j in pairs:
+        error[j] = views.x_px[i] - (boxes[j, 0] + 0.5 * boxes[j, 2])
+    return FrameResult(box_classes(boxes), error, np.isfinite(error), len(views))
+
+
+def _boxes(table: Views | TruthBoxes) -> Floats:
+    return np.column_stack([table.left_px, table.top_px, table.width_px, table.height_px])
+
+
+def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]:
+    """Sensor and time of every frame with its rows."""
+    order = np.lexsort((table.t_ns, table.sensor))
+    t_ns, sensor = table.t_ns[order], table.sensor[order]
+    change = (t_ns[1:] != t_ns[:-1]) | (sensor[1:] != sensor[:-1])
+    for rows in np.split(order, np.flatnonzero(change) + 1):
+        if not len(rows):
+            continue
+        yield (str(table.sensor[rows[0]]), int(table.t_ns[rows[0]])), rows
+
+
+class ViewFigures:
+    """Recall, precision and errors of views, of the frames that have true boxes or are known to have none.
+
+    Frames are the same when sensor and time are.
+    """
+
+    def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY // 8) -> None:
+        """No frame yet; `in_memory`: how many errors of a kind are kept in memory."""
+        self._overlap, self._in_memory = config.box_overlap, in_memory
+        self._whole = _Results(in_memory)
+        self._classes = [_Results(in_memory) for _ in CLASSES]
+        self._sensors: dict[str, _Results] = {}
+        self._used = self._shared = self._views = 0
+        self._first_view: tuple[str, int] | None = None
+        self._first_box: tuple[str, int] | None = None
+
+    def update(self, views: Views, truth: TruthBoxes) -> None:
+        """Views and true boxes of some more times."""
+        self._first_view = self._first_view or _first(views)
+        self._first_box = self._first_box or _first(truth)
+        by_frame = dict(_frames(views))
+        self._views += len(views)
+        for (sensor, t), rows in _frames(truth):
+            mine = by_frame.get((sensor, t), np.zeros(0, dtype=np.int64))
+            self._shared += (sensor, t) in by_frame
+            self._used += len(mine)
+            result = match_frame(views.take(mine), truth.take(rows), self._overlap)
+            self._whole.update(result, result.found)
+            for number, own in enumerate(self._classes):
+                own.update(result, result.found & (result.kind == number), int(np.count_nonzero(result.kind == number)))
+            self._sensors.setdefault(sensor, _Results(self._in_memory)).update(result, result.found)
+
+    def result(self) -> Metrics:
+        """Figures over all sensors from sums, then for each class, then for each sensor.
+
+        Raises:
+            InputError: no frame is in both tables.
+        """
+        view, box = self._first_view, self._first_box
+        if view is not None and box is not None and not self._shared:
+            raise InputError(
+                f"views: no frame of theirs (first: {view[0]} at {view[1]} ns) is among the true boxes "
+                f"(first: {box[0]} at {box[1]} ns); times and sensor names must be the same"
+            )
+        out = self._whole.figures("") | {"views_without_truth": self._views - self._used}
+        for own, name in zip(self._classes, CLASSES, strict=True):
+            out |= own.figures_of_class(name)
+        if len(self._sensors) > 1:
+            for sensor, own in sorted(self._sensors.items()):
+                out |= own.figures(f"_sensor_{sensor}")
+        return out
+
+
+def _first(table: Views | TruthBoxes) -> tuple[str, int] | None:
+    """Sensor and time of the first row; None without rows."""
+    return (str(table.sensor[0]), int(table.t_ns[0])) if len(table) else None
+
+
+class _Results:
+    """Counts and errors of some frames."""
+
+    def __init__(self, in_memory: int) -> None:
+        self._frames = self._boxes = self._found = 0
+        self._views = 0
+        self._sum, self._squares, self._sizes = Sum(), Sum(), Spool(in_memory)
+
+    def update(self, result: FrameResult, found: Bools, boxes: int | None = None) -> None:
+        """A frame, and which of its true boxes count as found; `boxes`: how many count, if not all."""
+        errors = result.error_px[found]
+        self._frames, self._views = self._frames + 1, self._views + result.views
+        self._boxes += len(result.kind) if boxes is None else boxes
+        self._found += len(errors)
+        self._sum.add(float(errors.sum()))
+        self._squares.add(float(np.square(errors).sum()))
+        self._sizes.add(np.abs(errors))
+
+    def figures(self, whose: str) -> Metrics:
+        return {
+            f"views_frames{whose}": self._frames,
+            f"views_true_boxes{whose}": self._boxes,
+            f"views_matched{whose}": self._found,
+            f"views_false{whose}": self._views - self._found,
+            f"views_recall{whose}": ratio(self._found, self._boxes),
+            f"views_precision{whose}": ratio(self._found, self._views),
+            **self._errors(whose),
+        }
+
+    def figures_of_class(self, name: str) -> Metrics:
+        return {
+            f"views_true_boxes_{name}": self._boxes,
+            f"views_recall_{name}": ratio(self._found, self._boxes),
+            **self._errors(f"_{name}"),
+        }
+
+    def _errors(self, whose: str) -> Metrics:
+        return {
+            f"views_error_rms{whose}_px": math.sqrt(ratio(self._squares.value, self._found)),
+            f"views_error_median{whose}_px": quantiles_of(self._sizes, (0.5,))[0],
+            f"views_error_bias{whose}_px": ratio(self._sum.value, self._found),
+        }
+
+
+class Pairing(NamedTuple):
+    """One set of directions and the true ones of its time."""
+
+    true: int  # number of true directions
+    found: int
+    errors: Floats  # (k,) estimate minus truth of the pairs [rad], wrapped
+
+
+def doa_metrics(found: Doa, truth: Doa, gate: float, gap_ns: int) -> dict[str, float]:
+    """Figures of all sets, and by the number of true directions; angles in degrees.
+
+    In each set estimates and true directions are paired so that the sum of 1 - cos(error) is
+    least: unlike the sum of absolute errors, which many pairings share where an estimate is far
+    off, it is least for one pairing, whatever the order of the rows.
+
+    Args:
+        found: directions, any number a sensor and time.
+        truth: the same; a set is compared with the true set of its sensor that is nearest in time.
+        gate: pairs further apart [rad] are a missed and a false direction; their errors count all the same.
+        gap_ns: true sets at most this far away in time; others are not compared.
+    """
+    pairs, without = [], 0
+    for sensor in np.unique(np.concatenate([found.sensor, truth.sensor])).tolist():
+        own, true = found.take(found.sensor == sensor), truth.take(truth.sensor == sensor)
+        for pairing in _sets(own, true, gap_ns):
+            if pairing is None:
+                without += 1
+            else:
+                pairs.append(pairing)
+    errors = _errors(pairs)
+    out = {
+        "doa_sets": len(pairs),
+        "doa_sets_without_truth": without,
+        **_azimuth_counts(pairs, gate),
+        **_spread(errors, gate),
+    }
+    for n in sorted({p.true for p in pairs}):
+        some = _errors([p for p in pairs if p.true == n])
+        out[f"doa_of_{n}_pairs"] = len(some)
+        out |= {f"doa_of_{n}_{name}": value for name, value in _quantiles(some).items()}
+    return out
+
+
+def _sets(found: Doa, truth: Doa, gap_ns: int) -> Iterator[Pairing | None]:
+    """The sets of one sensor in the order of time, None for one without truth; then true sets that nothing is near."""
+    times = np.unique(truth.t_ns)
+    used: Bools = np.zeros(len(times), dtype=np.bool_)
+    for t_ns in np.unique(found.t_ns).tolist():
+        nearest = int(np.argmin(np.abs(times - t_ns))) if len(times) else -1
+        if nearest < 0 or abs(int(times[nearest]) - t_ns) > gap_ns:
+            yield None
+            continue
+        used[nearest] = True
+        yield paired(found.azimuth[found.t_ns == t_ns], truth.azimuth[truth.t_ns == times[nearest]])
+    for t_ns in times[~used].tolist():
+        yield Pairing(int((truth.t_ns == t_ns).sum()), 0, np.empty(0))
+
+
+def paired(found: Floats, truth: Floats) -> Pairing:
+    """The pairing of (n,) estimates with (m,) true azimuths [rad] whose sum of 1 - cos(error) is least."""
+    apart = (found[:, None] - truth[None, :] + np.pi) % (2.0 * np.pi) - np.pi
+    i, j = linear_sum_assignment(1.0 - np.cos(apart))
+    return Pairing(len(truth), len(found), np.asarray(apart[i, j], dtype=np.float64))
+
+
+def _errors(pairs: list[Pairing]) -> Floats:
+    return np.concatenate([p.errors for p in pairs]) if pairs else np.empty(0)
+
+
+def _azimuth_counts(pairs: list[Pairing], gate: float) -> dict[str, float]:
+    true, found = sum(p.true for p in pairs), sum(p.found for p in pairs)
+    hits = int((np.abs(_errors(pairs)) <= gate).sum())
+    return {
+        "doa_true": true,
+        "doa_found": found,
+        "doa_hits": hits,
+        "doa_missed": true - hits,
+        "doa_false": found - hits,
+        "doa_recall": hits / true if true else np.nan,
+        "doa_precision": hits / found if found else np.nan,
+    }
+
+
+def _spread(errors: Floats, gate: float) -> dict[str, float]:
+    near = np.degrees(errors[np.abs(errors) <= gate])
+    return {
+        **{f"doa_{name}": value for name, value in _quantiles(errors).items()},
+        "doa_hits_rms_deg": float(np.sqrt((near**2).mean())) if len(near) else np.nan,
+        "doa_hits_bias_deg": float(near.mean()) if len(near) else np.nan,
+    }
+
+
+def _quantiles(errors: Floats) -> dict[str, float]:
+    """Of the size of all pairs' errors [deg]."""
+    if not len(errors):
+        return dict.fromkeys(("error_median_deg", "error_p90_deg", "error_max_deg"), np.nan)
+    size = np.degrees(np.abs(errors))
+    return {
+        "error_median_deg": float(np.median(size)),
+        "error_p90_deg": float(np.percentile(size, 90)),
+        "error_max_deg": float(size.max()),
     }

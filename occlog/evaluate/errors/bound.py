@@ -20,12 +20,11 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
-from occlog.core.metrics.errors import ratio
-from occlog.core.metrics.sums import Sum
+from occlog.core.metrics.errors import Sum, ratio
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
 from occlog.evaluate.matching.paths import Path, Sensor
-from occlog.io.files.put_aside.blocks import BLOCK, Blocks, Records
+from occlog.io.files.spill import RECORDS_PER_BLOCK, Blocks, Records
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors
@@ -142,7 +141,9 @@ class Figures:
 class Bounds:
     """Gathers information and errors while stretches come by, and then makes the bound of them."""
 
-    def __init__(self, scene: Scene, config: EvaluateConfig, high: set[int], ways: Ways, block: int = BLOCK) -> None:
+    def __init__(
+        self, scene: Scene, config: EvaluateConfig, high: set[int], ways: Ways, block: int = RECORDS_PER_BLOCK
+    ) -> None:
         """Nothing yet.
 
         Args:

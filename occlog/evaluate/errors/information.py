@@ -3,6 +3,8 @@
 The information of a camera is that of Eq. 2 of [Ercan] with the bearing's own read noise, about (x, y)
 only.  Directions without pixels have their standard deviations, which are of angles about the sensor's
 own z axis, whatever its pose ([Lee] Eq. 2.40).
+
+Measurements of distances of the targets of the truth, as the bound takes them, while they stream by.
 """
 
 from __future__ import annotations
@@ -21,8 +23,11 @@ from occlog.evaluate.matching.looks import Looks
 from occlog.evaluate.matching.paths import Path, Sensor
 from occlog.filtering.likelihood.distances import Distances
 from occlog.filtering.likelihood.distances import information as distance_information
+from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound
+from occlog.scans.config import MeasuredConfig
+from occlog.scans.measured import Differences, LastReads, Radio, make_stations, pack, with_strengths
 
 Metrics = dict[str, float]
 
@@ -227,3 +232,41 @@ def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
     out = np.zeros((2 * d, 2 * d))
     out[:d, :d], out[d:, d:] = place, config.sigma_speed**2 * np.eye(d)
     return out
+
+
+class DistancesOfTargets:
+    """Packs measurements of those identities that are of targets."""
+
+    def __init__(self, labels: Mapping[int, int], scene: Scene, config: MeasuredConfig, radio: Radio | None) -> None:
+        """No measurements yet.
+
+        Args:
+            labels: identity in the measurements to identity in the truth; rows of other identities are left out.
+            scene: the stations.
+            config: what the measurements do not say.
+            radio: a fitted path loss; None: as the scene and the settings say.
+        """
+        self._labels, self._config, self._radio = labels, config, radio
+        self._stations = make_stations(scene, config, radio)
+        self._last: LastReads = {}
+        self._differences = Differences()
+
+    def add(self, rows: Measurements) -> Measured:
+        """Some more rows, with all of each time, in the order of time.
+
+        Raises:
+            InputError: as `pack`.
+        """
+        own = rows.take(np.isin(rows.target_id, list(self._labels)))
+        own = with_strengths(own, self._config, self._radio, self._last)
+        row, found = pack(own, self._stations, self._config, self._radio, self._differences)
+        target = np.array([self._labels[k] for k in own.target_id[row].tolist()], dtype=np.int64)
+        return Measured(own.t_ns[row], target, found)
+
+    def finish(self) -> None:
+        """Say that all rows came.
+
+        Raises:
+            InputError: most differences are longer than their stations are apart.
+        """
+        self._differences.refuse()

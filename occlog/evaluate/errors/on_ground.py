@@ -18,17 +18,16 @@ from occlog.core.metrics.errors import (
     pair_by_sums,
     ratio,
 )
-from occlog.core.metrics.mot.couples import Couples
+from occlog.core.metrics.mot.frame_pairs import Couples
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import Path
-from occlog.io.files.put_aside.spool import IN_MEMORY
+from occlog.io.files.spill import NUMBERS_IN_MEMORY
 from occlog.records.columns import rows_by_label
 from occlog.records.tables import Errors, Tracks
 
-from .stretches import Stretch
 from .sums import ErrorFigures
-from .survey import Survey
+from .survey import Stretch, Survey
 
 Metrics = dict[str, float]
 
@@ -226,7 +225,12 @@ class TrackErrors:
     """Errors of tracks against their targets, and the figures of them."""
 
     def __init__(
-        self, known: Survey, pairs: Mapping[int, int], config: EvaluateConfig, unit: str, in_memory: int = IN_MEMORY
+        self,
+        known: Survey,
+        pairs: Mapping[int, int],
+        config: EvaluateConfig,
+        unit: str,
+        in_memory: int = NUMBERS_IN_MEMORY,
     ) -> None:
         """No estimate yet.
 

@@ -11,13 +11,15 @@ from occlog.core.metrics.errors import (
     CHI2_95_2D,
     CHI2_95_3D,
     ErrorSums,
+    Sum,
     add_sums,
     error_sums,
+    group_medians,
     quantile,
+    quantiles,
     ratio,
 )
-from occlog.core.metrics.sums import Sum, group_medians, quantiles
-from occlog.io.files.put_aside.spool import IN_MEMORY, Spool
+from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.columns import rows_by_label
 from occlog.records.tables import Errors
 
@@ -169,7 +171,7 @@ class _Target:
 class ErrorFigures:
     """Figures of errors over all targets and for each target."""
 
-    def __init__(self, unit: str, in_memory: int = IN_MEMORY) -> None:
+    def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """No errors yet.
 
         Args:

@@ -13,19 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.errors import CHI2_95_2D, normalised_squared_errors, ratio
+from occlog.core.metrics.errors import CHI2_95_2D, Sum, normalised_squared_errors, ratio
 from occlog.core.metrics.mot.clear_mot import ClearCounts, ClearRule, Matcher, Matches
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, numbered, of_points
-from occlog.core.metrics.mot.ospa2 import Ospa2Sums, Ospa2Windows
-from occlog.core.metrics.mot.trajectory_gospa.distance import TrajectoryCosts
-from occlog.core.metrics.sums import Sum
+from occlog.core.metrics.mot.gospa import Ospa2Sums, Ospa2Windows
+from occlog.core.metrics.mot.trajectory_gospa import TrajectoryCosts
 from occlog.errors import InputError
 from occlog.evaluate.errors.on_ground import no_targets
 from occlog.evaluate.errors.sums import Consistency, Spread
 from occlog.evaluate.errors.survey import Survey, survey
 from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.evaluate.results import Evaluation
-from occlog.io.files.put_aside.spool import IN_MEMORY
+from occlog.io.files.spill import NUMBERS_IN_MEMORY
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Tracks, Truth
 
@@ -95,7 +94,7 @@ class GroundFigures:
         frames: int,
         config: ManyConfig,
         unit: str,
-        in_memory: int = IN_MEMORY,
+        in_memory: int = NUMBERS_IN_MEMORY,
     ) -> None:
         """No frame yet.
 
@@ -244,7 +243,7 @@ class PairErrors:
     come near a third of it.
     """
 
-    def __init__(self, unit: str, in_memory: int = IN_MEMORY) -> None:
+    def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """No pair yet; unit of lengths, and how many distances are kept in memory."""
         self._unit = unit
         self._distances, self._squares = Spread(in_memory), Sum()

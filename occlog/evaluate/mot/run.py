@@ -11,42 +11,44 @@ from typing import TypeVar
 
 import numpy as np
 
-from occlog.console.details import begin_work
+from occlog.console.notes import begin_work
 from occlog.errors import InputError, UsageError, option
 from occlog.evaluate.inputs import lost_earlier
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.request import EvaluateRequest
 from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import opened_rows, rows_of
-from occlog.io.boxes.kitti import is_kitti
-from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layout
-from occlog.io.boxes.mot_classes import DISTRACTORS, has_classes, read_marks
+from occlog.io.boxes.datasets import is_kitti
+from occlog.io.boxes.mot_challenge import DISTRACTORS, MotSequence, SequenceInfo, has_classes, read_marks, write_layout
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.rows import fill_frames
 from occlog.io.files.texts.csv_rows import first_line, is_header
-from occlog.io.files.texts.json_file import write_json
-from occlog.io.files.times.frame_times import FrameTimes
+from occlog.io.files.texts.documents import write_json
+from occlog.io.files.times import FrameTimes
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
-from occlog.records.pieces import windows
 from occlog.records.scene import Scene
-from occlog.records.tables import Boxes, TruthBoxes
+from occlog.records.tables import Boxes, TruthBoxes, windows
 from occlog.runner import Job
 from occlog.settings import configure
-from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
+from occlog.track.images.run.inputs import born_from_detections, other_video, own_notes
 
-from .annotations import (
+from .config import ManyConfig
+from .stage import ComparedBoxes, Sides
+from .truth_and_tracks import (
     MAX_FRAMES,
+    TruthAndTracks,
     annotation_format,
     check_counted,
+    frame_rate,
     frame_times,
+    image_size,
+    joined,
+    pedestrians,
     read_annotation,
     timed_like,
+    view_boxes,
 )
-from .classes import pedestrians
-from .compared import ComparedBoxes, Sides
-from .config import ManyConfig
-from .truth_and_tracks import TruthAndTracks, frame_rate, image_size, joined, view_boxes
 
 B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")

@@ -1,18 +1,39 @@
 """Boxes of tracks and true boxes in the same frames: of one camera and time, each identity once in a frame.
 
 `boxes_in_true_frames` selects them, `view_boxes` gives those of a view back as tables.
+
+True boxes of annotation tools that count frames and know no times: XML (PETS, CAVIAR), VATIC's and KITTI's text.
+
+`occlog ingest --truth` reads the same files by the same readers.  Frames are those of the tracks by their numbers, so
+that the times are needed in tables only.
+
+Truth with classes, as the MOTChallenge and TrackEval treat it before they score.
+
+Tracks of a box that is a person in some way, but no pedestrian to be followed, are neither right nor wrong and are
+dropped; so are true boxes that are marked 0 or of another class than pedestrian.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.metrics.mot.frame_pairs import Objects
-from occlog.errors import InputError
+from occlog.core.metrics.errors import box_overlap
+from occlog.core.metrics.mot.frame_pairs import EPS, Objects
+from occlog.errors import InputError, UsageError, option
+from occlog.io.boxes.mot_challenge import PEDESTRIAN, Marks
+from occlog.io.boxes.reader import BoxOptions, table_times
+from occlog.io.files.texts.formats import Probe, recognise
+from occlog.io.files.times import FrameTimes, as_rate
+from occlog.io.frames.streams import rate_times
+from occlog.io.open import open_if_ours
+from occlog.io.truth import FORMATS, TruthOptions, read_truth
 from occlog.records.tables import Boxes, TruthBoxes
 
 from .config import ManyConfig
@@ -224,3 +245,161 @@ def image_size(compared: TruthAndTracks, view: int) -> tuple[int, int]:
         return 1, 1
     far = np.ceil(np.max(place[:, :2] + place[:, 2:], axis=0))
     return max(int(far[0]), 1), max(int(far[1]), 1)
+
+
+COUNTING = ("xml", "vatic", "kitti")
+"""Formats of one camera's boxes by the number of the frame."""
+RATE = 25.0
+"""Frames a second of files that have no times."""
+MAX_FRAMES = 2_000_000
+"""Most frames of text; the truth has a row for each of them."""
+SAME_RATE = 0.01
+"""Largest relative difference of two frame rates that are the same."""
+
+
+def annotation_format(path: Path) -> str | None:
+    """Name of the format of an annotation tool in which a file is; None: it is anything else."""
+    if not path.is_file() or not path.stat().st_size or open_if_ours(path) is not None:
+        return None
+    try:
+        return recognise({name: FORMATS[name] for name in COUNTING}, Probe(path, "true boxes"))
+    except InputError:  # whoever reads it as another kind of file says what is wrong
+        return None
+
+
+def read_annotation(path: Path, name: str, camera: str, config: ManyConfig) -> TruthBoxes:
+    """All true boxes of a file, those of frames that are not compared included.
+
+    Args:
+        path: the file.
+        name: of its format.
+        camera: whose boxes they are.
+        config: frame rate and number of frame 0.
+
+    Raises:
+        InputError: the file is damaged, or its numbers of frames are too large.
+    """
+    how = TruthOptions(
+        format=name,
+        camera=camera,
+        cameras=(camera,),
+        times={camera: frame_times(config)},
+        boxes=BoxOptions(first_number=config.first_number or 0, frames=config.frames),
+    )
+    tables = [table for table in read_truth(path, how) if isinstance(table, TruthBoxes)]
+    truth = TruthBoxes.concat(tables)
+    if not len(truth):
+        chosen = "" if config.frames is None else f" in frames {config.frames[0]}:{config.frames[1]}"
+        raise InputError(f"{path}: has no true box{chosen}; nothing to compare with")
+    return truth
+
+
+def frame_times(config: ManyConfig) -> FrameTimes:
+    """Times of frames by the given rate; where none is given, 25 a second are assumed."""
+    rate = RATE if config.fps is None else config.fps
+    return rate_times(as_rate(rate), "assumed" if config.fps is None else "given")
+
+
+def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: ManyConfig, path: Path) -> TruthBoxes:
+    """The truth with the times that its frames have in the tracks; frames between and beyond these lie evenly.
+
+    Args:
+        truth: true boxes of a file without times.
+        tracks: a table, which has times.
+        camera: whose they are.
+        config: the frame rate, if it is given.
+        path: of the truth, for messages.
+
+    Raises:
+        UsageError: the given frame rate is not that of the tracks.
+        InputError: a number of a frame is too large.
+    """
+    own = tracks.take(tracks.sensor == camera)
+    frame, row = np.unique(own.frame, return_index=True)
+    if len(frame) < 2 or not len(truth):
+        return truth
+    t_ns = own.t_ns[row]
+    stop = int(truth.frame.max()) + 1
+    if stop > MAX_FRAMES:
+        raise InputError(f"{path}: frame {stop - 1}; there may be {MAX_FRAMES} frames; correct the number")
+    rate = float(NS / np.median(np.diff(t_ns) / np.diff(frame)))
+    if config.fps is not None and abs(config.fps - rate) > SAME_RATE * rate:
+        raise UsageError(f"{option('fps')} {config.fps:g}: the tracks have {rate:.4g} frames a second; leave it out")
+    known = dict(zip(frame.tolist(), t_ns.tolist(), strict=True))
+    return replace(truth, t_ns=table_times(known, 0, stop, f"tracks of {camera}").at(truth.frame))
+
+
+def check_counted(path: Path, name: str | None, text: bool, config: ManyConfig) -> None:
+    """UsageError for a frame rate or a first number that the file with the truth has no use for.
+
+    Args:
+        path: the file.
+        name: as `annotation_format` says.
+        text: it is MOTChallenge text.
+        config: with what was given.
+    """
+    if config.fps is not None and name is None and not text:
+        raise UsageError(f"{option('fps')} is for a truth that counts frames; {path} has times, leave it out")
+    if config.first_number is not None and name != "xml":
+        raise UsageError(f"{option('first_number')} is for true boxes in XML; the frames of {path} have their numbers")
+
+
+OVERLAP = 0.5
+"""Intersection over union from which a track is of a true box here, whatever it is later."""
+
+
+def pedestrians(compared: TruthAndTracks, marks: Marks, distractors: tuple[int, ...]) -> TruthAndTracks:
+    """The truth that counts, and the tracks that are not of distractors.
+
+    In each frame tracks are paired one to one with all true boxes, of any class and mark, so that the sum of overlaps
+    of at least one half is largest; a track whose box is a distractor's is dropped.
+
+    Args:
+        compared: truth and tracks of one view, with every row of the truth.
+        marks: what the truth says of its boxes.
+        distractors: classes of distractors.
+
+    Raises:
+        KeyError: a true box has no mark.
+    """
+    known = {key: n for n, key in enumerate(zip(marks.frame.tolist(), marks.target_id.tolist(), strict=True))}
+    numbers = compared.number[0][compared.truth.frame].tolist()
+    row = np.array([known[key] for key in zip(numbers, compared.truth.label.tolist(), strict=True)], dtype=np.int64)
+    kind, counts = marks.kind[row], marks.counts[row]
+    ignored = _on(compared, np.isin(kind, distractors))
+    keep = counts & (kind == PEDESTRIAN)
+    dropped = {"tracks_on_distractors": np.count_nonzero(ignored), "objects_ignored": np.count_nonzero(~keep)}
+    return compared._replace(
+        truth=_taken(compared.truth, keep),
+        tracks=_taken(compared.tracks, ~ignored),
+        visible=compared.visible[keep],
+        counts=compared.counts | {name: float(n) for name, n in dropped.items()},
+    )
+
+
+def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
+    """(m,) tracks that are paired with a true box that is a distractor."""
+    truth, tracks = _by_frame(compared.truth), _by_frame(compared.tracks)
+    out = np.zeros(len(compared.tracks.frame), dtype=np.bool_)
+    for frame, ours in tracks.items():
+        theirs = truth.get(frame)
+        if theirs is None:
+            continue
+        overlap = box_overlap(compared.truth.place[theirs], compared.tracks.place[ours])
+        overlap[overlap < OVERLAP - EPS] = 0.0
+        i, j = linear_sum_assignment(overlap, maximize=True)
+        met = overlap[i, j] > EPS
+        out[ours[j[met]]] = distractor[theirs[i[met]]]
+    return out
+
+
+def _by_frame(side: Objects) -> dict[int, Ints]:
+    """Rows of each frame, by label."""
+    order = np.lexsort((side.label, side.frame))
+    frames, first = np.unique(side.frame[order], return_index=True)
+    return dict(zip(frames.tolist(), np.split(order, first)[1:], strict=True))
+
+
+def _taken(side: Objects, keep: Bools) -> Objects:
+    view = None if side.view is None else side.view[keep]
+    return Objects(side.frame[keep], side.label[keep], side.place[keep], view)

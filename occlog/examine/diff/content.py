@@ -1,15 +1,171 @@
-"""Comparison of files that are neither tables nor recordings: YAML by its values, all others byte by byte."""
+"""Comparison of files that are neither tables nor recordings: YAML by its values, all others byte by byte.
+
+Comparison of two JSON values, entry by entry.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import math
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple, TypeGuard, cast
 
 from occlog.errors import InputError
 
-from .json import diff_json
-from .result import Comparison, Difference, DiffSettings
+from .result import ColumnDifference, Comparison, Difference, DiffSettings, Limit, Scalar, Tolerances
+
+
+def diff_json(
+    name: str, a: object, b: object, tolerances: Tolerances | None = None, provenance: bool = False
+) -> Comparison:
+    """Compare two JSON values, in the order of A's keys.
+
+    Fractional numbers are compared with the tolerances (their last key is the column);
+    two whole numbers, text, truth values and null must be equal.  Unless `provenance` is
+    set, keys of objects that begin with `_`, and `provenance`, are left out.
+
+    Args:
+        name: of the file.
+        a: value of the first file.
+        b: value of the second file.
+        tolerances: limits of differences of numbers.
+        provenance: true: entries that say how the files were made count too.
+    """
+    limits = tolerances or Tolerances()
+    counts = {"both": 0, "missing": 0, "added": 0}
+    rows: dict[str, int] = {}
+    largest: dict[str, Difference] = {}
+    first: Difference | None = None
+    for found in _Walk(name, limits, provenance).values("", "", a, b):
+        if not isinstance(found, Difference):
+            counts[found] += 1
+            continue
+        first = first or found
+        counts["both" if found.kind == "value" else found.kind] += 1
+        if found.kind == "value":
+            rows[found.column] = rows.get(found.column, 0) + 1
+            if found.column not in largest or (found.difference or 0.0) > (largest[found.column].difference or 0.0):
+                largest[found.column] = found
+    columns = {column: ColumnDifference(rows[column], largest[column]) for column in rows}
+    both, missing, added = counts["both"], counts["missing"], counts["added"]
+    return Comparison(
+        name,
+        "values",
+        count_a=both + missing,
+        count_b=both + added,
+        matched=both,
+        missing=missing,
+        added=added,
+        columns=columns,
+        first=first,
+    )
+
+
+_ABSENT = object()
+
+
+class _Walk(NamedTuple):
+    """Walk over two JSON values of a file."""
+
+    name: str
+    limits: Tolerances
+    provenance: bool
+
+    def values(self, path: str, key: str, a: object, b: object) -> Iterator[Difference | str]:
+        """Yield a difference, or `both`, for every value that is not a container.
+
+        Args:
+            path: place of both values in the file, as `tracks[0].x`; empty for the whole file.
+            key: last key of an object on the way to them.
+            a: value of the first file.
+            b: value of the second file.
+        """
+        if isinstance(a, Mapping) and isinstance(b, Mapping):
+            for k in (*a, *(k for k in b if k not in a)):
+                if self.provenance or not (str(k).startswith("_") or k == "provenance"):
+                    place = f"{path}.{k}" if path else str(k)
+                    yield from self._entry(place, str(k), a.get(k, _ABSENT), b.get(k, _ABSENT))
+        elif _is_list(a) and _is_list(b):
+            for n in range(max(len(a), len(b))):
+                value_a, value_b = (v[n] if n < len(v) else _ABSENT for v in (a, b))
+                yield from self._entry(f"{path}[{n}]", key, value_a, value_b)
+        else:
+            yield self._value(path or "value", key, a, b)
+
+    def _entry(self, path: str, key: str, a: object, b: object) -> Iterator[Difference | str]:
+        """Walk on in an entry of a container that may be absent in one of the files."""
+        if a is _ABSENT:
+            yield Difference("added", self.name, {"path": path}, key, b=_short(b))
+        elif b is _ABSENT:
+            yield Difference("missing", self.name, {"path": path}, key, a=_short(a))
+        else:
+            yield from self.values(path, key, a, b)
+
+    def _value(self, path: str, key: str, a: object, b: object) -> Difference | str:
+        """Compare two values of which at least one is no container."""
+        if not (_is_number(a) and _is_number(b)):
+            same = type(a) is type(b) and a == b
+            return "both" if same else Difference("value", self.name, {"path": path}, key, a=_short(a), b=_short(b))
+        if a == b or (a != a and b != b):
+            return "both"
+        whole = isinstance(a, int) and isinstance(b, int)
+        table = self.name.rsplit("/", maxsplit=1)[-1].split(".")[0]
+        limit = (self.limits.named(table, key) or Limit()) if whole else self.limits.of(table, key)
+        # Whole numbers of JSON have any length: their difference is exact, and only then a float.
+        apart = _float(abs(a - b) if whole else abs(_float(a) - _float(b)))
+        allowed = limit.atol + limit.rtol * max(abs(_float(a)), abs(_float(b)))
+        if math.isfinite(apart) and apart <= allowed:
+            return "both"
+        return Difference("value", self.name, {"path": path}, key, a=a, b=b, difference=apart, limit=allowed)
+
+
+def _float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_list(value: object) -> TypeGuard[Sequence[object]]:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
+def _short(value: object) -> Scalar:
+    """Return a container in a few words, any other value as it is."""
+    if isinstance(value, Mapping):
+        return f"an object of {len(value)} entries"
+    return f"a list of {len(value)} entries" if _is_list(value) else cast(Scalar, value)
+
+
+def compare_verdicts(name: str, a: Path, b: Path) -> list[Comparison]:
+    """Compare what stages that made both files found against them; nothing where they found the same."""
+    from occlog.io.files.inputs import verdicts_of_file
+
+    left, right = ({verdict.stage: verdict for verdict in verdicts_of_file(path)} for path in (a, b))
+    found_a, found_b = (
+        {
+            stage: {
+                "failed": ", ".join(" ".join([c.id, *c.sensors]) for c in of[stage].checks if c.status == "failed"),
+                "plausible": of[stage].plausible,
+            }
+            for stage in left
+            if stage in right
+        }
+        for of in (left, right)
+    )
+    return [] if found_a == found_b else [diff_json(f"{name}: verdict", found_a, found_b)]
+
+
+def compare_provenance(name: str, a: object, b: object) -> Comparison:
+    """Compare how two files were made."""
+    return diff_json(f"{name}: provenance", a, b, provenance=True)
+
 
 HTML = re.compile(rb"\s*<(!doctype )?html\b", re.IGNORECASE)
 """Beginning of a page."""
@@ -63,7 +219,7 @@ def _without_texts(png: bytes) -> bytes:
 
 def values_in(name: str, data: bytes) -> object:
     """Return the values of YAML, the lines of text, or the hash of any other file."""
-    from occlog.io.files.texts.yaml_file import parse_yaml
+    from occlog.io.files.texts.yaml import parse_yaml
 
     try:
         text = data.decode()

@@ -14,8 +14,7 @@ from occlog.io.recording.reader import Recording, open_recording
 from occlog.io.recording.rows import RECORDED, schema_of
 from occlog.records.columns import Table, check_order, column
 
-from .content import values_in
-from .json import compare_provenance, compare_verdicts, diff_json
+from .content import compare_provenance, compare_verdicts, diff_json, values_in
 from .result import Comparison, DiffSettings
 from .stage import diff_tables
 

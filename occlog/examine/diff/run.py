@@ -10,10 +10,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.untrusted.content import Content, content_of
+from occlog.io.files.limits import Content, content_of
 
-from .content import compare_contents, content, diff_bytes
-from .json import diff_json
+from .content import compare_contents, content, diff_bytes, diff_json
 from .result import Comparison, Difference, DiffSettings
 
 STAGES = (
@@ -121,7 +120,7 @@ def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[C
 
         return compare_recordings(a, b, name, settings)
     if kind == ".json":
-        from occlog.io.files.texts.json_file import read_json
+        from occlog.io.files.texts.documents import read_json
 
         return [diff_json(name, read_json(a), read_json(b), settings.tolerances, settings.provenance)]
     return [compare_contents(a, b, name, settings)]

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.tables.header import describe
-from occlog.io.files.tables.parquet import iter_table
+from occlog.io.files.tables.parquet import describe, iter_table
 from occlog.io.open import Opened, check_unit, common_unit, open_if_ours
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES, table_with
 
-from .json import compare_provenance, compare_verdicts
+from .content import compare_provenance, compare_verdicts
 from .result import Comparison, Difference, DiffSettings, Scalar
 from .stage import diff_schemas, diff_tables
 

@@ -9,7 +9,7 @@ import click
 from occlog import console
 from occlog.cli import options
 from occlog.cli.input_paths import Input
-from occlog.console.details import tell
+from occlog.console.notes import tell
 
 
 @click.command(name="doctor", short_help="List everything that is wrong in recordings, tables and other files.")

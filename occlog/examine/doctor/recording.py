@@ -1,4 +1,9 @@
-"""Recordings of occlog: chunks and their check sums, messages, images, linked videos, the scene and the clocks."""
+"""Recordings of occlog: chunks and their check sums, messages, images, linked videos, the scene and the clocks.
+
+Bags of other programs: what is lost of them, header stamps, and clocks.
+
+Videos and images: frames that are promised and cannot be decoded, and frames at uneven times.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +18,16 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from occlog.errors import InputError
+from occlog.array_types import NS
+from occlog.errors import InputError, UsageError
+from occlog.io.files.limits import check_input
 from occlog.io.frames.decoders.apart import decode_apart
+from occlog.io.frames.decoders.process import DecodingJob, start_decoder
+from occlog.io.messages.bag import CLOCKS_APART_S, Bag, Messages, open_bag
+from occlog.io.messages.kinds import Kind, kind_of
+from occlog.io.messages.mcap_file import McapFile
 from occlog.io.models.fundamental_matrices import attached_epipolar
-from occlog.io.recording.layout import MESSAGE_HEAD
+from occlog.io.recording.chunks import MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import check_index, open_mcap
 from occlog.io.recording.reader import (
     IMAGE_SCHEMA,
@@ -30,14 +41,143 @@ from occlog.io.recording.reader import (
 from occlog.io.recording.rows import RECORDED, RowCollector, schema_of
 from occlog.io.recording.salvage.records import FAILURES, repeated_records, whole_records
 from occlog.io.recording.writer import VIDEO_FRAME
+from occlog.io.video.container import Container
+from occlog.io.video.reader import read_container
 from occlog.records.columns import Table
 from occlog.records.tables import Truth, TruthBoxes
 
 from .clock import Clock, judge_clocks, judge_truth
 from .findings import Findings
-from .rows import TableWatch, sift
-from .tables import note_losses
-from .video import look_at_video
+from .tables import TableWatch, note_losses, sift
+
+TIMED = (Kind.IMAGE, Kind.BOX, Kind.POSE, Kind.DIRECTION)
+"""Messages whose times ingest takes."""
+
+
+def look_at_bag(path: Path, findings: Findings) -> None:
+    """Look at every message of a bag whose time would be taken; what is lost is told by whoever reads the file."""
+    try:
+        with open_bag([path]) as bag:
+            topics = bag.topics()
+            stamps = {name: _Stamps(name) for name, topic in topics.items() if kind_of(topic.kind) in TIMED}
+            for topic, t_ns, apart_s in _times(bag, set(stamps), findings):
+                stamps[topic].add(t_ns, apart_s)
+            _check_indexes(bag, findings)
+            for loss in bag.losses:
+                findings.add("damaged-bag", f"{loss.source}, {loss.place}", loss.what, count=max(loss.count, 1))
+            for topic, remark in bag.remarks.items():
+                findings.add("miscounted", topic, remark)
+        for each in stamps.values():
+            each.finish(findings)
+        judge_clocks([each.clock for each in stamps.values()], findings)
+    except (InputError, UsageError) as error:
+        findings.refused("unreadable", error)
+
+
+def _check_indexes(bag: Bag, findings: Findings) -> None:
+    """Note topics that an index leaves out, so that nobody reads them."""
+    for file in bag.files:
+        if isinstance(file, McapFile) and not file.losses:
+            try:
+                check_index(file.path)
+            except InputError as error:
+                what = str(error).removeprefix(f"{file.path}: ").split(";")[0]
+                findings.add("damaged-bag", file.name, what)
+
+
+def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str, int, float | None]]:
+    """Topic, time, and how much later it was recorded [s] (None: without a header stamp) of each message."""
+    messages, unread = Messages(bag.topics()), set[str]()
+    for message in bag.messages(wanted):
+        if message.topic in unread:
+            yield message.topic, message.log_ns, None
+            continue
+        try:
+            stamp = messages.read(message.topic, message.data).header.stamp_ns
+        except UsageError as error:
+            unread.add(message.topic)
+            findings.add("undecoded", message.topic, str(error))
+            stamp = 0
+        except InputError as error:
+            findings.refused("lost-message", error, place=message.topic)
+            continue
+        yield message.topic, stamp or message.log_ns, (message.log_ns - stamp) / 1e9 if stamp else None
+
+
+class _Stamps:
+    """The times of one topic."""
+
+    def __init__(self, topic: str) -> None:
+        self.clock = Clock(topic, unique=True, dropped=True)
+        self._times: list[int] = []
+        self._low = self._high = 0.0
+
+    def add(self, t_ns: int, apart_s: float | None) -> None:
+        self._times.append(t_ns)
+        if apart_s is not None:
+            self._low, self._high = min(self._low, apart_s), max(self._high, apart_s)
+        if len(self._times) >= 4096:
+            self._flush()
+
+    def finish(self, findings: Findings) -> None:
+        self._flush()
+        if max(-self._low, self._high) > CLOCKS_APART_S:
+            value = f"{self._low:.3g} to {self._high:.3g} s after them"
+            findings.add("two-clocks", self.clock.name, value, limit=f"{CLOCKS_APART_S:g} s")
+
+    def _flush(self) -> None:
+        self.clock.add(np.array(self._times, dtype=np.int64))
+        self._times = []
+
+
+UNEVEN = 0.1
+"""Intervals that differ by more than this share from the usual one are uneven: some files round times to ms."""
+UNEVEN_SHARE = 0.05
+"""From so many uneven intervals on the video is said to be."""
+MAX_IMAGE_BYTES = 512 * 1024 * 1024
+
+
+def look_at_video(path: Path, findings: Findings) -> None:
+    """Decode all frames of a video, in a process of its own, and look at their times."""
+    try:
+        container = read_container(path)
+        with start_decoder(
+            DecodingJob(kind="video", path=str(path), start=0, stop=None, store="none", quality=95)
+        ) as d:
+            for _ in d.delivered():
+                pass
+    except InputError as error:
+        findings.refused("unreadable", error)
+        return
+    for loss in d.losses:
+        findings.add("video-frames", loss.place, loss.what, count=max(loss.count, 1))
+    if container is not None:
+        _look_at_times(container, findings)
+
+
+def _look_at_times(container: Container, findings: Findings) -> None:
+    if container.pts_ns is None or len(container.pts_ns) < 3:
+        return
+    steps = np.diff(container.pts_ns).astype(np.float64)
+    usual = float(np.median(steps))
+    if usual <= 0:
+        return
+    uneven = int((np.abs(steps - usual) > UNEVEN * usual).sum())
+    if uneven > UNEVEN_SHARE * len(steps):
+        value = f"{uneven} of {len(steps)} intervals; {steps.min() / NS:.4g} to {steps.max() / NS:.4g} s"
+        findings.add("uneven-video", "", value, limit=f"{UNEVEN:.0%} from the usual {usual / NS:.4g} s")
+
+
+def look_at_image(path: Path, findings: Findings) -> None:
+    """Decode an image."""
+    try:
+        size = check_input(path, "an image").stat().st_size
+        if size > MAX_IMAGE_BYTES:
+            raise InputError(f"{path}: {size} bytes; the limit is {MAX_IMAGE_BYTES}")
+        decode_apart(path.read_bytes(), str(path))
+    except (InputError, OSError) as error:
+        findings.refused("image", error)
+
 
 TRUE: tuple[type[Table], ...] = (Truth, TruthBoxes)
 TABLES = {schema_of(table): table for table in RECORDED}

@@ -10,22 +10,19 @@ from pathlib import Path
 
 from occlog.cli.input_paths import is_missing, no_such_file
 from occlog.errors import InputError, OcclogError, UsageError
+from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
 from occlog.io.files.tables.parquet import is_ours
-from occlog.io.files.untrusted.content import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
-from occlog.io.foreign.arrow_messages import FILE_MAGIC, STREAM_MAGIC
-from occlog.io.foreign.source import find_source
+from occlog.io.foreign.source import FILE_MAGIC, STREAM_MAGIC, find_source
 from occlog.io.frames.codec import image_kind
 from occlog.io.messages.bag import METADATA
 from occlog.io.recording.reader import open_recording
 from occlog.io.sound.wav import open_sound
 from occlog.io.video.reader import read_container
 
-from .bag import look_at_bag
 from .findings import Finding, Findings
-from .recording import look_at_recording
+from .recording import look_at_bag, look_at_image, look_at_recording, look_at_video
 from .tables import look_at_others, look_at_table
 from .texts import look_at_text
-from .video import look_at_image, look_at_video
 
 MOST_FILES = 10_000
 """Files of a folder, with its own folders, that are looked at."""

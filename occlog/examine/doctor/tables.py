@@ -1,31 +1,171 @@
-"""Tables: Parquet of occlog, and tables of other programs that fit one of ours."""
+"""Tables: Parquet of occlog, and tables of other programs that fit one of ours.
+
+Rows that cannot be: all of them, though what checks them stops at the first; and rows that stand there twice.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
 
+from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.tables.arrow_columns import from_arrow
-from occlog.io.files.tables.header import read_header
-from occlog.io.files.tables.parquet import arrow_batches, groups_of
+from occlog.io.files.tables.arrow import from_arrow
+from occlog.io.files.tables.parquet import arrow_batches, groups_of, read_header
 from occlog.io.files.texts.csv_rows import bad_lines_told_to
+from occlog.io.files.utc import utc
 from occlog.io.foreign.cells import Cells
 from occlog.io.foreign.source import Source
 from occlog.io.foreign.table import ForeignTable, best_fit
-from occlog.io.gathered.schema import GATHERED
-from occlog.records.columns import Table
+from occlog.io.gathered import GATHERED
+from occlog.records.columns import Table, repeated_rows
 from occlog.records.losses import Loss
-from occlog.records.tables import TABLES
+from occlog.records.tables import TABLES, Bearings, Boxes, Truth, TruthBoxes
 
+from .clock import Clock, Restarts, judge_clocks
 from .findings import Findings
-from .restarts import Restarts
-from .rows import TableWatch, sift
+
+MOST_CHECKS = 1000
+"""Checks of parts of some thousand rows: about 80 bad rows are found by so many."""
+COMPLETE = tuple(table.NAME for table in (Bearings, Boxes, TruthBoxes, Truth))
+"""Tables with a row for each frame or moment, whatever was seen; in the others no row says that nothing was there."""
+M = TypeVar("M")
+MOST_HELD = 65_536
+"""Rows of one time that are held back for those of the same time in the next part."""
+
+
+class TableWatch:
+    """What is wrong with rows that are good one by one: repeats, and the clocks of sensors."""
+
+    def __init__(self, table: type[Table], findings: Findings) -> None:
+        """No row has been seen yet."""
+        self.table, self.findings = table, findings
+        self._clocks: dict[str, Clock] = {}
+        self._held: Table | None = None
+        self._last: int | None = None
+
+    @property
+    def clocks(self) -> list[Clock]:
+        """The times of each sensor so far, or of all rows."""
+        return list(self._clocks.values())
+
+    def note_order(self, t_ns: Ints, first: int) -> None:
+        """Look at the order of times [ns] of rows, the first of which has the number `first` in the file."""
+        whole = t_ns if self._last is None else np.concatenate([[self._last], t_ns])
+        back = np.flatnonzero(whole[1:] < whole[:-1])
+        if len(back):
+            k = int(back[0])
+            row = first + k + 1 - (len(whole) - len(t_ns))
+            value = f"{whole[k + 1]} ns after {whole[k]} ns"
+            self.findings.add("order", f"row {row}", value, count=len(back), alike="order")
+        self._last = int(whole[-1]) if len(whole) else None
+
+    def take(self, table: Table) -> None:
+        """Take the next rows, in the order of time."""
+        if not len(table):
+            return
+        whole = table.sorted() if self._held is None else self.table.merge([self._held, table])
+        t_ns = _times(whole)
+        last = int(np.searchsorted(t_ns, t_ns[-1]))
+        self._held = whole.take(slice(last, None)) if len(t_ns) - last <= MOST_HELD else None
+        self._settle(whole.take(slice(0, last)) if self._held is not None else whole)
+
+    def finish(self) -> None:
+        """Take what was held back, and judge."""
+        if self._held is not None:
+            self._settle(self._held)
+        judge_clocks(self.clocks, self.findings)
+
+    def _settle(self, table: Table) -> None:
+        if not len(table):
+            return
+        copies, double = repeated_rows(table)
+        if isinstance(table, Boxes):  # whose numbers may be those that they got on reading
+            copies |= repeated_rows(table, "box")[0]
+        for kind, rows in (("repeated-row", copies), ("two-places" if table.ONCE else "double-key", double & ~copies)):
+            for row in np.flatnonzero(rows)[:1].tolist():
+                key = ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY if name != "t_ns")
+                place = utc(int(_times(table)[row]))
+                self.findings.add(kind, place, key, count=int(rows.sum()), alike=kind)
+        t_ns, sensor, frame = _times(table), getattr(table, "sensor", None), getattr(table, "frame", None)
+        if sensor is None:
+            self._clock("times").add(t_ns)
+            return
+        for name in np.unique(sensor).tolist():
+            own = sensor == name
+            self._clock(f"sensor {name}").add(t_ns[own], None if frame is None else frame[own])
+
+    def _clock(self, name: str) -> Clock:
+        return self._clocks.setdefault(name, Clock(name, sorted=True, sporadic=self.table.NAME not in COMPLETE))
+
+
+def halves(
+    rows: int, make: Callable[[int, int], M], good: list[M], checks: int = MOST_CHECKS
+) -> Iterator[tuple[int, InputError]]:
+    """Iterate over the rows that cannot be, which are found by halves, and why.
+
+    Args:
+        rows: number of rows.
+        make: what the rows start <= row < stop are; InputError if one of them cannot be.
+        good: what the others are, part by part, is added to it.
+        checks: calls of `make`; a stretch that is left after these counts as one bad row, its first.
+    """
+    if rows:
+        yield from _bad(0, rows, make, good, [checks])
+
+
+def _bad(
+    start: int, stop: int, make: Callable[[int, int], M], good: list[M], left: list[int]
+) -> Iterator[tuple[int, InputError]]:
+    """As `halves`, of a stretch; `left` has the number of calls that are left."""
+    left[0] -= 1
+    try:
+        good.append(make(start, stop))
+        return
+    except InputError as error:
+        # Without the frames of the stack, which would hold the rows in memory
+        fault = InputError(str(error))
+    found = False
+    if stop - start > 1 and left[0] > 0:
+        middle = (start + stop) // 2
+        for part in ((start, middle), (middle, stop)):
+            for one in _bad(*part, make, good, left):
+                found = True
+                yield one
+    if not found:  # one row, or some that are good alone, and not together
+        yield start, fault
+
+
+def sift(
+    rows: int, make: Callable[[int, int], Table], watch: TableWatch, place: Callable[[int], str] = lambda _: ""
+) -> None:
+    """Make rows a table, note those that cannot be, and let the others be watched.
+
+    Args:
+        rows: number of rows.
+        make: gives the table of the rows start <= row < stop; InputError if one of them cannot be.
+        watch: takes the table of the good ones.
+        place: words for a row, where the error has none.
+    """
+    good: list[Table] = []
+    for row, error in halves(rows, make, good):
+        # What a table says of its only row, which it calls row 0
+        watch.findings.refused("row", InputError(str(error).replace(": row 0: ", ": ", 1)), place=place(row))
+    try:
+        watch.take(watch.table.merge(good))
+    except InputError as error:
+        watch.findings.refused("row", error)
+
+
+def _times(table: Table) -> Ints:
+    times: Ints = table.t_ns  # type: ignore[attr-defined]
+    return times
 
 
 def look_at_table(path: Path, findings: Findings) -> None:

@@ -9,7 +9,7 @@ import click
 
 from occlog import console
 from occlog.cli import options
-from occlog.cli.plugged import PluggedCommand, chosen_in
+from occlog.cli.setting_options import PluggedCommand, chosen_in
 from occlog.errors import UsageError
 from occlog.examine.viewers.command import every_opt
 from occlog.plugins.loading import EXPORTER

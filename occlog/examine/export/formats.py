@@ -12,6 +12,8 @@ IMAGE_TABLES = ("view_tracks", "truth_boxes", "boxes", "views")
 
 VIEWERS, FOXGLOVE, RERUN = "viewers", "foxglove", "rerun"
 """Formats for viewers: for all of them, and smaller ones for some."""
+PROGRAMS = {"rerun": RERUN, "foxglove": FOXGLOVE, "foxglove-studio": FOXGLOVE, "lichtblick": FOXGLOVE}
+"""Programs that are looked for, in this order, and the format that each takes."""
 
 
 @dataclass(frozen=True)

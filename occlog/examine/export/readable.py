@@ -1,16 +1,26 @@
-"""Rows that come back as they are when the exported file is read again; others are refused."""
+"""Rows that come back as they are when the exported file is read again; others are refused.
+
+What a format of other programs cannot hold of a table: found in a pass over its rows, and told.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from occlog.array_types import Ints
+from occlog.console.text import counted
 from occlog.errors import InputError
+from occlog.io.files.utc import utc
 from occlog.io.foreign.names import MAY_BE_EMPTY
 from occlog.records.columns import Table
+from occlog.records.declared.views import ViewTracks
+from occlog.records.tables import Boxes, Tracks, Truth
 
 T = TypeVar("T", bound=Table)
 BREAKS = ("\n", "\r", "\0")
@@ -45,3 +55,146 @@ def _check_names(chunk: Table, source: Path) -> None:
                     f"{source}: {c.name} {name!r}: a cell of a text has no line break, no blank at its ends and, in "
                     "this column, something in it; rename it, or export Parquet"
                 )
+
+
+UNITLESS = ("tum", "mot3d")
+"""Formats of places that do not say in which unit these are."""
+PLACES = {
+    "tum": ("t_ns", "x", "y", "z"),
+    "trc": ("t_ns", "target_id", "x", "y", "z"),
+    "geojson": ("t_ns", "target_id", "x", "y"),
+    "mot3d": ("target_id", "x", "y", "z", "existence"),
+}
+"""Columns of places that a format holds."""
+EDGES = ("left_px", "top_px", "width_px", "height_px")
+BOXES = {
+    "mot": ("frame", *EDGES, "confidence"),
+    "kitti": ("frame", "target_id", *EDGES, "confidence"),
+    "coco": ("t_ns", "sensor", "frame", "target_id", *EDGES, "confidence"),
+}
+"""Columns of boxes that a format holds; MOTChallenge has identities of tracks, too."""
+ELLIPSE = ("x_px", "y_px", "a_px", "b_px", "rho")
+SILENT = ("role", "box", "cluster", "sensor")
+"""Columns that are told of otherwise, or number what is there anyway."""
+WORDS = {"t_ns": "times", "target_id": "identities", "z": "heights"}
+
+
+class NotHeld:
+    """What the rows that go by have, and the format has not."""
+
+    def __init__(self, name: str, table: type[Table], length_unit: str, chosen: tuple[int, ...], camera: str | None):
+        """Nothing yet.
+
+        Args:
+            name: of the format.
+            table: whose rows are written.
+            length_unit: of its lengths.
+            chosen: identities that are written; none: all.
+            camera: whose rows are written; None: of all.
+        """
+        self._name, self._table, self._unit, self._chosen, self._camera = name, table, length_unit, chosen, camera
+        held = (PLACES | BOXES)[name]
+        if issubclass(table, ViewTracks):
+            held = (*held, *ELLIPSE, *(("target_id",) if name == "mot" else ()))
+        self._open = [c for c in table.columns() if c.name not in held and c.name not in SILENT]
+        self._known: dict[str, None] = {}
+        self._first: int | None = None
+        self._heightless = self._others = 0
+        self._frames = Frames()
+
+    def watched(self, rows: Iterable[T]) -> Iterator[T]:
+        """The rows in parts, each of which has been looked at; those of one time are in one part."""
+        for part in rows:
+            self._see(part)
+            yield part
+
+    def _see(self, part: Table) -> None:
+        own = part
+        if isinstance(own, Truth):
+            own = own.take(own.role == "target")
+            self._others += len(part) - len(own)
+        if isinstance(own, Truth | Tracks):
+            own = own.take(np.isin(own.target_id, self._chosen)) if self._chosen else own
+            self._heightless += int(np.isnan(own.z).sum())
+            if len(own) and self._first is None:
+                self._first = int(own.t_ns[0])
+        elif self._camera is not None:
+            own = own.take(own.sensor == self._camera)  # type: ignore[attr-defined]
+        if isinstance(own, Boxes):
+            self._frames.see(own)
+        for c in self._open:
+            if c.name not in self._known and _says_something(getattr(own, c.name)):
+                self._known[c.name] = None
+
+    def words(self) -> tuple[str, ...]:
+        """What is not held, each in a few words."""
+        out = []
+        if self._name in UNITLESS and self._unit != "m":
+            out.append(f"that lengths are in {self._unit}")
+        if self._name == "trc" and self._first:
+            out.append(f"the time of the first row, {utc(self._first)} ({self._first} ns)")
+        if self._heightless and "z" in PLACES.get(self._name, ()):
+            out.append(f"which heights are not known (0 in {counted(self._heightless, 'row')})")
+        if self._others and not self._chosen:
+            out.append(f"{counted(self._others, 'row')} of what is no target")
+        covariances = [name for name in self._known if name.startswith(("cov_", "sd_"))]
+        speeds = [name for name in self._known if name in ("vx", "vy", "vz")]
+        rest = [name for name in self._known if name not in covariances and name not in speeds]
+        out += [WORDS[name] for name in rest if name in WORDS]
+        out += ["velocities"] if speeds else []
+        out += ["covariances"] if covariances else []
+        other = [name for name in rest if name not in WORDS]
+        out += [f"columns {', '.join(other)}"] if other else []
+        return (*out, *self._frames.words())
+
+
+def _says_something(values: NDArray[np.generic]) -> bool:
+    """Whether a column has a value: a number that is known, an identity, a text."""
+    if values.dtype.kind == "f":
+        return bool(np.isfinite(values).any())
+    if values.dtype.kind in "US":
+        return bool((values != "").any())
+    return bool((values.astype(np.int64) >= 0).any()) if values.dtype.kind == "i" else bool(values.any())
+
+
+class Frames:
+    """Frames of cameras, of which formats of boxes have those with a box alone."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._ends: dict[str, tuple[int, int]] = {}
+        self._boxed: dict[str, tuple[int, int]] = {}
+        self._rows: Counter[str] = Counter()
+
+    def see(self, boxes: Boxes) -> None:
+        """Look at the frames of some rows; those of one time come at once."""
+        for name in np.unique(boxes.sensor).tolist():
+            own = boxes.sensor == name
+            frames = boxes.frame[own]
+            _widen(self._ends, name, frames)
+            _widen(self._boxed, name, frames[boxes.box[own] >= 0])
+            self._rows[name] += len(np.unique(frames))
+
+    def words(self) -> tuple[str, ...]:
+        """Frames without a box before the first and behind the last one that has some, and those that were not there.
+
+        A frame between two others that is not in the text is read as one in which nobody was seen.
+        """
+        outside = missing = 0
+        for name, (low, high) in self._ends.items():
+            first, last = self._boxed.get(name, (high + 1, high))
+            outside += first - low + high - last
+            missing += max(0, high - low + 1 - self._rows[name])
+        out = []
+        if outside:
+            out.append(f"{counted(outside, 'frame')} without a box before the first or behind the last one with some")
+        if missing:
+            out.append(f"that {counted(missing, 'frame')} between others were not recorded: read as without a box")
+        return tuple(out)
+
+
+def _widen(ends: dict[str, tuple[int, int]], name: str, frames: Ints) -> None:
+    if len(frames):
+        low, high = int(frames.min()), int(frames.max())
+        before = ends.get(name, (low, high))
+        ends[name] = (min(low, before[0]), max(high, before[1]))

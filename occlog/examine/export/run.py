@@ -1,39 +1,40 @@
-"""Opens a table, chooses the format, and writes what another program reads."""
+"""Opens a table, chooses the format, and writes what another program reads.
+
+Formats of plug-ins: which tables they take, and writing by them.
+"""
 
 from __future__ import annotations
 
 import gzip
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TypeVar, cast
 
+import numpy as np
+
 from occlog import console
-from occlog.console.details import begin_work
-from occlog.errors import InputError, UsageError
+from occlog.console.notes import begin_work
+from occlog.errors import InputError, PluginError, UsageError
 from occlog.io.boxes.mot_challenge import SEQUENCE_INFO, mot_text
 from occlog.io.files.atomic import Together, check_outputs, open_output
 from occlog.io.open import Opened, load_scene, open_input
-from occlog.io.trajectories.earth import FARTHEST, Origin
-from occlog.plugins.chosen import Chosen
-from occlog.plugins.interface import World
+from occlog.io.trajectories import FARTHEST, Origin
+from occlog.plugins.interface import Exporter, World
+from occlog.plugins.loading import Chosen, said_by
 from occlog.records.columns import Table
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
-from occlog.records.pieces import whole_times
 from occlog.records.scene import Scene
-from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views
+from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views, whole_times
 from occlog.records.verdicts import texts_of
 
-from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
-from .columns import write_csv, write_parquet
 from .formats import FORMATS, Format, format_of
 from .in_images import Cameras, boxes_of, chosen_camera, coco_texts, kitti_text, sequence_info, survey
-from .not_held import NotHeld
-from .readable import readable
+from .readable import NotHeld, readable
 from .trajectories import (
     Places,
     check_one_target,
@@ -43,7 +44,76 @@ from .trajectories import (
     places_of,
     trc_texts,
     tum_text,
+    write_csv,
+    write_parquet,
 )
+
+
+class Sink:
+    """A file that can only be written on."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        """Nothing is written yet."""
+        self._file = file
+
+    def write(self, data: bytes) -> int:
+        """Write some bytes; TypeError for anything else."""
+        if not isinstance(data, bytes | bytearray | memoryview):
+            raise TypeError(f"bytes are written, not {type(data).__name__}; encode the text")
+        return self._file.write(data)
+
+    def writable(self) -> bool:
+        """Whether it can be written on, which wrappers ask."""
+        return True
+
+    def readable(self) -> bool:
+        """Whether it can be read."""
+        return False
+
+    def seekable(self) -> bool:
+        """Whether one can go back in it."""
+        return False
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is closed, which wrappers ask."""
+        return False
+
+    def flush(self) -> None:
+        """Leave it to who opened the file."""
+
+    def close(self) -> None:
+        """Leave it to who opened the file."""
+
+
+def format_of_plugin(exporter: Chosen) -> Format:
+    """The format as one of ours; PluginError for a table that there is not."""
+    of = exporter.plugin.load()
+    unknown = [name for name in of.tables if name not in TABLES]
+    if unknown or not of.tables:
+        raise PluginError(
+            f"{exporter.plugin.label}: tables: {unknown[0] if unknown else 'none'}; want names of {', '.join(TABLES)}"
+        )
+    return Format((), tuple(of.tables), str(of.summary))
+
+
+def chosen_rows(rows: Table, name: str, targets: Sequence[int], camera: str | None) -> Table:
+    """Rows of some targets and of one camera; UsageError for a table that has no such column."""
+    for option, column, given in (("target", "target_id", tuple(targets)), ("camera", "sensor", camera)):
+        if not given:
+            continue
+        if not hasattr(rows, column):
+            raise UsageError(f"{option}: format {name} writes {rows.NAME}, which have none; leave it out")
+        rows = rows.take(np.isin(getattr(rows, column), given))
+    return rows
+
+
+def write_by_plugin(exporter: Chosen, rows: Table, world: World, file: IO[bytes]) -> None:
+    """Write rows; PluginError, in one line, where the plug-in fails."""
+    own: Exporter = exporter.make(world.length_unit)
+    with said_by(exporter.plugin):
+        own.write(rows, world, Sink(file))  # type: ignore[arg-type]
+
 
 T = TypeVar("T", bound=Table)
 

@@ -8,14 +8,8 @@ import click
 
 from occlog import console
 from occlog.cli import options
-from occlog.cli.values import Finite
-from occlog.examine.export.formats import FOXGLOVE, RERUN
-
-PROGRAMS = {"rerun": RERUN, "foxglove": FOXGLOVE, "foxglove-studio": FOXGLOVE, "lichtblick": FOXGLOVE}
-"""Programs that are looked for, in this order, and the format that each takes."""
-OTHERS = """install one: Rerun (`pip install rerun-sdk`), Foxglove or Lichtblick (programs with windows); or name the
-program with --viewer; or write the file alone with `occlog export`"""
-
+from occlog.cli.options import Finite
+from occlog.examine.export.formats import PROGRAMS
 
 every_opt = click.option(
     "--every",

@@ -15,7 +15,6 @@ from occlog.errors import InputError, UsageError, option
 from occlog.io.open import Opened, open_if_ours, open_input, scene_in
 from occlog.io.recording.reader import Recording
 from occlog.records.columns import Table
-from occlog.records.pieces import whole_times
 from occlog.records.scene import Scene
 from occlog.records.tables import (
     Bearings,
@@ -34,6 +33,7 @@ from occlog.records.tables import (
     TruthBoxes,
     Views,
     ViewTracks,
+    whole_times,
 )
 from occlog.settings import METRES
 

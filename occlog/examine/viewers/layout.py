@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from occlog.examine.viewers.drawings.sensors import world_of
+from occlog.examine.viewers.drawings.world import world_of
 from occlog.records.scene import Scene
 from occlog.settings import METRES
 

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from occlog.errors import OutputError, UsageError, option
-from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
+from occlog.examine.export.formats import FOXGLOVE, PROGRAMS, RERUN, VIEWERS
 from occlog.records.losses import Loss
 
-from .command import OTHERS, PROGRAMS
 from .inputs import made_for
 from .run import Request, run_viewers
 
+OTHERS = """install one: Rerun (`pip install rerun-sdk`), Foxglove or Lichtblick (programs with windows); or name the
+program with --viewer; or write the file alone with `occlog export`"""
 RERUN_OPTIONS = ("--bind", "127.0.0.1", "--new")
 """Rerun's viewer listens for programs that send it data: only for those of this machine, and in a window of its own."""
 

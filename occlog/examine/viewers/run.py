@@ -22,11 +22,16 @@ from occlog import console
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
-from occlog.examine.viewers.drawings.foxglove import image_annotations, scene_update
-from occlog.examine.viewers.drawings.plan import plan, static_shadows
-from occlog.examine.viewers.drawings.points import image_cloud, point_cloud
-from occlog.examine.viewers.drawings.sensors import camera_calibration, frame_transforms, smaller_camera, world_of
+from occlog.examine.viewers.drawings.foxglove import image_annotations, image_cloud, point_cloud, scene_update
 from occlog.examine.viewers.drawings.shapes import Thing, smaller
+from occlog.examine.viewers.drawings.world import (
+    camera_calibration,
+    frame_transforms,
+    plan,
+    smaller_camera,
+    static_shadows,
+    world_of,
+)
 from occlog.io.files.atomic import Together, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
@@ -41,9 +46,8 @@ from occlog.records.verdicts import texts_of
 
 from .inputs import Inputs, find_inputs, note_strangers
 from .layout import foxglove_layout
-from .moments import LAYERS, PARTICLES, Drawn, Moment, Numbers, Over, Said, Story
-from .plotted import DEFINITION, MAIN, SCHEMA, main_columns, main_numbers
-from .thinner import Thinner
+from .moments import LAYERS, PARTICLES, Drawn, Moment, Numbers, Over, Said, Story, Thinner
+from .series import DEFINITION, MAIN, SCHEMA, main_columns, main_numbers
 
 _LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}
 QUALITY = 90

@@ -1,11 +1,111 @@
-"""What a measurement model is: the predicted value of a station's measurement as a function of a target's position."""
+"""What sensors measure of a place: readings ([Ercan] Eq. 1) and bearings, their derivatives and variances (Eq. 2).
+
+What a measurement model is: the predicted value of a station's measurement as a function of a target's position.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import NamedTuple
 
-from occlog.array_types import Floats
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.plane import Floor, on_floor
+from occlog.core.sight.camera import wrap_angle
+from occlog.core.sight.visibility import Sensors, seen_from
+
+from .directions import NEAR, NEAREST, Noise, PackedScan
+
+
+class World(NamedTuple):
+    """The sensors, their noise, and where a target can be."""
+
+    sensors: Sensors
+    noise: Noise
+    floor: Floor
+
+
+class Rows(NamedTuple):
+    """R measurements."""
+
+    sensor: Ints  # (R,)
+    pixel: Bools  # (R,) true: z [px], false: a bearing [rad]
+    value: Floats  # (R,)
+    variance: Floats  # (R,) of reading [px^2], or of the bearing in all [rad^2]
+    labelled: Bools  # (R,) false: a candidate, which may be of anything
+
+    def take(self, which: Bools | Ints) -> Rows:
+        """Some of the rows."""
+        return Rows._make(column[which] for column in self)
+
+
+def rows_of(looks: PackedScan) -> Rows:
+    """The measurements of a scan."""
+    count = np.diff(looks.first)
+    sensor, labelled = np.repeat(looks.sensor, count), np.repeat(looks.labelled, count)
+    return Rows(sensor, looks.pixel, looks.value, looks.variance, labelled)
+
+
+def offsets(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Floats]:
+    """(..., R) offsets h across and d along each sensor's axis, of (..., 2) places."""
+    away = xy[..., None, :] - world.sensors.xy[rows.sensor]
+    c, s = world.sensors.axis[rows.sensor].T
+    return c * away[..., 1] - s * away[..., 0], c * away[..., 0] + s * away[..., 1]
+
+
+def measured(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Bools]:
+    """(L, R) what the sensors would measure of (L, 2) places without noise, and where they could: z wants d > 0."""
+    h, d = offsets(xy, rows, world)
+    ahead = ~rows.pixel | (d > np.maximum(NEAR * np.abs(h), NEAREST))
+    ratio = world.noise.focal_px[rows.sensor] * h / np.where(ahead & rows.pixel, d, 1.0)
+    c, s = world.sensors.axis[rows.sensor].T
+    azimuth = np.arctan2(c * h + s * d, c * d - s * h)
+    return np.where(rows.pixel, ratio, azimuth), ahead
+
+
+def azimuths(rows: Rows, world: World) -> Floats:
+    """(R,) azimuths of the sight lines [rad]."""
+    yaw = np.arctan2(world.sensors.axis[rows.sensor, 1], world.sensors.axis[rows.sensor, 0])
+    f = np.where(rows.pixel, world.noise.focal_px[rows.sensor], 1.0)
+    return np.where(rows.pixel, yaw + np.arctan2(rows.value, f), rows.value)
+
+
+def residuals(expected: Floats, rows: Rows) -> Floats:
+    """(..., R) what was measured less what was expected (..., R)."""
+    off = rows.value - expected
+    return np.where(rows.pixel, off, wrap_angle(off))
+
+
+def linearised(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Floats]:
+    """(..., R, 2) derivatives of what sensors measure by (..., 2) places, (..., R) variances there ([Ercan] Eq. 2).
+
+    Readings want d > 0.
+    """
+    h, d = offsets(xy, rows, world)
+    c, s = world.sensors.axis[rows.sensor].T
+    f = world.noise.focal_px[rows.sensor]
+    d1 = np.where(rows.pixel, d, 1.0)
+    ratio = h / d1
+    # z = f h / d: dz = f (dh - z / f dd) / d
+    reading = (f / d1)[..., None] * (np.column_stack([-s, c]) - ratio[..., None] * np.column_stack([c, s]))
+    away = xy[..., None, :] - world.sensors.xy[rows.sensor]
+    r2 = np.maximum((away**2).sum(axis=-1), NEAREST)
+    bearing = np.stack([-away[..., 1], away[..., 0]], axis=-1) / r2[..., None]
+    spread = 1.0 + ratio**2
+    pose = spread * world.noise.sigma_yaw[rows.sensor] ** 2 + (world.noise.sigma_position[rows.sensor] / d1) ** 2
+    return (
+        np.where(rows.pixel[:, None], reading, bearing),
+        np.where(rows.pixel, rows.variance + f**2 * spread * pose, rows.variance),
+    )
+
+
+def visible(xy: Floats, rows: Rows, world: World) -> Bools:
+    """(L, R) whether each sensor can see (L, 2) places: on the floor, in view, not behind a wall or static occluder."""
+    xy = np.ascontiguousarray(xy)
+    free = on_floor(xy, world.floor.room, world.floor.walls, world.floor.starts)
+    columns = [free & seen_from(xy, int(i), world.sensors) for i in rows.sensor]
+    return np.column_stack(columns) if columns else np.empty((len(xy), 0), dtype=np.bool_)
 
 
 class Geometry(NamedTuple):

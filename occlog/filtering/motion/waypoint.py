@@ -42,7 +42,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
-from occlog.core.plane.floor import Floor, on_floor, sample_floor
+from occlog.core.plane import Floor, on_floor, sample_floor
 
 TOWARDS, CHANGE, WAIT = 0, 1, 2
 """Regimes: move towards the destination (MTD), change the destination and move (CD), wait (W)."""

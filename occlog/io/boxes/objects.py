@@ -17,9 +17,9 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.names.last_number import last_number
+from occlog.io.files.names import last_number
 from occlog.io.files.texts.csv_rows import Rows
-from occlog.io.files.texts.json_file import check_number, parse_json
+from occlog.io.files.texts.documents import check_number, parse_json
 from occlog.records.declared.sensors import MAX_FRAMES
 
 from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, Wanted, check_columns, rows_of

@@ -20,17 +20,15 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.names.sensors import check_meaning, match_sensor, means_none
+from occlog.io.files.names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, is_header
-from occlog.io.files.texts.registry import FileFormat, Probe, by_cells, is_folder, recognise
-from occlog.io.files.times.frame_times import FrameTimes
-from occlog.io.files.times.timestamps import parse_times, time_column
+from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, is_folder, recognise
+from occlog.io.files.times import FrameTimes, parse_times, time_column
+from occlog.records.columns import MAX_NS
 from occlog.records.declared.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
-from occlog.records.times import MAX_NS
 
-from .classes import check_classes, class_labels, wanted_rows
 from .columns import (
     COLUMNS,
     SHARE_HEIGHT,
@@ -42,14 +40,24 @@ from .columns import (
     Wanted,
     both_sizes,
     disagree,
+    open_csv,
+    open_mot,
 )
-from .folder import open_folder
-from .kitti import is_kitti, open_kitti
+from .datasets import is_annotations, is_kitti, is_vatic, open_annotations, open_folder, open_kitti, open_vatic
 from .objects import open_json
-from .rows import BoxRows, check_boxes, check_copies, check_identities, check_range, fill_frames, in_frames, join
-from .text import open_csv, open_mot
-from .vatic import is_vatic, open_vatic
-from .wildtrack import is_annotations, open_annotations
+from .rows import (
+    BoxRows,
+    check_boxes,
+    check_classes,
+    check_copies,
+    check_identities,
+    check_range,
+    class_labels,
+    fill_frames,
+    in_frames,
+    join,
+    wanted_rows,
+)
 
 
 def note_times(rows: Rows, boxes: BoxRows, cameras: list[str], stamps: dict[str, dict[int, int]]) -> None:

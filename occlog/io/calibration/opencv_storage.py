@@ -15,11 +15,18 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.texts.json_file import parse_json
-from occlog.io.files.texts.xml_file import parse_xml
+from occlog.io.files.texts.documents import parse_json, parse_xml
 from occlog.records.scene import Camera
 
-from .common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of, yaml_values
+from .common import (
+    CalibrationOptions,
+    Pose,
+    build_camera,
+    check_camera_matrix,
+    read_text,
+    scale_of,
+    yaml_values,
+)
 from .opencv_toml import rotation_from_vector
 
 PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")

@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.texts.toml_file import toml_values
+from occlog.io.files.texts.documents import toml_values
 from occlog.records.scene import Camera
 
 from .common import WHAT, CalibrationOptions, Pose, build_camera, read_text, scale_of

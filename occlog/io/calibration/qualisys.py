@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.texts.xml_file import number, parse_xml, required
+from occlog.io.files.texts.documents import number, parse_xml, required
 from occlog.records.scene import Camera
 
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of

@@ -15,14 +15,13 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
-from occlog.io.files.texts.registry import FileFormat, Probe, by_text, recognise
-from occlog.io.files.untrusted.guard import guarded
+from occlog.io.files.limits import guarded
+from occlog.io.files.texts.formats import FileFormat, Probe, by_text, recognise
 from occlog.records.names import first_double
 from occlog.records.scene import Camera
 
-from . import opencv_storage, opencv_toml, projection, qualisys, tsai
+from . import arrays, colmap, kalibr, opencv_storage, opencv_toml, pairs, projection, qualisys, ros, tsai
 from .common import WHAT, CalibrationOptions
-from .rigs import arrays, colmap, kalibr, pairs, ros
 
 Importer = FileFormat[Callable[[list[Path], CalibrationOptions], tuple[Camera, ...]]]
 IMPORTERS: dict[str, Importer] = {

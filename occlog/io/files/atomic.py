@@ -4,6 +4,8 @@ A file is written without a name where the file system can do that (O_TMPFILE), 
 even a killed process leaves nothing behind, and beside its target under a hidden name
 elsewhere.  Only a complete file, flushed to the disk, takes the target's name.  Files that
 belong together take theirs when all of them are complete.
+
+One command at a time in a folder or a file that it adds to: two would mix what they make.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
@@ -18,7 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple, Self
 
-from occlog.console.details import begin_work, note_files, tell
+from occlog.console.notes import begin_work, note_files, tell
 from occlog.errors import OcclogError, OutputError, OutputExistsError, UsageError
 
 PARTIAL = ".partial"
@@ -293,3 +296,47 @@ def _remove_stale(path: Path) -> None:
                     shutil.rmtree(old, ignore_errors=True)
                 else:
                     old.unlink()
+
+
+with suppress(ImportError):  # Windows has no such locks
+    import fcntl
+
+
+@contextmanager
+def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None]:
+    """Keep other commands out of a folder or file that is there, to the end of the block or of the process.
+
+    File systems that know no locks let everybody in.
+
+    Args:
+        path: the folder or file.
+        command: what works with it.
+        patience: time to wait for another command to end [s].
+
+    Raises:
+        UsageError: another command works with it.
+    """
+    if "fcntl" not in globals():
+        yield
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        end = time.monotonic() + patience
+        while not _locked(descriptor):
+            if time.monotonic() >= end:
+                raise UsageError(f"{path}: another `occlog {command}` works with it; wait, or name another one")
+            time.sleep(0.05)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    """Lock a file unless another process has; true also where there are no locks."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True

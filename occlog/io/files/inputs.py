@@ -6,11 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from occlog.errors import InputError
+from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import InputDigests, hash_file, verdicts_in
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import is_ours
-from occlog.io.files.texts.json_file import read_json
-from occlog.io.files.untrusted.content import Content, content_of
+from occlog.io.files.tables.parquet import is_ours, read_provenance
+from occlog.io.files.texts.documents import read_json
 from occlog.records.verdicts import Verdict
 
 

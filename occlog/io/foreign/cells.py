@@ -11,18 +11,10 @@ import pyarrow.compute as pc
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.tables.arrow_arrays import to_numpy, to_texts
+from occlog.io.files.tables.arrow import to_numpy, to_texts
 from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, plain_text
-from occlog.io.files.times.timestamps import (
-    COARSEST_NS,
-    LATEST_S,
-    UNITS,
-    coarse,
-    parse_time,
-    parse_times,
-)
-from occlog.records.columns import ANY
-from occlog.records.times import MAX_NS
+from occlog.io.files.times import COARSEST_NS, LATEST_S, UNITS, coarse, parse_time, parse_times
+from occlog.records.columns import ANY, MAX_NS
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
 EXACT = 2.0**53

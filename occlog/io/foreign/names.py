@@ -16,13 +16,13 @@ from typing import NamedTuple
 from occlog.errors import InputError
 from occlog.io.boxes.columns import COLUMNS as BOXES
 from occlog.io.files.stated_units import STATED
-from occlog.io.files.times.timestamps import TIME_COLUMNS, UNITS
+from occlog.io.files.times import TIME_COLUMNS, UNITS
 from occlog.io.sound.csv_log import ANGLES
 from occlog.io.sound.csv_log import FORMAT as DIRECTIONS
-from occlog.io.tags.reads import FORMAT as READS
-from occlog.io.truth.reader import POSITIONS
+from occlog.io.tags import TAG_READS as READS
+from occlog.io.truth import POSITIONS
 from occlog.records.columns import Column, Table
-from occlog.records.declared.measurements import VALUES, Measurements
+from occlog.records.declared.sensors import VALUES, Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Failures, Hulls, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 

@@ -11,13 +11,12 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.io.files.times.frame_times import FrameTimes, as_rate
+from occlog.io.files.times import FrameTimes, as_rate
+from occlog.records.columns import MAX_NS
 from occlog.records.losses import Loss
-from occlog.records.times import MAX_NS
 
 from .decoders.process import Decoder, DecodingJob, Delivered, start_decoder
-from .folder import ImageFolder
-from .video_stream import rate_times
+from .streams import ImageFolder, rate_times
 
 TRIAL = 4
 """Frames whose time stamps must rise before the stamps of a container that we cannot read are believed."""

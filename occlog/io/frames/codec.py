@@ -1,10 +1,23 @@
-"""Compressed images: size and damage told from their bytes, encoding, decoding with a limit."""
+"""Compressed images: size and damage told from their bytes, encoding, decoding with a limit.
+
+Images of which decoders give one picture of several, without a word: animations, pages (TIFF), views (MPO).
+
+The range of brightness that images of the kind PNM (PGM, PPM) state, and what decoders make of it.
+
+The size of each frame as its compressed data states it.
+
+OpenCV scales every frame to the size of the first one and says nothing.  So where the
+codec's data tell the size (motion JPEG, PNG, VP8, H.264), it is read from them.
+"""
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
+from bisect import bisect_right
 from contextlib import suppress
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,9 +25,151 @@ import numpy as np
 from occlog.errors import InputError
 from occlog.records.frames import Image
 
+from ..files.names import utf8_name
 from .limits import MAX_PIXELS
-from .several import SEVERAL, holds_several
-from .stated_range import FULL_16, is_scaled, scaled, stated_most
+
+SEVERAL = (
+    "several pictures (an animation, pages or views), of which decoders give one; write each as an image, or give "
+    "them as a video"
+)
+_ANIMATED_WEBP = 0x02
+"""Bit of the first part of a WebP image that says that it has several pictures."""
+_GIF_IMAGE, _GIF_EXTENSION = 0x2C, 0x21
+"""What the blocks of a GIF image begin with: a picture, and all else that it may hold."""
+_SEQUENCE, _SAMPLES = b"avis", b"stsz"
+"""Brand of AVIF with a sequence of pictures, and the box of MP4 that says of each track how many it has."""
+_ORDERS = {b"II": "<", b"MM": ">"}
+_KIND_OF_PAGE, _NO_PAGE = 254, 0b101
+"""Tag of TIFF that says what a picture is, and its bits for smaller copies and masks of others."""
+_LIST_OF_VIEWS, _VIEW_BYTES = 0xB002, 16
+_VIEW = 0x020000
+"""Kind of the pictures of a panorama, of two eyes, or of several places; previews are of another one."""
+_UNDEFINED = 0x000000
+_LIGHT = (b"hdrgm:", b"hdrgainmap")
+"""Words by which a picture of undefined kind is told to be a map of brightness for the first one."""
+_MPO_BYTES = 1 << 17
+"""Bytes of a JPEG image among which its list of views begins."""
+
+
+def holds_several(data: bytes) -> bool:
+    """Whether an image (WebP, GIF, AVIF, TIFF, JPEG) holds several pictures that differ; of PNG see `codec`."""
+    if data[:4] == b"RIFF":
+        return data[8:16] == b"WEBPVP8X" and bool(data[20:21]) and bool(data[20] & _ANIMATED_WEBP)
+    try:
+        if data[:6] in (b"GIF87a", b"GIF89a"):
+            return _blocks(data) > 1
+        if data[4:8] == b"ftyp":
+            return _sequence(data) > 1
+        if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+            return _pages(data) > 1
+        return data[:3] == b"\xff\xd8\xff" and _views(data) > 1
+    except struct.error:  # what is damaged is told by the decoder
+        return False
+
+
+def _blocks(data: bytes) -> int:
+    """How many pictures a GIF image has; counting stops at two."""
+    at, pictures = 13 + _colours(data, 10), 0
+    while pictures < 2 and at < len(data):
+        if data[at] == _GIF_IMAGE:
+            pictures += 1
+            at += 11 + _colours(data, at + 9)
+        elif data[at] == _GIF_EXTENSION:
+            at += 2
+        else:  # the end, or damage
+            break
+        while at < len(data) and data[at]:
+            at += 1 + data[at]
+        at += 1
+    return pictures
+
+
+def _colours(data: bytes, at: int) -> int:
+    """Bytes of the table of colours that a byte of GIF tells of."""
+    (flags,) = struct.unpack_from("B", data, at)
+    return 3 << (flags & 7) + 1 if flags & 0x80 else 0
+
+
+def _sequence(data: bytes) -> int:
+    """How many pictures the longest track of an AVIF image has; 1 for one that is no sequence."""
+    (size,) = struct.unpack_from(">I", data)
+    pictures, at = 1, size
+    if _SEQUENCE in data[8:size]:
+        while (at := data.find(_SAMPLES, at)) >= 0:
+            pictures = max(pictures, struct.unpack_from(">I", data, at + 12)[0])
+            at += 16
+    return pictures
+
+
+def _pages(data: bytes) -> int:
+    """How many pages a TIFF image has, smaller copies and masks left out; counting stops at two."""
+    order, large = _ORDERS[data[:2]], b"+" in data[:4]
+    count, entry, place = ("Q", 20, "Q") if large else ("H", 12, "I")
+    (at,) = struct.unpack_from(order + place, data, 8 if large else 4)
+    seen, pages = set[int](), 0
+    while at and at not in seen and pages < 2:
+        seen.add(at)
+        (n,) = struct.unpack_from(order + count, data, at)
+        begin = at + struct.calcsize(order + count)
+        (at,) = struct.unpack_from(order + place, data, begin + n * entry)
+        pages += not _is_copy(data, order, begin, n, entry)
+    return pages
+
+
+def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> bool:
+    """Whether the entries of a page, which are sorted by tag, say that it is a smaller copy or a mask of another."""
+    for at in range(begin, begin + count * entry, entry):
+        (tag,) = struct.unpack_from(order + "H", data, at)
+        if tag == _KIND_OF_PAGE:
+            (kind,) = struct.unpack_from(order + "I", data, at + entry - (8 if entry == 20 else 4))
+            return bool(kind & _NO_PAGE)
+        if tag > _KIND_OF_PAGE:
+            break
+    return False
+
+
+def _views(data: bytes) -> int:
+    """How many pictures a JPEG image has (CIPA DC-007); previews and maps of brightness do not count."""
+    base = data.find(b"MPF\0", 0, _MPO_BYTES) + 4
+    order = _ORDERS.get(data[base : base + 2]) if base > 3 else None
+    if order is None:
+        return 1
+    begin = base + struct.unpack_from(order + "I", data, base + 4)[0]
+    for each in range(struct.unpack_from(order + "H", data, begin)[0]):
+        tag, _, size, at = struct.unpack_from(order + "HHII", data, begin + 2 + 12 * each)
+        if tag == _LIST_OF_VIEWS:
+            size = min(size, len(data) - base - at)
+            places = range(base + at, base + at + size - _VIEW_BYTES + 1, _VIEW_BYTES)
+            kinds = [struct.unpack_from(order + "I", data, place)[0] & 0xFFFFFF for place in places]
+            others = [kind for kind in kinds[1:] if kind & 0xFF0000 == _VIEW or kind == _UNDEFINED]
+            light = all(kind == _UNDEFINED for kind in others) and any(word in data for word in _LIGHT)
+            return 1 + (0 if light else len(others))
+    return 1
+
+
+_HEAD = re.compile(rb"P([2356])" + rb"(?:\s|#[^\r\n]*[\r\n])+(\d{1,9})" * 3)
+FULL, FULL_16 = 255, 65535
+
+
+def stated_most(data: bytes) -> int | None:
+    """The value of white that an image states; None for other kinds."""
+    found = _HEAD.match(data)
+    return None if found is None else int(found[4])
+
+
+def is_scaled(data: bytes, most: int) -> bool:
+    """Whether OpenCV makes 255 of white by itself: in text up to 255, and of values that use all of 8 or 16 bits."""
+    return most in (FULL, FULL_16) or (most < FULL and data[1:2] in (b"2", b"3"))
+
+
+def scaled(image: np.ndarray, most: int) -> Image:
+    """An image as it was decoded with white as 255, rounded down as OpenCV does it; what is above white is white."""
+    shades = (np.arange(most + 1) * FULL // most).astype(np.uint8)
+    out = np.empty(image.shape, np.uint8)
+    for row, values in zip(out, image, strict=True):  # all at once would take eight bytes for each value
+        row[...] = shades[np.minimum(values, most)]
+    return out
+
 
 MAX_SCANS = 200
 """Scans of a JPEG image at most: progressive ones have some ten, and each goes through all pixels again."""
@@ -183,3 +338,144 @@ def encode_image(image: Image, kind: str, quality: int) -> bytes:
     if not ok:
         raise ValueError(f"an image of shape {image.shape} cannot be encoded as {kind}")
     return data.tobytes()
+
+
+Size = tuple[int, int]
+Changes = list[tuple[float, Size]]
+"""(time after the start of the file [ns], size from then on)."""
+
+START_CODE = b"\x00\x00\x01"
+MAX_SEARCH = 4096
+"""Bytes of a packet that are searched for the sequence parameters of H.264, which come first."""
+
+
+def size_changes(path: Path) -> Changes:
+    """Where the size of the frames changes, the first size included; empty where the codec is another."""
+    with utf8_name(path.resolve()) as name:
+        capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1, cv2.CAP_PROP_N_THREADS, 1])
+    changes: Changes = []
+    try:
+        while capture.grab():
+            ok, packet = capture.retrieve()
+            size = packet_size(packet.tobytes()) if ok and packet is not None and packet.size else None
+            if size is not None and (not changes or changes[-1][1] != size):
+                changes.append((capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6, size))
+    finally:
+        capture.release()
+    return sorted(changes)
+
+
+def size_at(changes: Changes, pos_ns: float) -> Size | None:
+    """Size of the frame at a time; None if it is not known."""
+    k = bisect_right([at for at, _ in changes], pos_ns + 1e3) - 1
+    return changes[k][1] if k >= 0 else None
+
+
+def packet_size(data: bytes) -> Size | None:
+    """Width and height that a packet of compressed video states, None if it does not."""
+    if data[:2] == b"\xff\xd8" or data[:4] == b"\x89PNG":
+        return image_size(data)
+    # A key frame of VP8: RFC 6386 sec. 9.1.
+    if len(data) >= 10 and data[3:6] == b"\x9d\x01\x2a" and not data[0] & 1:
+        width, height = (int.from_bytes(data[k : k + 2], "little") & 0x3FFF for k in (6, 8))
+        return width, height
+    if data[:3] == START_CODE or data[:4] == b"\0" + START_CODE:
+        return _h264_size(data)
+    return None
+
+
+def _h264_size(data: bytes) -> Size | None:
+    """Size in the first sequence parameter set of an Annex B packet."""
+    at = data.find(START_CODE, 0, MAX_SEARCH)
+    # Packets of MPEG-1, 2 and 4 begin with other codes, and later ones of theirs (slice 7) look like parameters
+    if not b"\0" < data[at + 3 : at + 4] < b"\x80":
+        return None
+    while at >= 0 and at + 4 < len(data):
+        if data[at + 3] & 0x9F == 7:
+            stop = data.find(START_CODE, at + 3)
+            content = data[at + 4 : stop if stop >= 0 else len(data)]
+            try:
+                return _parameters(_Bits(content.replace(b"\0\0\3", b"\0\0")))
+            except IndexError:
+                return None
+        at = data.find(START_CODE, at + 3, MAX_SEARCH)
+    return None
+
+
+class _Bits:
+    """Reads bits and Exp-Golomb codes from the left; IndexError at the end."""
+
+    def __init__(self, data: bytes) -> None:
+        self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
+
+    def u(self, n: int) -> int:
+        """The next n bits as a whole number."""
+        self._left -= n
+        if self._left < 0:
+            raise IndexError
+        return self._value >> self._left & ((1 << n) - 1)
+
+    def ue(self) -> int:
+        """An unsigned Exp-Golomb code (ITU-T H.264 sec. 9.1)."""
+        zeros = 0
+        while not self.u(1):
+            zeros += 1
+        return (1 << zeros) - 1 + self.u(zeros)
+
+    def se(self) -> int:
+        """A signed Exp-Golomb code."""
+        k = self.ue()
+        return (k + 1) // 2 if k & 1 else -k // 2
+
+
+_HIGH_PROFILES = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135)
+
+
+def _parameters(bits: _Bits) -> Size:
+    """Size of a sequence parameter set, ITU-T H.264 sec. 7.3.2.1.1."""
+    profile = bits.u(8)
+    bits.u(16)
+    bits.ue()
+    chroma = _high_profile(bits) if profile in _HIGH_PROFILES else 1
+    bits.ue()
+    order = bits.ue()
+    if order == 0:
+        bits.ue()
+    elif order == 1:
+        bits.u(1), bits.se(), bits.se()
+        for _ in range(min(bits.ue(), 255)):
+            bits.se()
+    bits.ue(), bits.u(1)
+    width, height = 16 * (bits.ue() + 1), 16 * (bits.ue() + 1)
+    frames_only = bits.u(1)
+    height *= 2 - frames_only
+    if not frames_only:
+        bits.u(1)
+    bits.u(1)
+    if not bits.u(1):
+        return width, height
+    across = 2 if chroma in (1, 2) else 1
+    down = (2 if chroma == 1 else 1) * (2 - frames_only)
+    left, right, top, bottom = (bits.ue() for _ in range(4))
+    return width - across * (left + right), height - down * (top + bottom)
+
+
+def _high_profile(bits: _Bits) -> int:
+    """Chroma format, and past the parts that only high profiles have."""
+    chroma = bits.ue()
+    if chroma == 3:
+        bits.u(1)
+    bits.ue(), bits.ue(), bits.u(1)
+    if bits.u(1):
+        for n in range(8 if chroma != 3 else 12):
+            if bits.u(1):
+                _scaling_list(bits, 16 if n < 6 else 64)
+    return chroma
+
+
+def _scaling_list(bits: _Bits, n: int) -> None:
+    last = following = 8
+    for _ in range(n):
+        if following:
+            following = (last + bits.se()) % 256
+        last = following or last

@@ -16,9 +16,9 @@ import numpy as np
 
 from occlog.errors import OutputError
 from occlog.io.files.atomic import Together, check_writable, folder_beside, open_output
-from occlog.io.files.names.utf8 import utf8_name
+from occlog.io.files.names import utf8_name
 from occlog.io.files.provenance import hash_file
-from occlog.io.video.mkv_uids import number_tracks
+from occlog.io.video.mkv import number_tracks
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 

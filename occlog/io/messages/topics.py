@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.names.sensors import safe_name
-from occlog.io.files.texts.yaml_file import read_yaml
-from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.limits import check_input
+from occlog.io.files.names import safe_name
+from occlog.io.files.texts.yaml import read_yaml
 
 from .kinds import Kind, kind_of
 from .mcap_file import Topic

@@ -23,7 +23,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.names.sensors import match_sensor
+from occlog.io.files.names import match_sensor
 from occlog.io.files.texts.formats import IDENTITY, RAW, WHOLE, Column, Format, Part, read_format
 from occlog.io.open import Opened, open_if_ours
 from occlog.records.declared.views import ViewTracks
@@ -58,7 +58,7 @@ class GivenEllipse(NamedTuple):
     sensor: str
     target_id: int
     frame: int
-    ellipse: Floats  # (5,) see `occlog.core.image.ellipse`
+    ellipse: Floats  # (5,) see `occlog.core.image`
 
 
 def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[GivenEllipse, ...]:

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from occlog.errors import InputError
-from occlog.io.files.texts.yaml_file import read_yaml
+from occlog.io.files.texts.yaml import read_yaml
 from occlog.records.names import first_double
 
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[^\s,/=:]+$")]

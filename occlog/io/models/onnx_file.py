@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.errors import InputError
 
-from ..files.untrusted.inputs import check_input
+from ..files.limits import check_input
 
 MOST_BYTES = 2 * 1024**3
 """A message of Protocol Buffers is smaller than this."""

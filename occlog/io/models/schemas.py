@@ -18,9 +18,8 @@ from occlog.records.tables import TABLES
 from occlog.records.verdicts import Verdict
 
 from .fundamental_matrices import epipolar_schema
-from .motion_models import motion_schema
+from .motion_models import motion_schema, path_loss_schema
 from .networks import network_schema
-from .path_losses import path_loss_schema
 
 _KINDS = {"i8": "int64", "i4": "int32", "f8": "float64", "f4": "float32", "?": "bool", "U": "string"}
 

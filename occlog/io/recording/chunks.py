@@ -2,11 +2,19 @@
 
 Three places state a size: the index, the head of the chunk and the head of the packed data.  Each may lie, and
 LZ4 need not state any.
+
+What the chunks of an MCAP file may come to together: well packed, kilobytes are gigabytes or millions of records.
+
+A record takes a microsecond or more and some hundred bytes of memory to read, however small it is: so records count,
+and not their bytes alone.
+
+How records lie in an MCAP file, beside what its library says (`mcap.opcode`), and what is said of damaged ones.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -15,8 +23,41 @@ import zstandard
 from mcap.records import ChunkIndex
 
 from occlog.errors import InputError
+from occlog.io.files.limits import RECORDING_MAGIC, most_unpacked
 
-from .layout import HEAD
+HEAD = struct.Struct("<BQ")
+"""Code and length of a record, before its data."""
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+"""Channel, number, and times of recording and of publishing [ns] of a message, before its data."""
+INDEX_HEAD, INDEX_ENTRY = struct.Struct("<HI"), 16
+"""Of an index of messages: channel and length of its entries, and the length of each."""
+SALVAGE = "`occlog recover {path} -o OUT.mcap`"
+"""What to do with a damaged recording that cannot be copied again."""
+
+PROGRAM = "occlog "
+"""What the head of our recordings says of who wrote them begins with."""
+_TEXT = struct.Struct("<I")
+_LONGEST = 256
+"""Bytes of the head that are looked at."""
+
+
+def is_of_occlog(path: Path) -> bool:
+    """Whether an MCAP file was written by occlog, as its head says, which stays where it is cut or damaged later."""
+    with path.open("rb") as file:
+        data = file.read(_LONGEST)
+    at = len(RECORDING_MAGIC) + HEAD.size
+    for _ in ("profile", "library"):
+        if len(data) < at + _TEXT.size:
+            return False
+        length = _TEXT.unpack_from(data, at)[0]
+        text, at = data[at + _TEXT.size : at + _TEXT.size + length], at + _TEXT.size + length
+    return data.startswith(RECORDING_MAGIC) and text.startswith(PROGRAM.encode())
+
+
+def damaged_mcap(path: Path, what: str) -> InputError:
+    """What to tell of a damaged file: what is wrong with it, and what to do."""
+    return InputError(f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: {SALVAGE.format(path=path)}")
+
 
 MAX_CHUNK_BYTES = 128 * 1024 * 1024
 """A chunk may not unpack to more than this: ours are 1 MiB plus one image, those of other recorders a few MiB."""
@@ -138,3 +179,70 @@ def _lz4_size(file: IO[bytes], packed: int) -> int:
         packed -= len(part)
         size += len(unpacker.decompress(part))
     return size
+
+
+FREE_RECORDS, BYTES_PER_RECORD = 250_000, 2
+"""Records that the chunks of any file may hold, and above that one for so many packed bytes: a message of honest files
+takes some more, since its time and number differ from those before."""
+
+
+class Growth:
+    """What the chunks of a file came to so far."""
+
+    def __init__(self, path: Path) -> None:
+        """Nothing yet, of the file `path`."""
+        self._path, self._size = path, path.stat().st_size
+        self._unpacked, self._free = 0, FREE_RECORDS
+
+    def add(self, packed: int, records: bytes) -> None:
+        """Count a chunk of so many packed bytes by its unpacked records; InputError where all come to too much."""
+        self.add_bytes(len(records))
+        beyond = _most_beyond(ChunkSize(packed, len(records)))
+        if beyond > 0:
+            allowed = packed // BYTES_PER_RECORD
+            self._free -= max(_count(records, allowed + self._free + 1) - allowed, 0)
+        if self._free < 0:
+            raise InputError(
+                f"{self._path}: the chunks of a file of {self._size} bytes hold {FREE_RECORDS} records more than "
+                f"one for each {BYTES_PER_RECORD} packed bytes, as those of no recording do"
+            )
+
+    def add_bytes(self, unpacked: int) -> None:
+        """Count unpacked bytes alone; InputError where all come to too much."""
+        self._unpacked += unpacked
+        most = most_unpacked(self._size)
+        if self._unpacked > most:
+            raise InputError(
+                f"{self._path}: the chunks of a file of {self._size} bytes unpack to more than {most} bytes, as those "
+                "of no recording do"
+            )
+
+
+def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkSize]]) -> None:
+    """InputError where chunks, given by their first bytes and sizes, come to too much.
+
+    They are unpacked only where their sizes leave it open.
+    """
+    promised, growth = Growth(path), Growth(path)
+    for _, size in chunks:
+        promised.add_bytes(size.unpacked)
+    if sum(max(_most_beyond(size), 0) for _, size in chunks) <= FREE_RECORDS:
+        return
+    for at, size in chunks:
+        if _most_beyond(size) <= 0:
+            continue
+        growth.add(size.packed, records_at(file, at))
+
+
+def _most_beyond(size: ChunkSize) -> int:
+    """How many records a chunk may hold beyond those that its packed bytes allow."""
+    return size.unpacked // HEAD.size - size.packed // BYTES_PER_RECORD
+
+
+def _count(records: bytes, most: int) -> int:
+    """How many records a chunk holds; no more than `most` are counted."""
+    begin = count = 0
+    while count < most and begin + HEAD.size <= len(records):
+        begin += HEAD.size + HEAD.unpack_from(records, begin)[1]
+        count += 1
+    return count

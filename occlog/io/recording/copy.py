@@ -9,10 +9,10 @@ from pathlib import Path
 from mcap.writer import Writer
 
 from occlog.io.files.atomic import open_output
-from occlog.io.files.names.outputs import RECORDING, check_output_name
+from occlog.io.files.names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 
-from .made_index_reader import McapMessages
+from .made_index import McapMessages
 from .mcap_errors import open_mcap
 from .metadata import add_metadata, read_metadata
 from .reader import Recording

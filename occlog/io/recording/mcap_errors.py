@@ -24,15 +24,11 @@ from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
 from occlog.errors import InputError, OcclogError
-from occlog.io.files.untrusted.content import RECORDING_MAGIC, mistaken_for
-from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.limits import RECORDING_MAGIC, check_input, mistaken_for
 from occlog.io.recording.salvage.ends import FOOTER_BYTES, are_records
 
-from .chunks import MAX_CHUNK_BYTES, ChunkSize, check_chunk
-from .growth import check_growth
-from .layout import SALVAGE, damaged_mcap
-from .made_index import MadeIndex, check_told, is_complete, make_index
-from .made_index_reader import MadeIndexReader, McapMessages
+from .chunks import MAX_CHUNK_BYTES, SALVAGE, ChunkSize, check_chunk, check_growth, damaged_mcap
+from .made_index import MadeIndex, MadeIndexReader, McapMessages, check_told, is_complete, make_index
 
 _FAILURES = (
     McapError,

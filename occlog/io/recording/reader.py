@@ -17,21 +17,19 @@ from google.protobuf.message import DecodeError
 
 from occlog.array_types import NS
 from occlog.errors import InputError
+from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
-from occlog.io.files.untrusted.content import Content, content_of
 from occlog.io.frames.decoders.apart import VideoApart, decode_apart
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.records.columns import Table
+from occlog.records.columns import Table, bounded_ns
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.times import bounded_ns
 
-from .layout import damaged_mcap
-from .links import leaves, linked_path
-from .made_index_reader import MadeIndexReader
+from .chunks import damaged_mcap
+from .made_index import MadeIndexReader
 from .mcap_errors import open_mcap, read_attachment
-from .metadata import read_metadata
+from .metadata import leaves, linked_path, read_metadata
 from .rows import RowCollector, schema_of
 from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 

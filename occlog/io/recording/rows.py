@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.untrusted.guard import check_texts
+from occlog.io.files.limits import check_texts
 from occlog.records.columns import Column, Table, check_copies
 from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes, has_all
 

@@ -16,13 +16,13 @@ from occlog import __version__
 from occlog.array_types import NS
 from occlog.errors import InputError, option
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.names.outputs import RECORDING, check_output_name
+from occlog.io.files.names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 
-from .layout import PROGRAM
+from .chunks import PROGRAM
 from .metadata import add_metadata
 from .rows import message_schema, schema_of, table_to_messages
 

@@ -13,8 +13,8 @@ import msgspec
 from msgspec import Meta
 
 from occlog.errors import InputError
-from occlog.io.files.texts.yaml_file import parse_yaml, read_yaml
-from occlog.records.scripts import Script, ScriptedTarget, Segment, Triple
+from occlog.io.files.texts.yaml import parse_yaml, read_yaml
+from occlog.records.scene import Script, ScriptedTarget, Segment, Triple
 
 from .scene import Spec
 

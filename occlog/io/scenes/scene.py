@@ -18,7 +18,7 @@ from shapely.validation import explain_validity
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.texts.yaml_file import parse_yaml, read_yaml
+from occlog.io.files.texts.yaml import parse_yaml, read_yaml
 from occlog.records.declared.sensors import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 from occlog.records.names import first_double
 from occlog.records.scene import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.names.sensors import safe_name
+from occlog.io.files.names import safe_name
 from occlog.io.files.stated_units import STATED
 from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_rows
 from occlog.records.scene import FARTHEST, LEAST_SIGMA_DEG, MOST_SIGMA_DEG, MicrophoneArray, Scene

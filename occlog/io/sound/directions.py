@@ -21,17 +21,16 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.names.sensors import check_meaning, match_sensor
-from occlog.io.files.texts.registry import FileFormat, Probe, by_cells, recognise
-from occlog.io.files.times.frame_times import to_world_time
-from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.limits import check_input
+from occlog.io.files.names import check_meaning, match_sensor
+from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, recognise
+from occlog.io.files.times import to_world_time
 from occlog.records.losses import Loss
 from occlog.records.scene import Clock, MicrophoneArray
 from occlog.records.tables import Doa
 
-from .author_formats import looks_like_telemetr, read_frida, read_telemetr
 from .csv_log import AZIMUTHS, WHAT, DoaOptions, DoaRows, read_table
-from .odas import looks_like_odas, read_odas
+from .formats import looks_like_odas, looks_like_telemetr, read_frida, read_odas, read_telemetr
 
 DoaFormat = FileFormat[Callable[[Path, DoaOptions, list[Loss]], Iterator[DoaRows]]]
 FORMATS: dict[str, DoaFormat] = {

@@ -19,7 +19,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.limits import check_input
 from occlog.records.losses import Loss
 
 WHAT = "a WAV file"

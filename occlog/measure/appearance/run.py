@@ -1,20 +1,122 @@
-"""What `occlog appearance learn` does: read boxes with their images, gather their colours, write a gallery."""
+"""What `occlog appearance learn` does: read boxes with their images, gather their colours, write a gallery.
+
+Inputs of `occlog appearance learn` and of `occlog label` with a gallery: boxes, images, tracks, and the scene.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from occlog.errors import InputError, UsageError, option
-from occlog.records.declared.gallery import Gallery
+from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
+from occlog.records.declared.people import Gallery
+from occlog.records.frames import Frame
 from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes, Views
 from occlog.runner import Job
 from occlog.settings import configure
 
-from .config import LearnConfig
-from .inputs import SightingFiles, SightingInput
+from .config import LearnConfig, SightingConfig
 from .request import LearnRequest
-from .sightings import SightingTally, sightings
+from .sightings import FrameBoxes, SightingTally, boxes_of_frames, paths_of_boxes, paths_of_rows, sightings
+from .sightings import Path as Walk
 from .stage import learn
+
+SOURCES = (TruthBoxes, Boxes, Views)
+"""Tables with boxes; where a recording has several, the first of them is read."""
+
+
+@dataclass(frozen=True)
+class SightingFiles:
+    """What to read.
+
+    Attributes:
+        boxes: a recording or a table with boxes.
+        images: a recording with the frames; None: `boxes` is it, or the table has colours.
+        tracks: who is where; None: the truth of the recordings, or the floor below boxes that have an identity.
+        scene: None: that of a recording.
+    """
+
+    boxes: Path
+    images: Path | None
+    tracks: Path | None
+    scene: Path | None
+
+
+class SightingInput:
+    """Boxes with their images, and where everybody was.
+
+    Attributes:
+        scene: where.
+        own_identity: the identities of boxes are those of the paths.
+        positions: where the paths come from, in words.
+    """
+
+    def __init__(self, files: SightingFiles, labelled: bool) -> None:
+        """Open everything; nothing but headers is read yet.
+
+        Args:
+            files: what to read.
+            labelled: the identities of boxes are those of the tracks.
+        """
+        self.files = files
+        self._boxes = open_input(files.boxes, *SOURCES, remedy="give a recording or a table with boxes or views")
+        self._images = None if files.images is None or files.images == files.boxes else open_input(files.images)
+        recordings = [o for o in (self._images, self._boxes) if o is not None and o.recording is not None]
+        own = next((o.scene for o in recordings if o.scene is not None), None)
+        self.scene: Scene = load_scene(files.scene, own, files.images or files.boxes)
+        truths = [o for o in recordings if o.has(Truth)]
+        self._tracks = open_input(files.tracks, Tracks, Truth) if files.tracks is not None else next(iter(truths), None)
+        self.positions = "floor" if self._tracks is None else "truth" if self._tracks.has(Truth) else "tracks"
+        true = self.positions == "truth" and self._boxes.has(TruthBoxes)
+        self.own_identity = labelled or true or self._tracks is None
+        for opened in (self._boxes, self._tracks):
+            if opened is not None and opened.made_in_a_scene:
+                check_unit(opened, self.scene.length_unit)
+        if not self._boxes.has(Views) and not any(o.recording is not None and o.recording.cameras for o in recordings):
+            raise InputError(
+                f"{files.images or files.boxes}: holds no images, and the boxes bring no colours; give the recording "
+                "with the video, or views of `occlog detect`"
+            )
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What was lost when the inputs were made."""
+        return losses_of([self._images, self._boxes, self._tracks])
+
+    def boxes(self) -> Iterator[FrameBoxes]:
+        """Boxes frame by frame."""
+        return boxes_of_frames(self._chunks())
+
+    def _chunks(self) -> Iterator[Boxes] | Iterator[Views]:
+        table = next(t for t in SOURCES if self._boxes.has(t))
+        return self._boxes.rows(table)  # type: ignore[return-value]
+
+    def images(self) -> Iterator[Frame]:
+        """Frames in the order of time; none where boxes bring their colours."""
+        for opened in (self._images, self._boxes):
+            if opened is not None and opened.recording is not None and opened.recording.cameras:
+                return opened.recording.frames()
+        return iter(())
+
+    def walks(self, config: SightingConfig) -> dict[int, Walk]:
+        """Paths of everybody; InputError where there is nobody."""
+        if self._tracks is None:
+            found = paths_of_boxes(self._chunks(), self.scene, config)
+            if not found:
+                raise InputError(
+                    f"{self.files.boxes}: no box has an identity that tells a path on the floor; give tracks, for "
+                    "example those of `occlog track` with method jipda"
+                )
+            return found
+        source: Opened = self._tracks
+        rows = source.read(Truth) if source.has(Truth) else source.read(Tracks)
+        if not len(rows):
+            raise InputError(f"{source.path}: has no rows; nobody is followed there")
+        return paths_of_rows(rows, config)
 
 
 def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:

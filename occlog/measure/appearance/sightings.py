@@ -1,4 +1,9 @@
-"""What boxes show: colours, of which track they are, and from which side the camera sees it."""
+"""What boxes show: colours, of which track they are, and from which side the camera sees it.
+
+Of which track a box is, and whether a nearer person covers it.
+
+From which side a camera sees people: paths with headings, and viewing angles in bins ([Lee] Sec. 5.2.1).
+"""
 
 from __future__ import annotations
 
@@ -10,17 +15,168 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Bytes, Floats, Ints, Ints32
-from occlog.core.image.colour_density import bins_of, colour_counts, density
+from occlog.array_types import NS, Bools, Bytes, Floats, Ints, Ints32
+from occlog.core.image import bins_of, colour_counts, density
+from occlog.core.numerics.assignment import assign
+from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
 from occlog.errors import InputError
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import APPEARANCE_BINS, Boxes, Tracks, Truth, Views
 
-from .box_tracks import covered, expected_boxes, tracks_of_boxes
 from .config import SightingConfig
-from .viewing_angle import Path, at_times, path_of, viewing_angles
+
+WIDTH = 0.3
+"""Of an upright person, as a share of the height."""
+AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=-1)
+
+
+def expected_boxes(camera: Camera, xy: Floats, height: float) -> Floats:
+    """(K, 4) left, top, right, bottom [px] of upright people at (K, 2); NaN for those not wholly in front.
+
+    A person is a cylinder on the floor, `WIDTH` as wide as high.
+    """
+    ring = xy[:, None] + 0.5 * WIDTH * height * AROUND
+    rows = [np.concatenate([ring, np.full((*ring.shape[:2], 1), z)], axis=2) for z in (0.0, height)]
+    points = np.concatenate(rows, axis=1)
+    pixels: Floats = camera.project(points.reshape(-1, 3)).reshape(len(xy), -1, 2)
+    return np.asarray(np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1))
+
+
+def overlaps(a: Floats, b: Floats) -> Floats:
+    """(n, K) areas that boxes (n, 4) and (K, 4), as left, top, right, bottom, share; 0 where one is NaN."""
+    corner = np.minimum(a[:, None, 2:], b[None, :, 2:]) - np.maximum(a[:, None, :2], b[None, :, :2])
+    return np.asarray(np.nan_to_num(np.prod(np.maximum(corner, 0.0), axis=2)))
+
+
+def areas(boxes: Floats) -> Floats:
+    """(n,) areas of boxes (n, 4)."""
+    return np.asarray((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))
+
+
+def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> Ints:
+    """(n,) place of the track of each box, -1 for none: one to one, the greatest sum of intersections over union.
+
+    Args:
+        boxes: (n, 4) of one frame.
+        expected: (K, 4) of the tracks; NaN: not in the image.
+        least_overlap: intersection over union of a box and its track.
+    """
+    out = np.full(len(boxes), -1, dtype=np.int64)
+    shared = overlaps(boxes, expected)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = shared / (areas(boxes)[:, None] + areas(expected)[None, :] - shared)
+    row, column = assign(1.0 - np.nan_to_num(share), 1.0 - least_overlap)
+    out[row] = column
+    return out
+
+
+def covered(boxes: Floats) -> Floats:
+    """(n,) greatest share of each box that a box of somebody nearer covers; who stands lower in the image is nearer."""
+    nearer = boxes[None, :, 3] > boxes[:, None, 3]
+    share = np.where(nearer, overlaps(boxes, boxes), 0.0) / areas(boxes)[:, None]
+    return np.asarray(share.max(axis=1, initial=0.0))
+
+
+class Path(NamedTuple):
+    """Where somebody was and headed."""
+
+    t_ns: Ints  # (M,) rising
+    xy: Floats  # (M, 2)
+    heading: Floats  # (M, 2) unit vectors; NaN where it is not known
+
+
+class Whereabouts(NamedTuple):
+    """Everybody at some times; N times, K people."""
+
+    identity: Ints32  # (K,) rising
+    xy: Floats  # (N, K, 2) NaN: not there
+    heading: Floats  # (N, K, 2) unit vectors, NaN: not known
+    there: Bools  # (N, K)
+
+
+def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_speed: float) -> Path:
+    """Make a path of one person's rows.
+
+    Args:
+        t_ns: (M,) times, not falling; of equal times the last counts.
+        xy: (M, 2) positions.
+        velocity: (M, 2); NaN: take the difference of the positions half of `heading_ns` before and after.
+        heading_ns: > 0.
+        least_speed: people who are slower head nowhere.
+    """
+    last = np.append(np.diff(t_ns) > 0, True)
+    t_ns, xy, velocity = t_ns[last], xy[last], velocity[last]
+    unknown = np.isnan(velocity[:, 0] + velocity[:, 1])
+    if unknown.any():
+        # Central differences; at the ends of the path over what there is of it
+        before = np.maximum(t_ns - heading_ns // 2, t_ns[0])
+        after = np.minimum(t_ns + heading_ns // 2, t_ns[-1])
+        moved = hold_positions(after, t_ns, xy) - hold_positions(before, t_ns, xy)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            seconds: Floats = (after - before) / NS
+            rate = moved / seconds[:, None]
+        velocity = np.where(unknown[:, None], rate, velocity)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speed: Floats = np.hypot(velocity[:, 0], velocity[:, 1])
+        heading = velocity / speed[:, None]
+    heading[(speed < least_speed) | (speed == 0)] = np.nan
+    return Path(t_ns, xy, heading)
+
+
+def at_times(paths: dict[int, Path], t_ns: Ints, limit_ns: int) -> Whereabouts:
+    """Everybody at times (N,), linear between their rows where these are at most `limit_ns` apart."""
+    identity = np.array(sorted(paths), dtype=np.int32)
+    n, k = len(t_ns), len(identity)
+    xy, heading = np.full((n, k, 2), np.nan), np.full((n, k, 2), np.nan)
+    there = np.zeros((n, k), dtype=np.bool_)
+    for place, name in enumerate(identity.tolist()):
+        path = paths[name]
+        values, there[:, place] = interpolate_positions(
+            t_ns, path.t_ns, np.column_stack([path.xy, path.heading]), limit_ns
+        )
+        xy[:, place] = values[:, :2]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            heading[:, place] = values[:, 2:] / np.hypot(values[:, 2], values[:, 3])[:, None]
+    return Whereabouts(identity, xy, heading, there)
+
+
+def viewing_angles(xy: Floats, heading: Floats, camera: Floats) -> Floats:
+    """Angles between headings and the directions to a camera, 0 (the front is seen) to pi (the back) [rad].
+
+    Left and right are the same, since people are taken to be symmetric.
+
+    Args:
+        xy: (..., 2) places on the floor.
+        heading: (..., 2) unit vectors; NaN: not known.
+        camera: (2,) place on the floor.
+
+    Returns:
+        (...,) NaN where the heading is not known, or somebody stands under the camera.
+    """
+    to = camera - xy
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosine = np.sum(to * heading, axis=-1) / np.hypot(to[..., 0], to[..., 1])
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def angle_bins(angle: Floats, angles: int) -> Ints32:
+    """Numbers n of viewing angles, 1 (front) to N (back), the nearest of (n - 1) pi / (N - 1) ([Lee] 5.6).
+
+    Args:
+        angle: [rad] 0 to pi; NaN: not known.
+        angles: N; 1: all sides together, whatever the angle.
+
+    Returns:
+        0 where the angle is not known and N is above 1.
+    """
+    if angles == 1:
+        return np.ones(np.shape(angle), dtype=np.int32)
+    known = np.isfinite(angle)
+    nearest = np.floor(np.where(known, angle, 0.0) * ((angles - 1) / np.pi) + 0.5)
+    return np.where(known, np.minimum(nearest, angles - 1) + 1, 0).astype(np.int32)
+
 
 NOBODY = -1
 VIEWS_LEVELS = 8

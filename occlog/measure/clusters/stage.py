@@ -16,8 +16,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .em import Mixture, Statistics, run_em, shared_entropy
-from .merge_split import groups_of, merge, split
+from .em import Mixture, Statistics, groups_of, merge, run_em, shared_entropy, split
 from .person_size import Prior, SizeMap, best_size, person_at, place
 
 MAX_STEPS = 12  # of EM between two changes

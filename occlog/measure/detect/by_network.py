@@ -20,8 +20,7 @@ import numpy as np
 from occlog.array_types import Floats32
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
-from occlog.measure.networks.detector import Boxed, Detector, Prepared
-from occlog.measure.networks.embedder import Embedder
+from occlog.measure.networks.detector import Boxed, Detector, Embedder, Prepared
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene

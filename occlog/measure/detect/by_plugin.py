@@ -9,9 +9,8 @@ import numpy as np
 from occlog.errors import PluginError
 from occlog.measure.detections import Detections
 from occlog.measure.networks.detector import Boxed
-from occlog.plugins.chosen import Chosen
 from occlog.plugins.interface import Detected, Detector
-from occlog.plugins.loading import said_by
+from occlog.plugins.loading import Chosen, said_by
 from occlog.records.frames import Frame
 from occlog.records.scene import Scene
 

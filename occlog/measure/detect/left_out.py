@@ -6,8 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from occlog.records.frames import Frame
-from occlog.records.left_out_frames import LEFT_OUT
+from occlog.records.frames import LEFT_OUT, Frame
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes
 

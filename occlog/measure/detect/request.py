@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from occlog.console.details import threads_by_default
+from occlog.console.notes import threads_by_default
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.networks.config import NetworkConfig
 from occlog.request import Form, Kind, Request, Verb, group, number_of_threads, output_file, scene_file, sink, source
@@ -122,7 +122,7 @@ class _Boxes(Detection):
 class NetworkRequest(_Boxes):
     """Boxes to find with a network."""
 
-    RUN: ClassVar[str] = "occlog.measure.detect.run_network:run_network"
+    RUN: ClassVar[str] = "occlog.measure.detect.run:run_network"
 
     onnx: Path = source("Detect with this network (ONNX).", required=True, metavar="MODEL", there=False)
     classes: tuple[str, ...] = setting(
@@ -145,7 +145,7 @@ class NetworkRequest(_Boxes):
 class PluginRequest(_Boxes):
     """Boxes to find with the detector of a plug-in."""
 
-    RUN: ClassVar[str] = "occlog.measure.detect.run_plugin:run_plugin"
+    RUN: ClassVar[str] = "occlog.measure.detect.run:run_plugin"
 
     method: str = setting("", "Detector of a plug-in, by name.", option="--method", metavar="NAME", shown="")
     own: Mapping[str, object] = group(None)

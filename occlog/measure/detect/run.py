@@ -1,4 +1,9 @@
-"""What `occlog detect` does: open a recording, detect in what it holds, fuse, write."""
+"""What `occlog detect` does: open a recording, detect in what it holds, fuse, write.
+
+What `occlog detect --onnx` does: open a recording and networks, detect in its images, write views and bearings.
+
+What `occlog detect --method` does: open a recording, detect in it with a plug-in, write views and bearings.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +17,18 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.texts.json_file import parse_json
-from occlog.io.files.untrusted.inputs import FOREIGN_BAG, check_input
+from occlog.io.files.limits import FOREIGN_BAG, check_input
+from occlog.io.files.texts.documents import parse_json
 from occlog.io.open import check_unit, load_scene, open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.run import FuseTally
 from occlog.measure.fuse.stage import fuse
+from occlog.measure.networks.config import NetworkConfig
+from occlog.measure.networks.detector import Detector, open_detector, open_embedder
+from occlog.measure.networks.running.runtimes import opencv_threads
+from occlog.plugins.loading import DETECTOR, Chosen, find
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -29,16 +38,16 @@ from occlog.runner import Job
 from occlog.settings import configure
 
 from .by_background.learning import TargetBox, learn
-from .by_background.one_camera import upright
+from .by_background.one_camera import Target, upright
 from .by_background.stage import Learned, detect
-from .by_background.target import Target
+from .by_network import detect_by_network
+from .by_plugin import detect_by_plugin
 from .checks import Checked
 from .config import DetectConfig, parameters
-from .from_boxes import detect_boxes
-from .labels import survey_labels
+from .from_boxes import detect_boxes, survey_labels
 from .left_out import LeftOut
 from .near import Near, limited, near_of
-from .request import Detection, DetectRequest
+from .request import Detection, DetectRequest, NetworkRequest, PluginRequest
 
 T = TypeVar("T", Boxes, Bearings)
 
@@ -324,3 +333,78 @@ def _box(text: str) -> TargetBox:
         )
     except (ValueError, IndexError):
         raise UsageError(f"{option('target_box')} {text}: want CAM:FRAME:X,Y,W,H or ID:CAM:FRAME:X,Y,W,H") from None
+
+
+def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
+    """Detect and write; the summary, and the input that was lost."""
+    opened, scene, sensors = images_of(request, "a network")
+    config, of_networks = configure(DetectConfig(), request.settings), configure(NetworkConfig(), request.network)
+    if request.embed is None and {"embed_pixels", "embed_size"} & set(request.network):
+        raise UsageError(f"{option('embed_pixels')} and {option('embed_size')} go with {option('embed')}; add it")
+    with opencv_threads(request.threads):
+        detector = open_detector(
+            request.onnx, of_networks, request.classes, request.names, config.min_confidence, request.threads
+        )
+        embedder = open_embedder(request.embed, of_networks, request.threads) if request.embed is not None else None
+        _note_assumed(detector, job)
+        models = [detector.network.file.files, embedder.network.file.files if embedder is not None else ()]
+        beside = [path for path in (request.scene, request.names) if path is not None]
+        parameters = {
+            "cameras": list(request.cameras),
+            "input": "images",
+            **detector.parameters(),
+            **(embedder.parameters() if embedder is not None else {}),
+            **of_boxes(config),
+        }
+        files = [request.recording, *(path for each in models for path in each), *beside]
+        left = LeftOut()
+        frames = left.watch(job.progress(opened.frames(sensors), "detect", frames_of(opened, sensors)))
+        parts = detect_by_network(frames, scene, detector, embedder, config)
+        losses, tally = write_detections(job, parts, parameters, opened.losses, left, scene, files)
+    names = [detector.names.names.get(k, str(k)) for k in detector.wanted.tolist()]
+    told = {"head": detector.reading.head, "runtime": detector.parameters()["runtime"], "classes": names}
+    return figures(request, tally, **told), losses
+
+
+def of_boxes(config: DetectConfig) -> dict[str, object]:
+    """Settings of detection that boxes of others take, as far as they are not the defaults, for the provenance."""
+    known = {name: getattr(config, name) for name in ("bits", "sigma_px") if getattr(config, name) is not None}
+    return known | ({"sigma_scale": config.sigma_scale} if config.sigma_scale != 1.0 else {})
+
+
+def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more: object) -> dict[str, object]:
+    """The summary: tables that were written, figures of the detector, and counts of frames, boxes and rows."""
+    bearings = {} if request.bearings is None else {"bearings": str(request.bearings)}
+    counts = {"frames": tally["frames"], "boxes": tally["regions"]} | ({"rows": tally["rows"]} if bearings else {})
+    return {"views": str(request.output), **bearings, **more, **counts}
+
+
+def _note_assumed(detector: Detector, job: Job) -> None:
+    """Say that names of classes are not the network's own."""
+    if detector.names.source.endswith("assumed"):
+        shown = ", ".join(f"{k} is {detector.names.names.get(k, 'unknown')}" for k in detector.wanted.tolist())
+        job.note(
+            f"{detector.network.file.path}: does not say what its classes are called; those of COCO are assumed: "
+            f"{shown} ({option('names')} says otherwise)"
+        )
+
+
+def run_plugin(request: PluginRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
+    """Detect and write; the summary, and the input that was lost."""
+    plugin = find(request.method, DETECTOR)
+    assert plugin is not None  # its settings are those of the request
+    chosen = Chosen(plugin, request.own)
+    opened, scene, sensors = images_of(request, "a detector")
+    config = configure(DetectConfig(), request.settings)
+    parameters = {
+        "cameras": list(request.cameras),
+        "input": "images",
+        "detector": chosen.provenance(scene.length_unit),
+        **of_boxes(config),
+        "min_confidence": config.min_confidence,
+    }
+    left = LeftOut()
+    frames = left.watch(job.progress(opened.frames(sensors), "detect", frames_of(opened, sensors)))
+    parts = detect_by_plugin(frames, scene, chosen, config)
+    losses, tally = write_detections(job, parts, parameters, opened.losses, left, scene)
+    return figures(request, tally, method=plugin.name, plugin=plugin.origin), losses

@@ -12,10 +12,10 @@ from occlog.io.models.fundamental_matrices import (
     attached_epipolar,
     epipolar_bytes,
     read_epipolar,
+    read_matches,
     write_epipolar,
 )
-from occlog.io.models.losses_of_models import lost_in_models
-from occlog.io.models.matches import read_matches
+from occlog.io.models.motion_models import lost_in_models
 from occlog.io.open import load_scene, names_recording, open_input
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import Recording, open_recording
@@ -25,9 +25,8 @@ from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
 from occlog.runner import Job
 
 from .config import EpipolarConfig
-from .matches_of_targets import matches_of_tracks
 from .request import EpipolarRequest
-from .stage import PairCheck, calibrated_pairs, checked_pairs, estimated_pairs
+from .stage import PairCheck, calibrated_pairs, checked_pairs, estimated_pairs, matches_of_tracks
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss

@@ -11,18 +11,18 @@ from occlog import console
 from occlog.consistency.verdict import FEWEST, beyond
 from occlog.errors import UsageError, option
 from occlog.io.open import open_input
-from occlog.records.left_out_frames import carried
+from occlog.records.frames import carried
 from occlog.records.tables import Tracks, Views
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
 from occlog.scans.inputs import Inputs
 from occlog.settings import configure
 
-from .cameras import placed_cameras
 from .config import FuseConfig
-from .moments import together
 from .request import FuseRequest
+from .rows import together
 from .stage import Fused, fuse
+from .views import placed_cameras
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss

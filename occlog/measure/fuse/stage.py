@@ -16,19 +16,16 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
-from occlog.measure.fuse.kernels.sight_lines import Sight
+from occlog.measure.fuse.kernels import Sight
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Views
 from occlog.scans.grouping import nearest
 
-from .cameras import PlacedCameras, placed_cameras
-from .candidates import fuse_candidates
 from .config import FuseConfig
-from .decide import Decision, ObjectMemory, decide
-from .moments import Part, whole_moments
-from .rows import CAUSES, Ledger, distances
-from .views import feet
+from .decide import Decision, ObjectMemory, decide, fuse_candidates
+from .rows import CAUSES, Ledger, Part, distances, whole_moments
+from .views import PlacedCameras, feet, placed_cameras
 
 
 class Fused(NamedTuple):

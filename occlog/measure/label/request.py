@@ -73,7 +73,7 @@ class LabelRequest(Labels):
 class MatchRequest(Labels):
     """Boxes to label by how people look."""
 
-    RUN: ClassVar[str] = "occlog.measure.label.by_appearance:run_match"
+    RUN: ClassVar[str] = "occlog.measure.label.run:run_match"
 
     gallery: Path = source(GALLERY, required=True)
     output: Path = output_file("Labelled bearings; with --gallery a table of matches (Parquet).", "appearance_matches")

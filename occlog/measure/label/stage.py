@@ -15,8 +15,7 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
-from occlog.scans.grouping import checked
-from occlog.scans.scan import sensor_names
+from occlog.scans.grouping import checked, sensor_names
 
 from .config import LabelConfig
 

@@ -14,8 +14,7 @@ from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
 
 from .config import ListenConfig
-from .locate import ArrayDirection, Locator, locate, locator, make_band
-from .spectra import direction, levels, spectra
+from .locate import ArrayDirection, Locator, direction, levels, locate, locator, make_band, spectra
 
 NOISE_S = 30.0
 """Time over which the quietest spectrum is the noise."""

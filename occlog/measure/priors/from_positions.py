@@ -14,7 +14,7 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError
-from occlog.filtering.motion.walkers import Walkers, first_seen, join, predict, take, update
+from occlog.filtering.motion.white_acceleration import Walkers, first_seen, join, predict, take, update
 from occlog.records.tables import Occluders, Tracks, Truth
 from occlog.scans.occluder_priors import known_positions, none_at
 
@@ -37,7 +37,7 @@ def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *,
     Args:
         truth: in the order of time; rows of the role `occluder` are used.
         sigma: standard deviation of the measurements, per axis; 0: the true places, known exactly.
-        q: of the filter, see `occlog.filtering.motion.walkers`.
+        q: of the filter, see `occlog.filtering.motion.white_acceleration`.
         seed: of the noise.
         run: number of the run of a Monte Carlo experiment.
     """

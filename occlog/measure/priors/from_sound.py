@@ -9,9 +9,9 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.assignment import assign
-from occlog.core.sight.locate_sources import Directions, distance2, localise
+from occlog.core.sight.triangulate import Directions, distance2, localise
 from occlog.errors import InputError, UsageError
-from occlog.filtering.motion.walkers import Walkers, first_seen, join, predict, take, update
+from occlog.filtering.motion.white_acceleration import Walkers, first_seen, join, predict, take, update
 from occlog.records.scene import Scene
 from occlog.records.tables import Doa, Occluders
 from occlog.scans.occluder_priors import none_at

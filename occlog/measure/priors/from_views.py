@@ -14,14 +14,24 @@ import shapely
 from occlog.array_types import Floats, Ints32
 from occlog.core.occlusion.priors import polygon_priors
 from occlog.errors import InputError
-from occlog.records.near_origin import map_origin, scene_from
-from occlog.records.scene import Scene
+from occlog.records.scene import Scene, map_origin, scene_from
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
 from occlog.scans.occluder_priors import none_at
 
 from .config import HullConfig
-from .hull import CameraCones, HullCamera, Polygon, cones, hull, hull_camera, runs
-from .hull_identities import BelievedPolygon, HullMemory, Rules, follow
+from .hull import (
+    BelievedPolygon,
+    CameraCones,
+    HullCamera,
+    HullMemory,
+    Polygon,
+    Rules,
+    cones,
+    follow,
+    hull,
+    hull_camera,
+    runs,
+)
 
 MOMENTS_PER_CHUNK = 256
 

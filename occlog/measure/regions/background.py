@@ -2,18 +2,39 @@
 
 A model that has seen only a few frames takes people for background within a few frames
 more, because OpenCV's automatic learning rate starts high (1 / (2 n) after n frames).
-So a model can be started from an image of the empty scene (`occlog.measure.regions.empty_scene`);
+So a model can be started from an image of the empty scene (`occlog.measure.regions.background`);
 it then learns at the rate that the automatic one settles at, 1 / history, from its first
 frame on.
+
+The empty scene behind moving people, from frames sampled over a recording.
+
+A plain median over time shows a person who stays in one place for most of it.  Here a
+sample is left out of a pixel's median where the picture around the pixel changes towards
+the sample before or after it, that is where something moves; so the scene behind a man
+who moves on the spot is found as soon as it shows in one quiet sample.
+
+How tall people are in the image, from the people that were seen in it.
+
+Rule: in each sample, what differs from the empty scene is joined over gaps of an eighth
+of its height; a blob counts as a person who stands alone if it is 1.5 to 4.5 times as
+high as wide, fills 35 to 95 % of its box, is at least 24 px high and does not touch the
+border of the image.  On level ground the height grows linearly with the row of the feet,
+so a line is fitted by the median of the slopes between all pairs (Theil-Sen).  With
+fewer than ten blobs, or blobs whose feet are all in nearly the same rows, the height is
+their median everywhere.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
+import numpy as np
 
-from occlog.array_types import Bytes
+from occlog.array_types import Bytes, Floats
+from occlog.core.numerics.jit import kernel
+from occlog.measure.clusters.person_size import LOG_SIZE_SPREAD, SizeMap, cell_centres, sizes_from_heights
 
 FOREGROUND = 255  # OpenCV marks shadows with 127
 DEFAULT_THRESHOLD = {"mog2": 36.0, "knn": 800.0}
@@ -90,3 +111,147 @@ def foreground(subtractor: Subtractor, image: Bytes, number: int, clean_px: int)
     if clean_px > 1:
         mask = cv2.medianBlur(mask, clean_px)
     return mask  # type: ignore[no-any-return]
+
+
+CHANGE = 12.0  # grey levels between two samples that mean motion, after smoothing
+SMOOTHING_PX = 0.7  # more hides the edges of slow bodies
+COARSE_THICKNESS_PX = 30.0  # bodies are thinned to this before their edges are sought
+MAX_SAMPLES = 64  # size of the kernel's scratch space
+
+
+def motion_masks(samples: Bytes, thickness_px: float) -> Bytes:
+    """(n, height, width) 1 where something moves in a sample, 0 where it is quiet.
+
+    Args:
+        samples: (n, height, width, channels) in order of time.
+        thickness_px: bodies up to this thickness are filled between their moving edges.
+    """
+    # Edges of motion need no fine grid: thick bodies are filled in a coarser one.
+    coarse = max(1, int(thickness_px / COARSE_THICKNESS_PX))
+    height, width = samples.shape[1:3]
+    size = (max(1, width // coarse), max(1, height // coarse))
+    smooth = [
+        cv2.GaussianBlur(cv2.resize(s, size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING_PX) for s in samples
+    ]
+    changed = np.stack([(difference(a, b) > CHANGE).astype(np.uint8) for a, b in pairwise(smooth)])
+    moving = np.concatenate([changed[:1], changed[:-1] | changed[1:], changed[-1:]])
+    side = 2 * round(thickness_px / coarse / 2) + 1
+    square = np.ones((side, side), np.uint8)
+    closed = [cv2.morphologyEx(m, cv2.MORPH_CLOSE, square) for m in moving]
+    return np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST) for m in closed])
+
+
+def empty_scene(samples: list[Bytes], thickness_px: float) -> Bytes:
+    """Image of the scene without what moves: per pixel the median of its quiet samples.
+
+    Args:
+        samples: at least one image (height, width, 3) or (height, width), all of one
+            size, in order of time.
+        thickness_px: thickness of a person in the image.
+
+    Returns:
+        Image like the samples.  A pixel that is never quiet gets the median of all
+        samples: something that is always there and always moves stays in the picture.
+    """
+    if len(samples) < 3:
+        return samples[0].copy()
+    stack = np.stack(samples[:MAX_SAMPLES])
+    masks = motion_masks(stack, thickness_px)
+    shape = stack.shape[1:]
+    return _masked_median(stack.reshape(len(stack), shape[0] * shape[1], -1), masks.reshape(len(stack), -1)).reshape(
+        shape
+    )
+
+
+@kernel
+def _masked_median(samples: Bytes, masks: Bytes) -> Bytes:
+    """(pixels, channels) lower median over samples (n, pixels, channels) where masks (n, pixels) is 0, or over all."""
+    n, pixels, channels = samples.shape
+    out = np.empty((pixels, channels), dtype=np.uint8)
+    values = np.empty(n, dtype=np.uint8)
+    for p in range(pixels):
+        quiet = 0
+        for i in range(n):
+            quiet += masks[i, p] == 0
+        for c in range(channels):
+            count = 0
+            for i in range(n):
+                if quiet == 0 or masks[i, p] == 0:
+                    # Insertion sort: n is small.
+                    j = count
+                    while j > 0 and values[j - 1] > samples[i, p, c]:
+                        values[j] = values[j - 1]
+                        j -= 1
+                    values[j] = samples[i, p, c]
+                    count += 1
+            out[p, c] = values[(count - 1) // 2]
+    return out
+
+
+def difference(a: Bytes, b: Bytes) -> Bytes:
+    """(height, width) largest absolute difference over the channels of two images of one shape."""
+    change = cv2.absdiff(a, b)
+    if change.ndim == 2:
+        return change  # type: ignore[no-any-return]
+    blue, green, red = cv2.split(change)
+    return cv2.max(cv2.max(blue, green), red)  # type: ignore[no-any-return]
+
+
+DIFFERENCE = 30  # grey levels from the empty scene that mean foreground
+ASPECT = (1.5, 4.5)
+FILLED = (0.35, 0.95)
+LEAST_HEIGHT_PX = 24
+ENOUGH_BLOBS = 10
+ROW_RANGE = 0.1  # of the image's height between the rows of the feet that allow a line
+CLOSINGS = (3, 7, 15)  # sides tried for joining pieces [px]; the one with most people-like blobs is used
+
+
+def person_like_blobs(samples: list[Bytes], empty: Bytes) -> Floats:
+    """(N, 2) row of the feet and height [px] of blobs that look like a person who stands alone."""
+    return max((_blobs(samples, empty, side) for side in CLOSINGS), key=len)
+
+
+def _blobs(samples: list[Bytes], empty: Bytes, side: int) -> Floats:
+    found = [_blobs_of(sample, empty, side) for sample in samples]
+    return np.concatenate(found) if found else np.empty((0, 2))
+
+
+def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
+    mask = cv2.medianBlur((difference(sample, empty) > DIFFERENCE).astype(np.uint8), 5)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    left, top, width, height, area = stats[1:].T.astype(np.float64)
+    rows, columns = mask.shape
+    aspect, filled = height / width, area / (width * height)
+    inside = (left > 0) & (top > 0) & (left + width < columns) & (top + height < rows)
+    person = inside & (aspect >= ASPECT[0]) & (aspect <= ASPECT[1]) & (filled >= FILLED[0]) & (filled <= FILLED[1])
+    person &= height >= LEAST_HEIGHT_PX
+    blobs: Floats = np.column_stack([top + height, height])[person]
+    return blobs
+
+
+def observed_sizes(image_size: tuple[int, int], blobs: Floats) -> SizeMap | None:
+    """Size map from blobs (N, 2) of feet's row and height; None where there are none."""
+    if not len(blobs):
+        return None
+    feet, heights = blobs.T
+    slope, at_top = _line(feet, heights) if _allow_line(feet, image_size[1]) else (0.0, float(np.median(heights)))
+    _, centres = cell_centres(image_size)
+    # A person centred in row v has its feet at v + h / 2, so h = at_top + slope (v + h / 2).
+    fitted = (at_top + slope * centres[:, 1]) / (1.0 - 0.5 * slope)
+    fitted = np.clip(fitted, 0.5 * heights.min(), 2.0 * heights.max())
+    residuals = np.log(heights / np.maximum(at_top + slope * feet, 1.0))
+    spread = 1.4826 * float(np.median(np.abs(residuals - np.median(residuals))))
+    return sizes_from_heights(image_size, fitted, max(spread, LOG_SIZE_SPREAD))
+
+
+def _allow_line(feet: Floats, rows: int) -> bool:
+    return len(feet) >= ENOUGH_BLOBS and float(np.ptp(np.percentile(feet, [10, 90]))) >= ROW_RANGE * rows
+
+
+def _line(x: Floats, y: Floats) -> tuple[float, float]:
+    """Theil-Sen slope in [0, 1] and intercept of y over x."""
+    dx, dy = x[:, None] - x, y[:, None] - y
+    apart = dx > 1.0
+    slope = float(np.clip(np.median(dy[apart] / dx[apart]), 0.0, 1.0))
+    return slope, float(np.median(y - slope * x))

@@ -5,22 +5,95 @@ Foreground pixels gathered in small square cells, with exact moments: what clust
 A row of a cell table is (n, x, y, xx, xy, yy): number of foreground pixels, their mean
 [px], and the sums of squares and products about that mean [px^2].  Sums over cells are
 therefore sums over pixels.
+
+Connected components of the foreground as person-sized regions: the plain alternative to clustering.
+
+Appearance of what a camera sees: a normalised histogram of colours in the 72 bins of `histogram_bins` ([Qu]).
+
+Smaller images for faster detection, and results from them back in pixels of the whole image.
+
+Pixel i of an image shrunk by f is the mean of pixels f i to f i + f - 1, so its centre is
+at f (i + 1/2) - 1/2.  Rows and columns at the right and lower edge that do not fill a
+whole pixel are left out.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
-from occlog.array_types import Bytes, Floats, Ints
-from occlog.core.image.histogram_bins import N_BINS, as_colour, pixel_bin
+from occlog.array_types import Bytes, Floats, Ints, Ints32
+from occlog.core.image import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
 from occlog.measure.clusters.crowds import SeenApart, find_people
-from occlog.measure.clusters.person_size import Prior
+from occlog.measure.clusters.person_size import Prior, SizeMap, place
 from occlog.measure.clusters.stage import Clusters, find_clusters
 
-from .appearance import normalised
+
+@kernel
+def add_pixels_into(
+    histogram: Floats, image: Bytes, mask: Bytes, left: int, top: int, right: int, bottom: int, weight: float
+) -> None:
+    """Add the masked pixels of a box to a histogram.
+
+    Args:
+        histogram: (72,) added to in place.
+        image: (height, width, 3) BGR.
+        mask: (height, width), pixels with a value other than 0 count.
+        left: first column of the box; a box that reaches over the image is cut.
+        top: first row.
+        right: column after the last.
+        bottom: row after the last.
+        weight: what each pixel adds.
+    """
+    height, width = mask.shape
+    for y in range(max(top, 0), min(bottom, height)):
+        for x in range(max(left, 0), min(right, width)):
+            if mask[y, x]:
+                k = pixel_bin(int(image[y, x, 0]), int(image[y, x, 1]), int(image[y, x, 2]))
+                histogram[k] += weight
+
+
+def histogram(image: Bytes, mask: Bytes | None = None) -> Floats:
+    """(72,) appearance of the masked pixels, summing to 1.
+
+    Args:
+        image: (height, width, 3) BGR or (height, width) grey.
+        mask: (height, width), non-zero where a pixel counts; None: all pixels count.
+
+    Returns:
+        The normalised histogram; all NaN when no pixel counts.
+    """
+    colour = as_colour(image)
+    height, width = colour.shape[:2]
+    where = np.ones((height, width), dtype=np.uint8) if mask is None else mask
+    counts = np.zeros(N_BINS)
+    add_pixels_into(counts, colour, where, 0, 0, width, height, 1.0)
+    return normalised(counts)
+
+
+def normalised(counts: Floats) -> Floats:
+    """Histograms (..., 72) scaled to sum to 1; NaN where there are no counts."""
+    total = counts.sum(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        return np.where(total > 0, counts / np.where(total > 0, total, 1.0), np.nan)
+
+
+def likeness(a: Floats, b: Floats) -> Floats:
+    """Bhattacharyya coefficients of histograms, 0 (nothing in common) to 1 (equal).
+
+    Args:
+        a: (K, 72) normalised histograms.
+        b: (R, 72) normalised histograms.
+
+    Returns:
+        (K, R) sums of sqrt(a_i b_i); NaN where a histogram is NaN.
+    """
+    coefficients: Floats = np.minimum(np.sqrt(a) @ np.sqrt(b).T, 1.0)
+    return coefficients
 
 
 @kernel
@@ -174,3 +247,127 @@ def _boxes(edges: Ints, means: Floats, covs: Floats) -> Floats:
             rx, ry = 2.0 * np.sqrt(covs[k, 0]) + 0.5, 2.0 * np.sqrt(covs[k, 2]) + 0.5
             boxes[k] = means[k, 0] - rx, means[k, 1] - ry, 2.0 * rx, 2.0 * ry
     return boxes
+
+
+CLOSING = 0.2  # side of the closing that joins pieces, over a person's width
+
+
+def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) -> Regions:
+    """The connected components of a frame that have enough foreground for a person.
+
+    Pieces nearer than about a fifth of a person's width are joined first.  People who
+    touch in the image are one region; a person in several pieces is several, or none.
+
+    Args:
+        image: (height, width, 3) BGR or (height, width) grey.
+        mask: (height, width), 255 on the foreground.
+        width_px: of a person.
+        prior: of the camera; of it only the sizes and the smallest share of a person are used.
+    """
+    side = 2 * round(0.5 * CLOSING * width_px) + 1
+    joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)) if side > 1 else mask
+    _, labels, stats, centres = cv2.connectedComponentsWithStats(joined, connectivity=8)
+    order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable") + 1
+    places = np.array([place(prior, *centres[k]) for k in order], dtype=np.int64)
+    enough = stats[order, cv2.CC_STAT_AREA] >= prior.least * prior.mass[places]
+    order, places = order[enough], places[enough]
+    edges = stats[order, :4].astype(np.int64)
+    moments, counts = _measure_component(as_colour(image), mask, labels, order.astype(np.int64), edges)
+    return _regions(moments, counts, edges, prior.cov[places], prior.mass[places])
+
+
+def _regions(moments: Floats, counts: Floats, edges: Ints, person: Floats, person_mass: Floats) -> Regions:
+    mass = moments[:, 0]
+    boxes = edges - np.array([0.5, 0.5, 0.0, 0.0])
+    order = np.argsort(-mass, kind="stable")
+    order = order[mass[order] > 0]
+    covs = moments[:, 3:] / np.maximum(mass, 1.0)[:, None]
+    appearance = normalised(counts)
+    return Regions(
+        means=moments[order, 1:3],
+        covs=covs[order],
+        boxes=boxes[order],
+        mass=mass[order],
+        fill=mass[order] / person_mass[order],
+        person=person[order],
+        appearance=appearance[order],
+    )
+
+
+@kernel
+def _measure_component(image: Bytes, mask: Bytes, labels: Ints32, wanted: Ints, edges: Ints) -> tuple[Floats, Floats]:
+    """Count, mean and scatter (K, 6) and histograms (K, 72) of the foreground of labelled components.
+
+    Args:
+        image: (height, width, 3) BGR.
+        mask: (height, width), non-zero on the foreground.
+        labels: (height, width) component of each pixel.
+        wanted: (K,) components to measure.
+        edges: (K, 4) left, top, width, height of their boxes, inside the image.
+    """
+    n_regions = wanted.shape[0]
+    moments, counts = np.zeros((n_regions, 6)), np.zeros((n_regions, N_BINS))
+    for k in range(n_regions):
+        left, top, width, height = edges[k]
+        n = sx = sy = xx = xy = yy = 0
+        for y in range(height):
+            for x in range(width):
+                py, px = top + y, left + x
+                if labels[py, px] == wanted[k] and mask[py, px]:
+                    n += 1
+                    sx += x
+                    sy += y
+                    xx += x * x
+                    xy += x * y
+                    yy += y * y
+                    counts[k, pixel_bin(int(image[py, px, 0]), int(image[py, px, 1]), int(image[py, px, 2]))] += 1.0
+        if n > 0:
+            mx, my = sx / n, sy / n
+            moments[k, 0], moments[k, 1], moments[k, 2] = n, left + mx, top + my
+            moments[k, 3], moments[k, 4], moments[k, 5] = xx - n * mx * mx, xy - n * mx * my, yy - n * my * my
+    return moments, counts
+
+
+ENOUGH_WIDTH_PX = 100.0
+"""A person this wide is large enough: its centre is found to a small part of what posture makes uncertain."""
+
+MOST = 8
+
+
+def shrink_factor(width_px: float) -> int:
+    """Whole number by which images are shrunk where people are so wide."""
+    return int(np.clip(width_px // ENOUGH_WIDTH_PX, 1, MOST))
+
+
+def shrink(image: Bytes, factor: int) -> Bytes:
+    """(height // factor, width // factor) image of means; the image itself for factor 1."""
+    if factor == 1:
+        return image
+    rows, columns = image.shape[0] // factor, image.shape[1] // factor
+    whole = image[: rows * factor, : columns * factor]
+    return cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)  # type: ignore[no-any-return]
+
+
+def shrink_sizes(sizes: SizeMap, factor: int) -> SizeMap:
+    """Size map for shrunk images."""
+    width, height = sizes.image_size
+    area = float(factor**2)
+    return replace(sizes, image_size=(width // factor, height // factor), cov=sizes.cov / area, mass=sizes.mass / area)
+
+
+def enlarge(regions: Regions, factor: int) -> Regions:
+    """Regions of a shrunk image in pixels of the whole one."""
+    if factor == 1:
+        return regions
+    area = float(factor**2)
+    # Each shrunk pixel is spread over factor x factor pixels.
+    spread = (area - 1.0) / 12.0 * np.array([1.0, 0.0, 1.0])
+    boxes = regions.boxes * factor
+    boxes[:, :2] += 0.5 * (factor - 1)
+    return regions._replace(
+        means=regions.means * factor + 0.5 * (factor - 1),
+        covs=regions.covs * area + spread,
+        boxes=boxes,
+        mass=regions.mass * area,
+        person=regions.person * area,
+    )

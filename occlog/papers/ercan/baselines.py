@@ -7,14 +7,12 @@ where a series says so.
 
 from __future__ import annotations
 
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import quotient_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, quotient_of
 from occlog.pipeline.sweep.trial import Values
 
-from .scenes import SQUARE_ORDER, names, square_room
 from .square import M40
-from .trial import Point, kalman, run_points, trial
+from .trial import SQUARE_ORDER, Point, kalman, names, run_points, square_room, trial
 
 APF, EKF, UKF, IEKF = "apf", "ekf", "ukf", "iekf"
 CONSTRAINED, DESCENT = "ukf, constraints considered", "iekf, from the prediction alone"

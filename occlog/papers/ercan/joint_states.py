@@ -12,9 +12,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import power_of, quotient_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of, quotient_of
 from occlog.pipeline.sweep.trial import Spec, errors_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks, Truth
@@ -28,7 +27,7 @@ from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.joint.config import JointConfig
 
-from .scenes import SQUARE_ORDER, names, square_room
+from .trial import SQUARE_ORDER, names, square_room
 
 JOINT, SEPARATE, NONE = "joint", "a filter for each object, then priors", "no priors"
 CAMERAS = 4

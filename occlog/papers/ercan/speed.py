@@ -11,13 +11,11 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors
-from occlog.filtering.likelihood.among_occluders import log_likelihood_among
-from occlog.filtering.likelihood.directions import PackedScan, log_likelihood
+from occlog.filtering.likelihood.directions import PackedScan, log_likelihood, log_likelihood_among
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import power_of, quotient_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of, quotient_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
 from occlog.scans.grouping import Rows, choose_sensors, scans_of
@@ -26,11 +24,9 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import FINE, occlusion_of
-from occlog.track.apf.sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.apf.model import FINE, occlusion_of, pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
 
-from .scenes import SQUARE_ORDER, names, square_room
-from .trial import KNOWN, NONE
+from .trial import KNOWN, NONE, SQUARE_ORDER, names, square_room
 
 RECURSION, INDEPENDENT = "priors, recursion", "priors, independent"
 SCATTER = 4.0

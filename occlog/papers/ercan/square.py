@@ -5,22 +5,35 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import Measure, difference, estimate, mean_of, sample
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    Measure,
+    Row,
+    Size,
+    Table,
+    Verdict,
+    difference,
+    estimate,
+    mean_of,
+    sample,
+)
 from occlog.pipeline.sweep.trial import Values
 
-from .scenes import SQUARE_ORDER, names, square_room
 from .trial import (
     KNOWN,
     NONE,
     PRIOR,
+    SQUARE_ORDER,
     WORST,
     Point,
     judge_worst_case,
     kalman,
+    names,
     priors_error,
     run_points,
+    square_room,
     trial,
     worst_case,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occlog.papers.verdicts.source import OWN, Source, Sources
+from occlog.papers.verdicts import OWN, Source, Sources
 
 CLOSE_TO_BRUTE = "close to that of the brute-force method"
 BETTER = "better than the other heuristics"

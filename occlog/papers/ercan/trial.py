@@ -1,4 +1,9 @@
-"""Trials of the auxiliary particle filter, and the rows of a table made of them."""
+"""Trials of the auxiliary particle filter, and the rows of a table made of them.
+
+The rooms of [Ercan] Secs. 6 and 7 as scene files.
+
+The scan of the paper has no figures: the places of cameras and occluders are this project's reference.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.papers.verdicts.measures import mean_of, sample
-from occlog.papers.verdicts.model import EXTRAS, Execute, Row, Size, Table, Verdict
-from occlog.papers.verdicts.verdicts import find, stated
+from occlog.papers.verdicts import EXTRAS, Execute, Row, Size, Table, Verdict, find, mean_of, sample, stated
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.config import WorldConfig
@@ -116,3 +119,99 @@ def priors_error(item: str, rows: Sequence[Row], paper: float) -> list[Verdict]:
 def kalman(sigma: float, q: float = 1.2) -> Values:
     """Describe priors by a Kalman filter on virtual measurements of deviation `sigma`; 0 means known positions."""
     return {"kind": "kalman", "sigma": sigma, "q": q} if sigma > 0 else {"kind": "known"}
+
+
+Place = tuple[float, float, float]
+"""Position x, y and yaw [deg] of a camera."""
+
+SQUARE = [
+    (0, 0, 45),
+    (50, 0, 90),
+    (100, 0, 135),
+    (100, 50, 180),
+    (100, 100, 225),
+    (50, 100, 270),
+    (0, 100, 315),
+    (0, 50, 0),
+]
+L_SHAPE = [
+    (0, 0, 45),
+    (80, 0, 90),
+    (160, 0, 135),
+    (160, 26.5, 180),
+    (160, 53, 225),
+    (106.5, 53, 270),
+    (53, 53, 225),
+    (53, 106.5, 180),
+    (53, 160, 225),
+    (26.5, 160, 270),
+    (0, 160, 315),
+    (0, 80, 0),
+]
+SQUARE_ORDER = (1, 7, 5, 3, 2, 4, 6, 8)
+L_ORDER = (1, 4, 7, 10, 8, 12, 3, 5, 2, 6, 11, 9)
+LAB_ORDER = (1, 13, 9, 5, 3, 8, 11, 16, 6)
+LAB_SIZE = (264.0, 228.0)
+"""22 ft x 19 ft, in inches."""
+
+
+def names(numbers: Sequence[int]) -> list[str]:
+    """Return the names of the cameras with these numbers."""
+    return [f"cam{n}" for n in numbers]
+
+
+def square_room(*, pillar: bool) -> str:
+    """Write the room of Fig. 5: 100 x 100 with eight cameras, with or without its static occluder."""
+    box = [(40, 40), (60, 40), (60, 60), (40, 60)] if pillar else None
+    return _scene("unit", [(0, 0), (100, 0), (100, 100), (0, 100)], box, cameras=SQUARE, focal=70.0, fov=90.0, yaw=0.01)
+
+
+def l_room() -> str:
+    """Write the L-shaped room of Fig. 11: 160 x 160 without [53, 160]^2, twelve cameras."""
+    room = [(0, 0), (160, 0), (160, 53), (53, 53), (53, 160), (0, 160)]
+    return _scene("unit", room, None, cameras=L_SHAPE, focal=70.0, fov=90.0, yaw=0.01)
+
+
+def lab() -> str:
+    """Write a stand-in for the lab of Fig. 13, in inches.
+
+    Sixteen cameras of 47 degrees counter-clockwise along the walls, four to a wall from
+    corner 1 on, which look at the middle of the room; images 640 px wide; one static
+    occluder of 2 ft x 2 ft beside the middle.
+    """
+    w, h = LAB_SIZE
+    corners = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)]
+    cameras: list[Place] = []
+    for n in range(16):
+        (ax, ay), (bx, by) = corners[n // 4], corners[(n // 4 + 1) % 4]
+        x, y = ax + (bx - ax) * (n % 4) / 4, ay + (by - ay) * (n % 4) / 4
+        cameras.append((x, y, math.degrees(math.atan2(0.5 * h - y, 0.5 * w - x))))
+    box = [(150, 96), (174, 96), (174, 120), (150, 120)]
+    focal = 320.0 / math.tan(math.radians(23.5))
+    return _scene("in", corners, box, cameras=cameras, focal=focal, fov=47.0, yaw=0.068)
+
+
+def _scene(
+    unit: str,
+    room: Sequence[tuple[float, float]],
+    box: Sequence[tuple[float, float]] | None,
+    cameras: Sequence[Place],
+    focal: float,
+    fov: float,
+    yaw: float,
+) -> str:
+    """Write a scene file, with sigma_pos 1 and sigma_read 2 px of every camera."""
+    lines = ["occlog_scene: 1", f"length_unit: {unit}", f"room: {_points(room)}"]
+    if box is not None:
+        lines += ["static_occluders:", f"- {{name: pillar, polygon: {_points(box)}}}"]
+    lines.append("cameras:")
+    for n, (x, y, look) in enumerate(cameras, start=1):
+        lines.append(
+            f"- {{name: cam{n}, position: [{x:g}, {y:g}], yaw_deg: {look:.6g}, focal_px: {focal:.6g}, "
+            f"fov_deg: {fov:g}, noise: {{position: 1, yaw: {yaw:g}, read_px: 2}}}}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _points(points: Sequence[tuple[float, float]]) -> str:
+    return "[" + ", ".join(f"[{x:g}, {y:g}]" for x, y in points) + "]"

@@ -16,9 +16,8 @@ from occlog.array_types import Floats
 from occlog.core.bounds.in_space import direction_information, plane_variance, sight_angles
 from occlog.core.sight.projected_planes import AXES, XY, YZ, ZX, projected_angles
 from occlog.filtering.motion.coordinated_turn import turn_matrix
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import exact
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact
 
 from .space.worlds import ACCELERATION, SIGMA, STEP_S, TABLE, world
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occlog.papers.verdicts.source import OWN, Source, Sources
+from occlog.papers.verdicts import OWN, Source, Sources
 
 OUTPERFORMS = "the proposed method outperforms the direct 3-D method"
 BETTER = "Selected planes based on PPS shows better performance"

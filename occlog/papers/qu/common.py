@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import difference_of
-from occlog.papers.verdicts.model import Row, Size, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Row, Size, Verdict, difference_of
 from occlog.pipeline.sweep.trial import Spec
 
 from .trial import views_spec

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occlog.papers.verdicts.source import OWN, Source, Sources
+from occlog.papers.verdicts import OWN, Source, Sources
 
 MUCH_LOWER = "BMCT outperforms the other approaches with much lower false position and label rates"
 LINEARLY = "both the required number of particles and the speed of the proposed BMCT vary linearly"

@@ -13,9 +13,8 @@ from occlog.array_types import Ints
 from occlog.track.images.interface import FrameSet
 from occlog.track.images.kernels.collaboration import Neighbours, reweighted
 from occlog.track.images.methods.config import BmctConfig
-from occlog.track.images.methods.local import LocalWeights, arrival_of, local_weights
 from occlog.track.images.methods.state import VisualState
-from occlog.track.images.methods.weigh import weighing_model
+from occlog.track.images.methods.weigh import LocalWeights, arrival_of, local_weights, weighing_model
 
 
 def likelihood_seconds(

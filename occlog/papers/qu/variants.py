@@ -6,9 +6,8 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import power_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of
 
 from .common import METHODS, RATES, everywhere, rate_row, seed_of, spec_of
 from .trial import run_views_trial, views_spec

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.image.ellipse import support_radius
+from occlog.core.image import support_radius
 from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.core.sight.fundamental import scaled
 from occlog.errors import InputError

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import exact
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact
 
 from .example import FOV_DEG, PLACES, RANGE, SPEED, STEP_S
 

@@ -21,7 +21,7 @@ from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.track.map.fit_motion.em import fit_em
 from occlog.track.map.fit_motion.parameters import Shape
-from occlog.track.map.fit_motion.steps import Path
+from occlog.track.map.fit_motion.smoother import Path
 
 HALF = 5.0
 """Half the side of the square room [m]."""

@@ -8,10 +8,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.papers.page.planplot import EstimatedPath, Plan
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import difference_of, estimate, exact, quotient_of, share_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.plots import EstimatedPath, Plan
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    Row,
+    Size,
+    Table,
+    Verdict,
+    difference_of,
+    estimate,
+    exact,
+    quotient_of,
+    share_of,
+)
 
 from .example import HALF, sparse_scene
 from .search import error, panel, ranked

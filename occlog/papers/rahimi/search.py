@@ -8,10 +8,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from occlog.papers.page.planplot import EstimatedPath, Panel, Plan
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import exact, sample, share_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.plots import EstimatedPath, Panel, Plan
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact, sample, share_of
 
 from .example import sparse_scene
 from .trial import Solved, sightings, solve_problem, sparse_spec, sparse_trial

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occlog.papers.verdicts.source import OWN, Source, Sources
+from occlog.papers.verdicts import OWN, Source, Sources
 
 SOURCES: Sources = {
     "fig3-start": Source(

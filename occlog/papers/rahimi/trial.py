@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.papers.verdicts.model import Size
+from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.tables import Bearings, Diagnostics, Tracks
 from occlog.settings import configure
@@ -20,7 +20,7 @@ from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.map import method as batch_map
 from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.interior_point.newton_search import Iterate
+from occlog.track.map.kernels.interior_point import Iterate
 
 from .example import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import estimate, exact, mean_of, quotient
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, estimate, exact, mean_of, quotient
 from occlog.pipeline.sweep.trial import Values
 
 from .trial import sparse_spec, sparse_trial

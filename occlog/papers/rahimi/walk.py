@@ -17,11 +17,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.plane.polygons import sight_blocked
+from occlog.core.plane import sight_blocked
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of, share_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of, share_of
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth
@@ -34,7 +33,7 @@ from occlog.track.map import method as batch_map
 from occlog.track.map.config import MapConfig
 from occlog.track.map.fit_motion.em import fit_em
 from occlog.track.map.fit_motion.parameters import Shape
-from occlog.track.map.fit_motion.steps import Path
+from occlog.track.map.fit_motion.smoother import Path
 
 STEP_S, SPEED = 0.25, 0.7
 SMOOTHING, MOVED = 3.0, 0.15

@@ -71,8 +71,7 @@ def command(
       occlog batch study.yaml 'recordings/*.mcap' -o results/
       occlog batch study.yaml 'recordings/**/*.mcap' -o results/ --scheduler tcp://127.0.0.1:8786 --json
     """
-    from occlog.io.remote.cache import Cache, default_folder
-    from occlog.io.remote.urls import without_end
+    from occlog.io.remote import Cache, default_folder, without_end
 
     from .run import BatchRequest, run_batch
 

@@ -13,10 +13,9 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from occlog.errors import InputError
-from occlog.io.remote.store import find
-from occlog.io.remote.urls import is_url
-from occlog.io.remote.urls import shown as without_secrets
-from occlog.pipeline.pack.manifest import key_of_name
+from occlog.io.remote import find, is_url
+from occlog.io.remote import shown as without_secrets
+from occlog.pipeline.pack.archive import key_of_name
 
 FEWEST_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""

@@ -7,12 +7,10 @@ from pathlib import Path
 
 from occlog.errors import UsageError
 
-from .dask_cluster import DaskCluster
+from .clusters import DaskCluster, Jobs, RayCluster
 from .interface import Executor, InThisProcess
-from .jobs import Jobs
 from .options import JOB_CLUSTERS, JOB_FOLDER
 from .processes import Processes
-from .ray_cluster import RayCluster
 
 
 def executor_of(

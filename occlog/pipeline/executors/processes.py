@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from itertools import islice
 from typing import Generic
 
-from occlog.console.details import THREADS
+from occlog.console.notes import THREADS
 
 from .interface import Lost, R, T
 

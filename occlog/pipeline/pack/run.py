@@ -10,21 +10,21 @@ from typing import NamedTuple
 from occlog import __version__
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import open_output
-from occlog.io.files.provenance import hash_file
-from occlog.io.files.versions import installed_versions
-from occlog.pipeline.run.inputs import files_of, places_of
+from occlog.io.files.provenance import hash_file, installed_versions
 from occlog.pipeline.run.run import STATE, do_stages, inside, other_versions, outcomes
+from occlog.pipeline.run.stage import files_of, places_of
 from occlog.pipeline.run.stages import Config, plan, read_config
 
-from .archive import MAX_FILES, Packer
-from .manifest import (
+from .archive import (
     INPUTS,
     LOCK,
     MADE,
     MANIFEST,
+    MAX_FILES,
     OUTPUTS,
     Manifest,
     PackedFile,
+    Packer,
     check_names,
     lock_text,
     manifest_bytes,

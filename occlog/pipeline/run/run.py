@@ -16,19 +16,16 @@ from typing import NamedTuple
 
 from occlog import __version__, console
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
-from occlog.evaluate.mot import headline
-from occlog.io.files.atomic import PARTIAL, no_links_out_of
+from occlog.evaluate.mot import figures as headline
+from occlog.io.files.atomic import PARTIAL, alone_with, no_links_out_of
 from occlog.io.files.inputs import verdicts_of_file
-from occlog.io.files.locks import alone_with
-from occlog.io.files.provenance import hash_file
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.texts.json_file import read_json, write_json
-from occlog.io.files.versions import installed_versions
+from occlog.io.files.provenance import hash_file, installed_versions
+from occlog.io.files.tables.parquet import read_provenance
+from occlog.io.files.texts.documents import read_json, write_json
 from occlog.records.losses import Loss
 from occlog.records.verdicts import Verdict, distinct, summary_of, texts_of
 
-from .inputs import files_of, name_of, places_of
-from .stage import Stage
+from .stage import Stage, files_of, name_of, places_of
 from .stages import Config, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"

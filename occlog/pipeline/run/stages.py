@@ -13,8 +13,8 @@ from pathlib import Path
 
 from occlog.cli.main import COMMANDS
 from occlog.errors import SPELLING, InputError, NoSceneError, UsageError, option
-from occlog.io.files.texts.yaml_file import lines_of, read_yaml
-from occlog.io.files.untrusted.inputs import STANDARD_INPUT
+from occlog.io.files.limits import STANDARD_INPUT
+from occlog.io.files.texts.yaml import lines_of, read_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.measure.detect.request import METHODS as DETECTIONS
 from occlog.records.tables import Particles, Truth, TruthBoxes

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from occlog import __version__
 from occlog.errors import InputError, OcclogError, OutputError
-from occlog.io.files.locks import alone_with
+from occlog.io.files.atomic import alone_with
 from occlog.pipeline.executors.chosen import executor_of
 from occlog.pipeline.executors.interface import Lost
 from occlog.pipeline.executors.options import JOBS_FOLDER

@@ -12,11 +12,11 @@ from msgspec import Meta
 
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError, did_you_mean
-from occlog.io.files.texts.yaml_file import lines_of, read_yaml
-from occlog.io.files.untrusted.inputs import check_input
+from occlog.io.files.limits import check_input
+from occlog.io.files.texts.yaml import lines_of, read_yaml
 from occlog.settings import SettingError, Settings, check_setting
 from occlog.simulate.config import ObserveConfig, WorldConfig
-from occlog.track.apf.selection_config import SelectConfig
+from occlog.track.apf.config import SelectConfig
 from occlog.track.catalogue import BEARINGS, entry
 from occlog.track.catalogue import settings_of as settings_of_method
 

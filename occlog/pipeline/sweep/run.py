@@ -17,13 +17,12 @@ import numpy as np
 from scipy.special import stdtrit
 
 from occlog import __version__, console
-from occlog.console.details import begin_work, note_files
+from occlog.console.notes import begin_work, note_files
 from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError, option
-from occlog.io.files.atomic import translate_write_errors, write_bytes
+from occlog.io.files.atomic import alone_with, translate_write_errors, write_bytes
 from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.locks import alone_with
-from occlog.io.files.texts.json_file import read_json, write_json
-from occlog.io.files.versions import installed_versions
+from occlog.io.files.provenance import installed_versions
+from occlog.io.files.texts.documents import read_json, write_json
 from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.progress import shown_progress
 

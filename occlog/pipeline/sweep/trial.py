@@ -27,9 +27,9 @@ from occlog.settings import configure
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.selection_config import read_selection
+from occlog.track.apf.config import read_selection
 from occlog.track.catalogue import settings_of
-from occlog.track.drivers.network_cost import Messages
+from occlog.track.drivers.rows import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 

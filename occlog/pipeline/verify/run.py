@@ -15,12 +15,10 @@ from occlog.errors import ExitCode, InputError, OcclogError, UsageError
 from occlog.examine.diff.result import Comparison, DiffSettings, Tolerances
 from occlog.examine.diff.run import compare_files, stage_order
 from occlog.io.files.atomic import outputs_below
-from occlog.io.files.provenance import hash_file
-from occlog.io.files.versions import installed_versions
-from occlog.pipeline.pack.archive import take, unpack
-from occlog.pipeline.pack.manifest import INPUTS, OUTPUTS, Manifest
-from occlog.pipeline.run.inputs import files_of, places_of
+from occlog.io.files.provenance import hash_file, installed_versions
+from occlog.pipeline.pack.archive import INPUTS, OUTPUTS, Manifest, take, unpack
 from occlog.pipeline.run.run import Step, do_stages, inside
+from occlog.pipeline.run.stage import files_of, places_of
 from occlog.pipeline.run.stages import check_settings, plan, read_config
 
 

@@ -1,6 +1,10 @@
 """The tables of trackers of everybody at once: people on the floor, what speaks for them, what happened to them.
 
 Conventions: see `tables`.
+
+The tables of how people look from several sides, and of whom that tells apart ([Lee] Sec. 5.2.1).
+
+Conventions: see `tables`.
 """
 
 from __future__ import annotations
@@ -161,3 +165,124 @@ class Events(Table):
         if (bad := ~np.isin(self.kind, KINDS)).any():
             row = first_row(bad)
             raise InputError(f"Events: row {row}: kind {self.kind[row]!r} must be {', '.join(KINDS)}")
+
+
+MOST_BINS = 256
+"""Greatest number m of bins of a histogram of colours ([Lee] Sec. 5.2.1)."""
+SAME, OTHER, SUSPENDED = "same", "other", "suspended"
+DECISIONS = (SAME, OTHER, SUSPENDED)
+"""`decision` of a row of `AppearanceMatches`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gallery(Table):
+    """How people look from several sides: a density of colours for each target and each viewing angle it was seen at.
+
+    All rows have the same number of bins and of angles, so that any two can be compared.
+    """
+
+    NAME: ClassVar[str] = "gallery"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "angle")
+
+    t_ns: Ints = column("i8", "ns", "time of the last frame that was learnt from, the same in all rows")
+    target_id: Ints32 = column("i4", "1", "identity of the target")
+    angle: Ints32 = column(
+        "i4",
+        "1",
+        "number n of the viewing angle: 1 the front, `angles` the back; (n - 1) pi / (angles - 1) to either side",
+    )
+    angles: Ints32 = column("i4", "1", "number N of viewing angles, at least 1; 1: all sides together")
+    bins: Ints32 = column("i4", "1", f"number m of colours, 2 to {MOST_BINS}")
+    samples: Ints32 = column("i4", "1", "boxes that were learnt from")
+    pixels: Ints = column("i8", "1", "pixels in them that count")
+    density: Floats = column(
+        "f8", "1", "share of the pixels of each colour, the first `bins` of them; 0 after these", width=MOST_BINS
+    )
+
+    def check(self) -> None:
+        """Times in order, angles and bins in range and the same everywhere, densities that sum to 1, no row twice."""
+        check_order(self)
+        if not len(self):
+            return
+        for name in ("angles", "bins"):
+            values: Ints32 = getattr(self, name)
+            if (bad := values != values[0]).any():
+                row = first_row(bad)
+                raise InputError(f"Gallery: row {row}: {name} is {values[row]}, but {values[0]} in the first row")
+        if not 2 <= self.bins[0] <= MOST_BINS or self.angles[0] < 1:
+            raise InputError(
+                f"Gallery: {self.bins[0]} bins and {self.angles[0]} angles; want 2 to {MOST_BINS}, 1 or more"
+            )
+        if (bad := (self.target_id < 0) | (self.angle < 1) | (self.angle > self.angles)).any():
+            row = first_row(bad)
+            raise InputError(
+                f"Gallery: row {row}: target_id {self.target_id[row]} must be at least 0, and angle {self.angle[row]} "
+                f"1 to {self.angles[row]}"
+            )
+        if (bad := (self.samples < 1) | (self.pixels < 1)).any():
+            row = first_row(bad)
+            raise InputError(
+                f"Gallery: row {row}: {self.samples[row]} samples and {self.pixels[row]} pixels; want 1 of each"
+            )
+        bad = (self.density < 0).any(axis=1) | (np.abs(self.density.sum(axis=1) - 1.0) > 1e-6)
+        bad |= (self.density[:, int(self.bins[0]) :] != 0).any(axis=1)
+        if bad.any():
+            raise InputError(
+                f"Gallery: row {first_row(bad)}: density is none: at least 0, of sum 1, and 0 after the bins"
+            )
+        pairs = np.column_stack([self.target_id, self.angle])
+        if len(np.unique(pairs, axis=0)) < len(pairs):
+            raise InputError("Gallery: a target has two rows of one angle")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AppearanceMatches(Table):
+    """How like the people of a gallery each box is, seen from the same side: a row for each box and target."""
+
+    NAME: ClassVar[str] = "appearance_matches"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "box", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera in the scene")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+    box: Ints32 = column("i4", "1", "number of the box in the frame: `box` of `boxes`, or `cluster` of `views`")
+    track_id: Ints32 = column("i4", "1", "identity of the track that the box is of; -1 = none")
+    target_id: Ints32 = column("i4", "1", "identity in the gallery")
+    angle: Ints32 = column("i4", "1", "number of the viewing angle, 1 (front) to N (back); 0 = not known")
+    viewing_angle: Floats = column(
+        "f8", "rad", "between where the person heads and the camera, 0 (front) to pi (back)", nan="not known"
+    )
+    pixels: Ints = column("i8", "1", "pixels of the box that count")
+    rho: Floats = column(
+        "f8", "1", "Bhattacharyya coefficient with the target seen from this side, 0 to 1", nan="suspended"
+    )
+    rho_corrected: Floats = column("f8", "1", "the same without its bias; noise may take it above 1", nan="suspended")
+    decision: Strings = column(
+        "U", "1", "`same`: the box is this target; `other`: it is not; `suspended`: nothing is decided"
+    )
+    reason: Strings = column(
+        "U",
+        "1",
+        "why nothing is decided: `angle` (the gallery does not have the target from this side), `heading` (it is not "
+        "known where the person heads), `covered` (by another box), `pixels` (too few); else empty",
+    )
+
+    def check(self) -> None:
+        """Times in order, known decisions, coefficients where and only where something is decided."""
+        check_order(self)
+        if (bad := ~np.isin(self.decision, DECISIONS)).any():
+            row = first_row(bad)
+            raise InputError(
+                f"AppearanceMatches: row {row}: decision {self.decision[row]!r} must be one of {', '.join(DECISIONS)}"
+            )
+        suspended = self.decision == SUSPENDED
+        with np.errstate(invalid="ignore"):
+            bad = (
+                (suspended != np.isnan(self.rho)) | (suspended != (self.reason != "")) | (self.rho < 0) | (self.rho > 1)
+            )
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(
+                f"AppearanceMatches: row {row}: rho {self.rho[row]:g} and reason {self.reason[row]!r} do not go with "
+                f"decision {self.decision[row]!r}"
+            )

@@ -1,4 +1,11 @@
-"""The tables of what is where: the truth, and priors of what hides the targets.  Conventions: see `tables`."""
+"""The tables of what is where: the truth, and priors of what hides the targets.  Conventions: see `tables`.
+
+The table of what is expected of sensors that are planned.  Conventions: see `tables`.
+
+The table of a robot's path.  Conventions: see `tables`.
+
+The table of messages in a network of sensors.  Conventions: see `tables`.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
+from occlog.core.navigation.steering import STATES
 from occlog.errors import InputError
 from occlog.records.columns import Table, check_order, column, first_row, semidefinite
 
@@ -112,3 +120,121 @@ class Truth(Table):
         if bad.any():
             role = str(self.role[first_row(bad)])
             raise InputError(f"Truth: row {first_row(bad)}: role {role!r} must be target or occluder")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanMap(Table):
+    """What is expected of a filter at places spread over the floor."""
+
+    NAME: ClassVar[str] = "plan"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "y", "x")
+
+    t_ns: Ints = column("i8", "ns", "0: what is planned is of no time; tables are ordered by it")
+    x: Floats = column("f8", "m", "middle of a square of the floor")
+    y: Floats = column("f8", "m", "middle of a square of the floor")
+    weight: Floats = column("f8", "1", "share of the floor, or of the time that people of --paths spent there")
+    rmse: Floats = column("f8", "m", "expected root mean square error of the place of a target that walks through")
+    rmse_error: Floats = column("f8", "m", "standard error of `rmse` by the draws of walks and crowds")
+    seen_by_0: Floats = column("f8", "1", "probability that no sensor sees or hears the target")
+    seen_by_1: Floats = column("f8", "1", "probability that exactly one sensor does")
+    seen_by_2: Floats = column("f8", "1", "probability that two or more do")
+    no_fix: Floats = column(
+        "f8",
+        "1",
+        "share of the draws in which the place is known, along its worst direction, no better than half as well as "
+        "by the room alone",
+    )
+
+    def check(self) -> None:
+        """Probabilities are between 0 and 1."""
+        check_order(self)
+        for name in ("weight", "seen_by_0", "seen_by_1", "seen_by_2", "no_fix"):
+            values = getattr(self, name)
+            bad = ~((values >= 0.0) & (values <= 1.0 + 1e-9))
+            if np.any(bad):
+                row = first_row(bad)
+                raise InputError(f"PlanMap: row {row}: {name} {values[row]} must be from 0 to 1")
+
+
+ENDED = "the path ends here"
+PATH_STATES = (*STATES, "end")
+"""Values of `state`: what decides on the direction of the next step; of the last row there is none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotPath(Table):
+    """Places of a robot in a potential field, and the forces that decide on its next step."""
+
+    NAME: ClassVar[str] = "robot_path"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns",)
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    x: Floats = column("f8", "m", "position")
+    y: Floats = column("f8", "m", "position")
+    attractive_x: Floats = column("f8", "1", "force of the goal", nan=ENDED)
+    attractive_y: Floats = column("f8", "1", "force of the goal", nan=ENDED)
+    repulsive_x: Floats = column("f8", "1", "force of all obstacles", nan=ENDED)
+    repulsive_y: Floats = column("f8", "1", "force of all obstacles", nan=ENDED)
+    total_x: Floats = column(
+        "f8", "1", "force along which the robot goes, prevented or turned; a guarded step leaves it", nan=ENDED
+    )
+    total_y: Floats = column(
+        "f8", "1", "force along which the robot goes, prevented or turned; a guarded step leaves it", nan=ENDED
+    )
+    state: Strings = column(
+        "U",
+        "1",
+        "what decides on the next step: `free`, `oscillating`, `prevent`, `escaping`, `guarded`; `end` in the last row",
+    )
+    recognised: Bools = column("?", "1", "whether oscillation was recognised")
+    clearance: Floats = column(
+        "f8",
+        "m",
+        "least distance from obstacles since the row before, border to border; negative where they overlapped",
+        nan="there are no obstacles",
+    )
+    obstacle: Strings = column("U", "1", "which obstacle that was; empty if there are none")
+
+    def check(self) -> None:
+        """Times in order, known states."""
+        check_order(self)
+        bad = ~np.isin(self.state, PATH_STATES)
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(f"RobotPath: row {row}: state {self.state[row]!r} must be one of {', '.join(PATH_STATES)}")
+
+
+END_TO_END = "end-to-end"
+"""Kind of the rows that are of a router."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Delays(Table):
+    """Messages between sensors, routers and a server, and their delays.
+
+    A row is a message with all of its packets; rows of the kind `end-to-end` are of a router, from the detection of its
+    objects to the last final estimate.
+    """
+
+    NAME: ClassVar[str] = "delays"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "protocol", "channel", "image_kb", "objects_share", "kind", "source")
+
+    t_ns: Ints = column("i8", "ns", "when the message was sent, since the detection")
+    protocol: Strings = column("U", "1", "`rbvc` or `sbvc`")
+    channel: Strings = column("U", "1", "what the links between routers share: `shared`, `node` or `link`")
+    image_kb: Floats = column("f8", "kB", "size of an image")
+    objects_share: Floats = column("f8", "1", "share of the objects that are tracked")
+    kind: Strings = column("U", "1", "what the message is, or `end-to-end`")
+    source: Strings = column("U", "1", "node that sends it; of `end-to-end` the router")
+    destination: Strings = column("U", "1", "nodes that get it, separated by commas")
+    packets: Ints32 = column("i4", "1", "packets of the message; of `end-to-end` 0")
+    hops: Ints32 = column("i4", "1", "hops of all packets; of `end-to-end` 0")
+    delay_s: Floats = column("f8", "s", "from when it was sent to when the last destination has all of it")
+    hop_s: Floats = column("f8", "s", "mean over the hops, from when a packet waits to when it arrives", nan="no hop")
+    air_s: Floats = column("f8", "s", "time on the air with acknowledgements, over all hops", nan="end-to-end")
+
+    def check(self) -> None:
+        """Times in order, no message arrives before it is sent."""
+        check_order(self)
+        if (bad := self.delay_s < 0.0).any():
+            raise InputError(f"Delays: row {first_row(bad)}: delay_s is {self.delay_s[first_row(bad)]:g}, below 0")

@@ -1,24 +1,34 @@
-"""The page of two runs as HTML: self-contained, with a script of its own and no other."""
+"""The page of two runs as HTML: self-contained, with a script of its own and no other.
+
+The words and tables of two runs as Markdown, for pull requests.
+
+The summary that `occlog report A B` prints.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 
+from occlog.array_types import NS
 from occlog.console.text import counted
+from occlog.evaluate.compare.text import Row
+from occlog.records.verdicts import all_plausible
+from occlog.records.verdicts import summary_of as verdict_summary
 from occlog.report.content.metrics_in_words import number
-from occlog.report.drawing.html import script, template
-from occlog.report.drawing.plot import Plot, plot
-from occlog.report.drawing.style import COLOURS, DARK, house_style
+from occlog.report.drawing import COLOURS, DARK, Plot, house_style, plot, script, template
+from occlog.report.page import MOST_LOSSES, plain, table_lines
+from occlog.report.request import BesideRequest
 
 from . import words
-from .comparison.identities import Followed
-from .model import Beside
-from .plots import MOST_LIVES, Life, draw_errors, draw_lives
-from .replay import beside_replay
+from .comparison.pairs import Followed
+from .comparison.partings import Moment
+from .plots import MOST_LIVES, Life, beside_replay, draw_errors, draw_lives
+from .words import Beside, Cell
 
 WIDTH = 8.4
 SCRIPTS = ("plan.js", "time.js", "beside.js")
-MOST_LOSSES = 100
+MAX_LISTED_LOSSES = 100
 
 
 def build_page(found: Beside) -> str:
@@ -53,7 +63,7 @@ def build_page(found: Beside) -> str:
         more_changes=more_changes,
         passing=sum(each.passing for each in words.followed(found)),
         losses=found.losses,
-        most_losses=MOST_LOSSES,
+        most_losses=MAX_LISTED_LOSSES,
         replay=beside_replay(found, words.led_to(found)),
         provenance=json.dumps(found.provenance, indent=2, sort_keys=True, ensure_ascii=False, default=str),
         script=script(*SCRIPTS),
@@ -103,3 +113,86 @@ def _lives(found: Beside) -> Plot | None:
 
 def _whose(*followed: Followed) -> list[int]:
     return sorted({piece.who for each in followed for piece in each.pieces})
+
+
+def build_markdown(found: Beside) -> str:
+    """The verdict, what is not to be believed, figures, partings and identities; no pictures."""
+    out = [f"# {plain(found.title)}", "", f"**{plain(words.heading(found))}.**", ""]
+    out += [f"- {plain(f'{letter}: {side.name}')}" for letter, side in found.sides]
+    out += ["", *(f"- {plain(sentence)}" for sentence in words.sentences(found)), ""]
+    for letter, side in found.sides:
+        said, _ = words.believed(side)
+        out += [f"**{letter}: {plain(said)}.**", ""]
+        out += [f"- **{plain(check.id)}** ({stage}): {plain(check.text)}" for stage, check in side.data.findings]
+        out += [""] if side.data.findings else []
+    if rows := words.figure_rows(found):
+        head = ("Figure", "A", "B", "B - A", "95 % interval", "p", "Verdict")
+        cells = ((r.name, r.a, r.b, r.difference, r.interval, r.p, r.verdict) for r in rows)
+        out += ["## Figures", "", *table_lines(head, cells, "lrrrrrl"), plain(words.basis(found)), ""]
+    out += ["## Where they part", ""]
+    parted = ((r.what, _when(r.seconds), r.who, r.distance, r.often) for r in words.parting_rows(found))
+    out += table_lines(("What", "When", "Tracks", "Apart", "In all"), parted, "lrlrr")
+    people, more = words.identity_rows(found)
+    if people:
+        out += ["## Who follows whom", ""]
+        out += table_lines(("Who", "A", "B"), ((p.who, _cells(p.a), _cells(p.b)) for p in people), "lll")
+        out += [f"and {more} more.", ""] if more else []
+    changes, more = words.change_rows(found)
+    if changes:
+        rows_of_changes = ((_when(c.seconds), c.run, c.who, c.before, c.after, c.other) for c in changes)
+        out += table_lines(("When", "Run", "Who", "From", "To", "The other run"), rows_of_changes, "rlllll")
+        out += [f"and {more} more.", ""] if more else []
+    if found.losses:
+        out += ["## Input that was lost", ""]
+        lost = ((w, x.source, x.place, x.what, str(x.count or "")) for w, x in found.losses[:MOST_LOSSES])
+        out += table_lines(("Run", "Source", "Where", "What", "Items"), lost, "llllr")
+    return "\n".join(out)
+
+
+def _cells(cells: list[Cell]) -> str:
+    return ", ".join(cell.text for cell in cells)
+
+
+def _when(seconds: float | None) -> str:
+    return "" if seconds is None else f"{seconds:.2f} s"
+
+
+def summary_of(found: Beside, request: BesideRequest) -> dict[str, object]:
+    """What was written, whether the runs differ, where they part and who became another one."""
+    first, truth = found.partings.first, found.against_truth
+    out: dict[str, object] = {"page": request.output}
+    out |= {} if request.markdown is None else {"markdown": request.markdown}
+    out |= {letter.lower(): side.name for letter, side in found.sides}
+    out |= {"heading": words.heading(found), "same": found.same, "frames": found.partings.frames}
+    out |= {"frames_parted": found.partings.parted, "tolerance": found.tolerance, "length_unit": found.unit}
+    if first is not None:
+        out["first_parting"] = {"kind": first[0], **_moment(found, first[1])}
+    out["changes"] = {letter: len(each.changes) for letter, each in zip("ab", words.followed(found), strict=True)}
+    if truth is not None:
+        out["switches"] = dict(zip("ab", truth.switches, strict=True))
+        out["true_frames"] = truth.comparison.frames  # which figures are of, as those of `compare`
+        out["figures"] = {row.figure: _figure(row) for row in truth.comparison.rows}
+    out |= {"notes": list(found.notes)} if found.notes else {}
+    judged = {letter.lower(): side.data.verdicts for letter, side in found.sides}
+    if any(judged.values()):
+        out["plausible"] = all_plausible([each for verdicts in judged.values() for each in verdicts])
+        out["warnings"] = [
+            {"run": letter, **warning}
+            for letter, verdicts in judged.items()
+            for warning in verdict_summary(verdicts).get("warnings", [])  # type: ignore[attr-defined]
+        ]
+    return out
+
+
+def _figure(row: Row) -> dict[str, object]:
+    """What is known of a figure of both."""
+    d = row.found
+    values = {"a": d.a, "b": d.b, "difference": d.difference, "low": d.low, "high": d.high, "p": row.holm}
+    return {name: value for name, value in values.items() if math.isfinite(value)} | {"verdict": row.verdict}
+
+
+def _moment(found: Beside, moment: Moment) -> dict[str, object]:
+    """Values of a moment that are known."""
+    values: dict[str, object] = {"seconds": (moment.t_ns - found.time.start_ns) / NS, "t_ns": moment.t_ns}
+    values |= {name: label for name, label in (("a", moment.a), ("b", moment.b)) if label is not None}
+    return values | ({"distance": moment.distance} if math.isfinite(moment.distance) else {})

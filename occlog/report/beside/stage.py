@@ -18,9 +18,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import TimeAxis
 
-from .comparison.accuracy import OverTime, Paired, over_time
-from .comparison.identities import Followed, by_truth
-from .comparison.pairs import EACH_FRAME
+from .comparison.pairs import EACH_FRAME, Followed, by_truth
+from .comparison.partings import OverTime, Paired, over_time
 
 MOVED = 1e-6
 """Sensors that are farther than this share of a unit of length from where they were stand elsewhere."""

@@ -29,12 +29,10 @@ from occlog.records.tables import (
 from occlog.records.verdicts import Check, Verdict, all_plausible, found_by_stage
 from occlog.report.gather import TABLES, Figures, gather, in_memory
 
-from .fared import Fared
-from .followed import followers, relabelled
-from .looks import Looked
-from .off_sight import Distances, Residual
+from .accuracy import Fared, followers, relabelled
+from .looks import Looked, Selections
 from .people import People
-from .selections import Selections
+from .sight import Distances, Residual
 from .thinned import Whole
 
 TIME_LABEL = "time since start"

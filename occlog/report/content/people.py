@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.errors import ratio
-from occlog.core.metrics.sums import Sum
+from occlog.core.metrics.errors import Sum, ratio
 from occlog.records.declared.people import has_word
 from occlog.records.tables import PeopleTracks, Truth
 

@@ -14,12 +14,11 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.metrics.sums import Sum
+from occlog.core.metrics.errors import Sum
 from occlog.evaluate.errors.sums import median_of
-from occlog.io.files.put_aside.spool import Spool
+from occlog.io.files.spill import Spool
 from occlog.records.columns import Table
-from occlog.records.pieces import times, whole_times
-from occlog.records.tables import Errors
+from occlog.records.tables import Errors, times, whole_times
 
 T = TypeVar("T", bound=Table)
 MOST_ROWS = 200_000

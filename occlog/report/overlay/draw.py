@@ -29,7 +29,7 @@ BAR = 26
 class Outline(NamedTuple):
     """An estimate."""
 
-    ellipse: Floats  # (5,) see `occlog.core.image.ellipse`
+    ellipse: Floats  # (5,) see `occlog.core.image`
     target_id: int
     dashed: bool = False  # its neighbours repel it, and no other view helps
     strong: bool = False  # other views help

@@ -9,9 +9,9 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.report.content.metrics_in_words import number
 from occlog.report.content.model import ReportInput
-from occlog.report.drawing.style import label
+from occlog.report.drawing import label
 
-from .visibility import sensors
+from .over_time import sensors
 
 
 @dataclass(frozen=True)

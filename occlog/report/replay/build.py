@@ -13,12 +13,10 @@ from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.examine.viewers.drawings.people import HEIGHT, WIDTH
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.report.content.model import ReportInput
-from occlog.report.plots.floorplan import near_scene, plan_limits
-from occlog.report.plots.planscene import view_area
+from occlog.report.plots.floorplan import near_scene, plan_limits, view_area
 from occlog.settings import METRES
 
-from .moments import Moments
-from .pack import NONE, Words, packed
+from .moments import NONE, Moments, Words, packed
 from .thumbnails import Thumbnails
 
 LARGEST = 2.5

@@ -20,11 +20,11 @@ from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.records.losses import Loss
 from occlog.report.overlay.draw import Shot, Way, draw_shot
-from occlog.report.overlay.lost import NO_IMAGE, LostFrames
-from occlog.report.overlay.world import Sources, World
+from occlog.report.overlay.pictures import NO_IMAGE, LostFrames
+from occlog.report.overlay.plan import Sources, World
 from occlog.settings import METRES
 
-from .pack import packed
+from .moments import packed
 
 WIDTH = 240
 """Of an image [px]."""

@@ -216,7 +216,7 @@ def ball_ellipses(camera: Camera, centres: Floats, radius: float) -> Floats:
         radius: > 0.
 
     Returns:
-        (..., 5) ellipses, see `occlog.core.image.ellipse`.
+        (..., 5) ellipses, see `occlog.core.image`.
     """
     local = (np.asarray(centres) - camera.position) @ camera.rotation
     x, y, z = local[..., 0], local[..., 1], local[..., 2]

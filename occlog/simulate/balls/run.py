@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from occlog.console.details import threads_by_default
+from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together, check_outputs
 from occlog.io.files.provenance import Provenance
@@ -21,14 +21,13 @@ from occlog.records.scene import Scene
 from occlog.runner import Done, Job
 from occlog.settings import configure
 from occlog.simulate.config import START_NS, StoreConfig
-from occlog.simulate.render.light import grey
+from occlog.simulate.render.surfaces import grey
 from occlog.simulate.request import BallsRequest
 from occlog.simulate.world.scripted_paths import step_times
 
 from .config import BallsConfig
 from .motion import VIEWS, BallPaths, ball_paths
-from .stage import balls_boxes, balls_scene, balls_truth
-from .video import BallsFrame, render_balls
+from .video import BallsFrame, balls_boxes, balls_scene, balls_truth, render_balls
 
 
 @dataclass(frozen=True)

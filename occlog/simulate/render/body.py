@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.numerics.time_grid import Grid
+from occlog.core.numerics.interpolate import Grid
 
 STATURE = 1.75
 SKIN, HAIR, SHIRT, TROUSERS, SHOES = range(5)

@@ -17,8 +17,8 @@ from occlog.records.scene import Camera, Scene
 
 from .body import STATURE, Clothes, poses, solids
 from .kernel import Bodies, Room, finish_into, resolve_into, shadow_into, trace_into
-from .light import AMBIENT, lamps
 from .room import Background, background, blank
+from .surfaces import AMBIENT, lamps
 
 IN_FRONT = 1e-6
 """Least depth of a point whose projection counts."""

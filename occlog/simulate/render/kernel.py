@@ -13,8 +13,7 @@ import numpy as np
 from occlog.array_types import Bytes, Floats, Floats32, Ints, Ints32
 from occlog.core.numerics.jit import kernel
 
-from .light import light_at
-from .texture import hash_point
+from .surfaces import hash_point, light_at
 
 
 class Bodies(NamedTuple):

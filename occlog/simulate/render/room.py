@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Floats, Floats32, Ints
 from occlog.core.numerics.jit import kernel
-from occlog.core.plane.polygons import pack_polygons, point_inside
+from occlog.core.plane import pack_polygons, point_inside
 from occlog.records.scene import Camera, Scene
 
-from . import texture
-from .light import AMBIENT, lamps, light_at, shade_into
+from . import surfaces as texture
+from .surfaces import AMBIENT, lamps, light_at, shade_into
 
 SAMPLES = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 """Places in a pixel at which sight lines are cast, against jagged edges."""

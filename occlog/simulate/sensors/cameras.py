@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.interpolate import Grid, SensorFrames, looks
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.core.numerics.time_grid import Grid, SensorFrames, looks
 from occlog.core.sight.camera import noise_variance, planar_offsets, u_to_azimuth
 from occlog.core.sight.visibility import behind_objects, behind_walls, in_view
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.config import ObserveConfig
-from occlog.simulate.world.truth_grid import truth_grid
+from occlog.simulate.world.scripted_paths import truth_grid
 
 
 class SimulatedCamera(NamedTuple):

@@ -2,19 +2,41 @@
 
 The cameras stand so far from the part that people walk in that all views hold them whole,
 and not in one line: then the views of any three of them say where a point is in the third.
+
+Objects that walk to random places by potential fields: around each other, walls and people ([Lee] Sec. 5.2.2).
+
+The total force gives the direction of a step, its length is constant, and noise is added as for `waypoints`.  The
+thesis turns away from what is straight ahead and no more; here a step that would bring an object closer than a diameter
+to another one, into a wall or out of the room is turned or left out, as `waypoints` does it.  So objects never overlap,
+never leave the room and never enter a static occluder.
+
+People of a recording walk where they walked.  An object does not step into them, but they may walk into it.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.navigation.forces import Field, distance
+from occlog.core.navigation.obstacles import (
+    Moment,
+    Moving,
+    edges,
+    nearest_on_discs,
+    nearest_on_polygons,
+    nearest_on_segments,
+)
+from occlog.core.navigation.steering import Around, Steps, steer
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene, camera_fov
+
+from .waypoints import Draws, Ground, WaypointMotion, WaypointState, move_into, place_free
 
 SIDE = 14.0
 """Of the square room [m]."""
@@ -110,3 +132,116 @@ def _clear(box: Floats, others: Floats) -> Bools:
     """(m,) whether others' boxes (m, V, 4) overlap with none of a body's (V, 4)."""
     apart = (box[:, :2] > others[..., 2:]) | (others[..., :2] > box[:, 2:])
     return np.asarray(apart.any(axis=-1).all(axis=-1))
+
+
+class Avoidance(NamedTuple):
+    """How objects avoid what is in their way."""
+
+    field: Field
+    steps: Steps
+    occluders: tuple[Floats, Ints]  # packed polygons that repel
+    patience: int  # steps without getting nearer to a destination, after which another one is taken
+    people: Moving | None  # who walk as they did; None: nobody
+
+
+class AvoidingState(NamedTuple):
+    """Where n objects are, where they want to go, and what they felt."""
+
+    xy: Floats  # (n, 2)
+    destination: Floats  # (n, 2)
+    total: Floats  # (n, 2) total force of the step before; NaN: none yet
+    nearest: Floats  # (n,) least distance from the destination so far
+    waited: Ints  # (n,) steps since it was less
+    step: int  # steps done
+
+
+def starting(world: WaypointState) -> AvoidingState:
+    """Objects that have not moved yet."""
+    n = len(world.xy)
+    return AvoidingState(
+        xy=world.xy.copy(),
+        destination=world.destination.copy(),
+        total=np.full((n, 2), np.nan),
+        nearest=np.full(n, np.inf),
+        waited=np.zeros(n, dtype=np.int64),
+        step=world.step,
+    )
+
+
+def walk_avoiding(
+    world: AvoidingState, ground: Ground, motion: WaypointMotion, rules: Avoidance, draws: Draws
+) -> tuple[AvoidingState, Floats]:
+    """Move all objects by as many steps as there are draws.
+
+    Returns:
+        The world after the last step, and the path (C, n, 2) with the places after each step.
+    """
+    path = np.empty(draws.noise.shape)
+    low = ground.room.min(axis=0)
+    places = low + (ground.room.max(axis=0) - low) * draws.places
+    for t in range(len(path)):
+        # Change of destination: on arrival, by chance, or where the object does not get nearer ([Ercan] Sec. 6)
+        to_go = distance(world.destination, world.xy)
+        nearer = to_go < world.nearest - 0.5 * motion.step
+        nearest = np.where(nearer, to_go, world.nearest)
+        waited = np.where(nearer, 0, world.waited + 1)
+        change = (to_go < motion.step) | (draws.chance[t] < motion.redirect) | (waited > rules.patience)
+        destination = world.destination.copy()
+        for i in np.flatnonzero(change):
+            if (found := _free(places[t, i], ground)) is not None:
+                destination[i], nearest[i], waited[i] = found, math.inf, 0
+        # Forces, prevention and escape ([Lee] Eqs. 5.11 to 5.34)
+        moment = None if rules.people is None else rules.people.at(world.step)
+        around = _around(world.xy, ground, motion, rules, moment)
+        steering = steer(world.xy, destination, around, rules.field, rules.steps, world.total)
+        # Step: constant speed along the total force, plus noise
+        length = np.hypot(steering.total[:, 0], steering.total[:, 1])[:, None]
+        heading = np.where(length > 0.0, steering.total / np.where(length > 0.0, length, 1.0), 0.0)
+        step = motion.step * heading + motion.sigma * draws.noise[t]
+        xy = _moved(world.xy, step, first=world.step, ground=ground, diameter=motion.diameter, moment=moment)
+        world = AvoidingState(xy, destination, steering.total, nearest, waited, step=world.step + 1)
+        path[t] = xy
+    return world, path
+
+
+def _free(candidates: Floats, ground: Ground) -> Floats | None:
+    """The first of (K, 2) places where an object can be; None if there is none."""
+    for place in candidates:
+        if place_free(place[0], place[1], ground):
+            return np.asarray(place)
+    return None
+
+
+def _around(xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, moment: Moment | None) -> Around:
+    """Obstacles as (n, 2) objects meet them: each other, people, static occluders and walls."""
+    n, radius = len(xy), 0.5 * motion.diameter
+    others = np.array([[j for j in range(n) if j != i] for i in range(n)], dtype=np.int64).reshape(n, max(n - 1, 0))
+    people = np.empty((0, 2)) if moment is None else moment.xy[np.isfinite(moment.xy[:, 0])]
+    ways = np.zeros(0) if moment is None else np.hypot(*moment.move[np.isfinite(moment.xy[:, 0])].T)
+    fixed = [nearest_on_polygons(xy, *rules.occluders), nearest_on_segments(xy, edges(ground.room))]
+    bodies = [nearest_on_discs(xy, xy[others], np.full(others.shape[1], radius))]
+    bodies.append(nearest_on_discs(xy, people, np.full(len(people), radius)))
+    nearest = np.concatenate([*fixed, *bodies], axis=1)
+    still, round_ones = sum(f.shape[1] for f in fixed), others.shape[1] + len(people)
+    return Around(
+        nearest=nearest,
+        radius=np.zeros(still + round_ones),
+        size=np.concatenate([np.zeros(still), np.full(round_ones, radius)]),
+        way=np.concatenate([np.zeros(still), np.full(others.shape[1], motion.step), ways]),
+    )
+
+
+def _moved(xy: Floats, step: Floats, *, first: int, ground: Ground, diameter: float, moment: Moment | None) -> Floats:
+    """(n, 2) places after steps (n, 2); each object in turn moves first, and none where it is not free."""
+    n, out = len(xy), xy.copy()
+    people = np.empty((0, 2)) if moment is None else np.concatenate([moment.xy, moment.after])
+    people = people[np.isfinite(people[:, 0])]
+    for m in range(n):
+        i = (m + first) % n
+        bodies = out
+        if len(people):
+            # Who has walked into the object cannot be kept away from any more, but may be left
+            bodies = np.concatenate([out, people[distance(people, out[i]) >= diameter]])
+        move_into(bodies, i, step[i, 0], step[i, 1], ground, diameter)
+        out[i] = bodies[i]
+    return out

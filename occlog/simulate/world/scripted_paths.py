@@ -3,6 +3,8 @@
 A stretch is followed exactly, whatever the steps: a turn keeps its speed in the plane and
 turns at the rate lateral / speed ([Lee] Eqs. 2.13-2.14), an acceleration is a known input.
 Noise is that of white acceleration, gathered from step to step.
+
+True paths as places on a grid of times.
 """
 
 from __future__ import annotations
@@ -15,13 +17,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.core.numerics.interpolate import Grid, to_grid
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.core.numerics.time_grid import Grid
-from occlog.core.plane.polygons import inside_polygon
+from occlog.core.plane import inside_polygon
 from occlog.errors import InputError
 from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
-from occlog.records.scene import Scene
-from occlog.records.scripts import PLANES, Script, ScriptedTarget, Segment, to_ns
+from occlog.records.scene import PLANES, Scene, Script, ScriptedTarget, Segment, to_ns
 from occlog.records.tables import Truth
 
 CHUNK_STEPS = 256
@@ -165,3 +166,11 @@ def _advanced(state: Floats, pieces: list[tuple[int, Segment]], starts: list[int
 def _noise(density: float, dt: float, rng: np.random.Generator) -> Floats:
     gathered = acceleration_root(density, dt) @ rng.standard_normal((2, 3))
     return gathered.ravel()
+
+
+def truth_grid(truth: Truth | Grid) -> Grid:
+    """The (C, n, 3) places x, y, z in a table of truth; NaN where an object has no row.  A grid stays as it is."""
+    if isinstance(truth, Grid):
+        return truth
+    places = np.column_stack([truth.x, truth.y, truth.z])
+    return to_grid(truth.t_ns, truth.target_id, truth.role == "target", places)

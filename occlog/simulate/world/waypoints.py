@@ -22,7 +22,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
-from occlog.core.plane.polygons import distance_to_boundary, point_inside, segment_blocked
+from occlog.core.plane import distance_to_boundary, point_inside, segment_blocked
 
 
 class Ground(NamedTuple):

@@ -21,13 +21,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.core.plane.polygons import inside_polygon
+from occlog.core.plane import inside_polygon
 from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
 from occlog.core.sight.visibility import Sensors
 from occlog.filtering.likelihood.directions import Noise, PackedScan
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Camera, Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.apf.kernels.pose_errors import (
     Belief,
     LabelledBearings,
@@ -40,7 +40,7 @@ from occlog.track.apf.kernels.pose_errors import (
 )
 from occlog.track.interface import Estimate, SensorErrors
 
-from .sensing import LEAST_SIGMA, pack_sensors
+from .model import LEAST_SIGMA, pack_sensors
 
 COMPACT = 0.1
 """Particles this near together, relative to their distance, see a camera under one angle as far as Eq. 2 goes."""

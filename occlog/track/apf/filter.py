@@ -23,25 +23,23 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
-from occlog.consistency.particles import FEW
+from occlog.consistency.estimates import FEW
 from occlog.core.occlusion.priors import Priors, without_own
 from occlog.errors import InputError
 from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
 from occlog.filtering.likelihood.directions import PackedScan, agreement
-from occlog.filtering.likelihood.distance_errors import direct
-from occlog.filtering.likelihood.distances import residuals
+from occlog.filtering.likelihood.distances import direct, residuals
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import Particles
 from occlog.filtering.particles import effective_size, mean_and_covariance
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction, Smoothing
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import FORMS, ApfConfig
-from .model import Model, make_model, motion_of, occlusion_of
+from .model import Model, make_model, motion_of, occlusion_of, pack_scan, with_distances
 from .propose import Draw, auxiliary_step, begin_anew, drift, fresh, parts_of, weigh_start
-from .sensing import pack_scan, with_distances
 from .smoother import Trace, link, smooth
 
 

@@ -24,18 +24,16 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.plane.floor import sample_floor, sample_near
-from occlog.core.plane.polygons import signed_area
-from occlog.core.sight.view_prior import draw as draw_places
-from occlog.core.sight.view_prior import first_places
+from occlog.core.plane import sample_floor, sample_near, signed_area
+from occlog.core.sight.visibility import draw as draw_places
+from occlog.core.sight.visibility import first_places
 from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import Particles
 from occlog.filtering.particles import effective_size, log_of, normalise, systematic_ancestors
 
-from .first_places import sight_lines
 from .kernels import importance
-from .model import ROUGH, Model, evidence, likelihood
+from .model import ROUGH, Model, evidence, likelihood, sight_lines
 
 KERNEL = 1.0 / 3.0
 """Share of the standard deviation of a given start that the kernel of each particle has."""

@@ -10,8 +10,8 @@ import numpy as np
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Calibration, Diagnostics, Hulls, Occluders, Residuals, Tracks
+from occlog.scans.grouping import Scan, sensor_names
 from occlog.scans.measured import MeasuredFeed
-from occlog.scans.scan import Scan, sensor_names
 from occlog.track.interface import Batch, Config, Smoothed, State
 
 from .rows import Solve, Tracked, residual_rows

@@ -1,4 +1,14 @@
-"""Estimates of filters as rows of the tables that tracking gives out, chunk by chunk."""
+"""Estimates of filters as rows of the tables that tracking gives out, chunk by chunk.
+
+Particles of filters as rows of a table: a cloud of each target at each time, thinned so that it can be drawn.
+
+What tracking costs the network: messages and bytes, and what the selection of cameras saves.
+
+Every camera that is asked sends one message a scan, whether it sees the target or not: its
+name (2 bytes), the time (8), and a reading with its standard deviation (4 each).  When
+the selection changes, every camera that is switched on or off gets a message with its name
+and the order (4 bytes).
+"""
 
 from __future__ import annotations
 
@@ -9,11 +19,41 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
-from occlog.consistency.sight import Frames
+from occlog.consistency.bearings import Frames
+from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
 from occlog.track.interface import Cloud, Estimate, Fit, Height, Noise
 
-from .particles import particle_rows
+MOST = 200
+"""Particles of one cloud."""
+
+
+def thinned(cloud: Cloud, most: int = MOST) -> Cloud:
+    """A cloud as it is, or of a larger one `most` particles of equal weight.
+
+    Systematic resampling without a random number: of a weight w there come w * most particles, rounded up or down.
+    Mean and covariance are kept but for what is left out between neighbours.
+    """
+    if len(cloud.weights) <= most:
+        return cloud
+    chosen = systematic_ancestors(cloud.weights, most, 0.5)
+    return Cloud(cloud.xy[chosen], np.full(most, 1.0 / most))
+
+
+def particle_rows(clouds: Sequence[tuple[int, int, Cloud]]) -> Particles:
+    """The table of clouds, each with its time [ns] and target, in order."""
+    if not clouds:
+        return Particles.empty()
+    sizes: Ints = np.array([len(cloud.weights) for _, _, cloud in clouds], dtype=np.int64)
+    xy = np.concatenate([cloud.xy for _, _, cloud in clouds])
+    return Particles.of(
+        t_ns=np.repeat(np.array([t_ns for t_ns, _, _ in clouds], dtype=np.int64), sizes),
+        target_id=np.repeat(np.array([target for _, target, _ in clouds], dtype=np.int32), sizes),
+        particle=np.concatenate([np.arange(n, dtype=np.int32) for n in sizes.tolist()]),
+        x=xy[:, 0],
+        y=xy[:, 1],
+        weight=np.concatenate([cloud.weights for _, _, cloud in clouds]),
+    )
 
 
 class Solve(NamedTuple):
@@ -60,7 +100,7 @@ def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
 
     Args:
         rows: in the order of time.
-        names: of the sensors, see `occlog.scans.scan.sensor_names`.
+        names: of the sensors, see `occlog.scans.grouping.sensor_names`.
     """
     if not rows:
         return Tracked(Tracks.empty(), Diagnostics.empty(), Calibration.empty())
@@ -163,3 +203,47 @@ def _calibration(rows: Sequence[Row], names: tuple[str, ...]) -> Calibration:
         *deviation.T,
     )
     return Calibration.merge([table])
+
+
+REPORT_BYTES = 18
+ORDER_BYTES = 4
+
+
+class Messages:
+    """Counts over the chunks of the diagnostics."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.reports = 0
+        self.offered = 0
+        self.orders = 0
+        self.selections = 0
+        self._on: dict[int, frozenset[str]] = {}
+
+    def add(self, part: Diagnostics) -> None:
+        """Count some more scans."""
+        self.reports += int(part.n_looked.sum())
+        self.offered += int(part.n_offered.sum())
+        for row in np.flatnonzero(np.isfinite(part.predicted_mse)).tolist():
+            target = int(part.target_id[row])
+            now = frozenset(name for name in part.selected[row].split(",") if name)
+            self.orders += len(now ^ self._on.get(target, frozenset()))
+            self.selections += 1
+            self._on[target] = now
+
+    @property
+    def bytes(self) -> int:
+        """Sent in all."""
+        return self.reports * REPORT_BYTES + self.orders * ORDER_BYTES
+
+    def summary(self) -> dict[str, float | int]:
+        """The figures; those of the selection only where there was one."""
+        counts: dict[str, float | int] = {"messages": self.reports + self.orders, "bytes": self.bytes}
+        if self.selections:
+            whole = self.offered * REPORT_BYTES
+            counts |= {
+                "selections": self.selections,
+                "bytes_of_all_cameras": whole,
+                "bytes_saved": 1.0 - self.bytes / whole if whole else 0.0,
+            }
+        return counts

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import cast
 
-from occlog.consistency.disagreement import Disagreement
-from occlog.consistency.doubts import Doubts
-from occlog.consistency.sight import Witness
+from occlog.consistency.bearings import Witness
+from occlog.consistency.estimates import Disagreement, Doubts
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
@@ -17,10 +16,9 @@ from occlog.track.imm.config import ImmConfig
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online, Together
 
 from .batch import track_batch
-from .joint import track_joint
+from .joint import track_joint, track_together
 from .online import track_online
 from .rows import Tracked
-from .together import track_together
 from .tracking import Tracking
 
 

@@ -10,11 +10,10 @@ from occlog.array_types import NS
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import Rows, Scan, scans_of, sensor_names
 from occlog.scans.measured import MeasuredFeed
 from occlog.scans.occluder_priors import OccluderFeed
-from occlog.scans.scan import Scan, sensor_names
-from occlog.track.apf.selection_config import SelectConfig
+from occlog.track.apf.config import SelectConfig
 from occlog.track.interface import Batch, Config, Online, State
 
 

@@ -1,6 +1,6 @@
 """Method `fix`: each scan's position from that scan's bearings and measurements of distances alone.
 
-By a mixture of true and false bearings (`occlog.track.fix.mixture`), with ranges and their like as well
+By a mixture of true and false bearings (`occlog.track.fix.estimators`), with ranges and their like as well
 (`occlog.track.fix.mixed`), or by [Lenth] 1981 (`occlog.track.fix.estimators`).
 
 Nothing is carried from one scan to the next.  A scan that tells no position (one bearing,
@@ -19,14 +19,12 @@ from occlog.array_types import Floats, Ints
 from occlog.errors import UsageError
 from occlog.filtering.likelihood.distances import Distances
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.interface import Estimate, Fit, Online
 
 from .config import BENDS, MIXTURE, FixConfig
-from .estimators import Fix, fix
+from .estimators import Fix, Modes, crossings, fix, modes, pooled_factor, spread_of
 from .mixed import SECOND, Lines, contested, measured_at, modes_of
-from .mixture import Modes, modes, pooled_factor, spread_of
-from .repeated_median import crossings
 
 MOST_PAIRS = 40_000
 """Pairs of candidates that are tried; beyond, the least certain candidates are left out."""

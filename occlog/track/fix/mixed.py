@@ -1,7 +1,7 @@
 """A position from one moment's bearings, ranges, signal strengths and differences, of which some may be false.
 
-The same as `occlog.track.fix.mixture`, with measurements of distances beside the lines of sight.  Starts are where each
-two lines cross, where a line leaves a circle of a range, where circles meet, where on a grid about the sensors a
+The same as `occlog.track.fix.estimators`, with measurements of distances beside the lines of sight.  Starts are where
+each two lines cross, where a line leaves a circle of a range, where circles meet, where on a grid about the sensors a
 difference meets another measurement, and the best places of that grid; from there Gauss and Newton climb with
 reweighting.  Several modes are usual: circles of two ranges meet twice, and sensors on a line do not tell one side from
 the other.  A room speaks against modes outside of it, as one measurement more.
@@ -19,12 +19,21 @@ import numpy as np
 from scipy.special import chdtrc
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.plane.polygons import distance_to_boundary, inside_polygon
-from occlog.filtering.likelihood.distance_errors import MOST, Errors, log_density, pull, without_detours
-from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, linearise
+from occlog.core.plane import distance_to_boundary, inside_polygon
+from occlog.filtering.likelihood.distances import (
+    DIFFERENCE,
+    LOGARITHM,
+    MOST,
+    RANGE,
+    Distances,
+    Errors,
+    linearise,
+    log_density,
+    pull,
+    without_detours,
+)
 
-from .mixture import FLAT, HALVINGS, ITERATIONS, RARE, SAME, TIGHT, Modes
-from .repeated_median import crossings
+from .estimators import EM_TOLERANCE, FLAT, HALVINGS, MAX_EM_ITERATIONS, RARE, SAME, Modes, crossings
 
 GRID, REACH, BEST = 24, 1.0, 12
 """Starts on a grid of so many places a side, which reaches so many extents beyond the sensors; the best are climbed."""
@@ -270,7 +279,7 @@ def _climbed(
         own: (K, n) which measurements each start counts; None: all.
     """
     xy = xy.copy()
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_EM_ITERATIONS):
         at = measured_at(lines, distances, xy)
         variance = _widened(at, wide)
         soft = 1.0 / np.sqrt(variance) if own is None else own / np.sqrt(variance)
@@ -296,7 +305,7 @@ def _climbed(
             share[worse] = 0.0
         move = share[:, None] * step
         xy += move
-        if np.hypot(*move.T).max() < max(TIGHT * scale, 0.1 * wide):
+        if np.hypot(*move.T).max() < max(EM_TOLERANCE * scale, 0.1 * wide):
             break
     return xy
 

@@ -34,7 +34,7 @@ class Birth(NamedTuple):
 
     view: int
     target_id: int
-    ellipse: Floats  # (5,) see `occlog.core.image.ellipse`
+    ellipse: Floats  # (5,) see `occlog.core.image`
 
 
 class FrameSet(NamedTuple):

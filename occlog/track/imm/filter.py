@@ -4,11 +4,20 @@ Every target has particles of its own ([Lee] Sec. 3.2.1, `occlog.track.imm.kerne
 thesis: bearings are associated jointly (`occlog.track.imm.association`; `association=any` is the thesis'
 form), several arrays are taken in one after the other by multiplying weights, and every target has a
 probability that it exists and one that it sounds, from which births, deaths and silence follow.
+
+Scans of arrays that listened in vain: a recording has rows only for what arrays hear.
+
+An array that has had a row listens at its rate: the scene's `rate_hz`, or else the shortest of
+the last intervals between its rows.  Where by its own clock it should have had a row and has
+none, it listened in vain.  An array that has had no row yet, or too few to tell its rate, is not
+taken to listen; nothing is known of the time after the last row of all.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Iterator
 from itertools import permutations
 from typing import NamedTuple
 
@@ -16,30 +25,35 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.consistency.particles import FEW
+from occlog.consistency.estimates import FEW
 from occlog.filtering.particles import effective_size
-from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.tables import UNLABELLED
+from occlog.scans.grouping import Scan, concat, in_vain
 from occlog.track.interface import Estimate, Joint, Smoothing
 
 from . import kernel as imm
 from .association import Association, BearingFit, Direction, associate, both, direction, hear, in_range, reweigh
 from .config import ImmConfig
-from .lineage import Lineage, begun, made_up
-from .smoothing import TrackTrace, back, trace_of
 from .tracks import (
-    UNLABELLED,
+    UNLABELLED_TRACK,
     UNNUMBERED,
     ImmWorld,
+    Lineage,
     Moved,
     Track,
+    TrackTrace,
     after,
+    back,
+    begun,
     given,
+    made_up,
     make_world,
-    move,
+    move_track,
     on_line,
     resampled,
     standing,
+    trace_of,
 )
 
 FREE = 0.5
@@ -101,7 +115,7 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, Report]
     # Propose: move all particles under every motion model (Eq. 3.3)
     dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
     known = state.tracks if state.t_ns is not None else tuple(t._replace(met_ns=t_ns) for t in state.tracks)
-    moved = [move(world, track, dt, rng) for track in known]
+    moved = [move_track(world, track, dt, rng) for track in known]
     counts, evidence = [], 0.0
     for sensor, heard in scan.by_sensor():
         array = sensor - world.cameras
@@ -177,7 +191,7 @@ def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> l
         label = int(heard.target_id[i])
         if any(m.track.label == label for m in moved):
             continue
-        fit = [f if m.track.label == UNLABELLED else 0.0 for m, f in zip(moved, fits[:, i].tolist(), strict=True)]
+        fit = [f if m.track.label == UNLABELLED_TRACK else 0.0 for m, f in zip(moved, fits[:, i].tolist(), strict=True)]
         if fit and max(fit) > 1.0 / (2.0 * math.pi):
             k = int(np.argmax(fit))
             moved[k] = moved[k]._replace(track=moved[k].track._replace(label=label))
@@ -190,7 +204,7 @@ def _allowed(moved: list[Moved], heard: Scan) -> Bools:
         return np.ones((len(moved), len(heard.bearing)), dtype=np.bool_)
     own = np.array([m.track.label for m in moved], dtype=np.int64)[:, None]
     same = own == heard.target_id
-    spoken = (same & (own != UNLABELLED)).any(axis=1, keepdims=True)  # its own bearing is among them
+    spoken = (same & (own != UNLABELLED_TRACK)).any(axis=1, keepdims=True)  # its own bearing is among them
     return np.asarray(np.where(spoken, same, ~heard.labelled))
 
 
@@ -292,7 +306,7 @@ def _births(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Gen
     config, born = world.config, []
     unaided = config.birth > 0.0 and config.association == "joint"
     for label, bearing, sigma in zip(free.target_id.tolist(), free.bearing.tolist(), free.sigma.tolist(), strict=True):
-        if unaided or label != UNLABELLED:
+        if unaided or label != UNLABELLED_TRACK:
             track = on_line(world, array, bearing, sigma, free.t_ns, label, rng)
             if track.number in numbers:
                 track = track._replace(number=UNNUMBERED)
@@ -359,3 +373,103 @@ METHOD = Joint(
     estimates=estimates,
     smoothing=Smoothing(lambda config: config, trace, back),
 )
+
+
+INTERVALS = 15
+"""Intervals of which the shortest counts as an array's period."""
+ENOUGH = 3
+"""With fewer intervals than this an array's rate is not known."""
+LATE = 0.5
+"""A row may be late by this share of the period before it counts as missing."""
+
+
+class Clock:
+    """The times at which one array listens."""
+
+    def __init__(self, array: MicrophoneArray) -> None:
+        """Before the first row."""
+        self._known = None if array.rate_hz is None else round(NS / array.rate_hz)
+        self._gaps: deque[int] = deque(maxlen=INTERVALS)
+        self._row_ns: int | None = None  # of the last row
+        self.last_ns: int | None = None  # when it listened last
+
+    @property
+    def period_ns(self) -> int | None:
+        """Time between two scans; None: not known."""
+        if self._known is not None:
+            return self._known
+        return min(self._gaps) if len(self._gaps) >= ENOUGH else None
+
+    def heard(self, t_ns: int) -> None:
+        """It has a row at this time."""
+        if self._row_ns is not None:
+            self._gaps.append(t_ns - self._row_ns)
+        self._row_ns = self.last_ns = t_ns
+
+    def due(self, t_ns: int, most: int) -> list[int]:
+        """Times before t_ns at which it listened in vain, up to `most` of them."""
+        period = self.period_ns
+        if period is None or self.last_ns is None or period <= 0:
+            return []
+        count = max(0, int((t_ns - LATE * period - self.last_ns) // period))
+        times = [self.last_ns + (n + 1) * period for n in range(min(count, most))]
+        if count:
+            self.last_ns += count * period
+        return times
+
+
+class Listener:
+    """All arrays' scans, silent ones among them."""
+
+    def __init__(self, scene: Scene, forget_s: float) -> None:
+        """Before the first row.
+
+        Args:
+            scene: the arrays.
+            forget_s: of a silence that is longer, only this much is gone through [s].
+        """
+        self._cameras = len(scene.cameras)
+        self._clocks = [Clock(a) for a in scene.arrays]
+        self._forget_ns = round(forget_s * NS)
+
+    def scans(self, scan: Scan) -> Iterator[Scan]:
+        """What arrays heard, up to the time of a scan: times in vain first, then the arrays' rows themselves.
+
+        An array that listened in vain has a row that is not `seen`.  Rows of an array come by label and
+        bearing; labels below 0 are none.
+        """
+        rows = scan.take(scan.sensor >= self._cameras)
+        # Silence before this scan, by the arrays' own clocks
+        yield from self._in_vain(scan.t_ns)
+        if not len(rows.sensor):
+            return
+        spoke = {sensor - self._cameras for sensor in rows.sensor.tolist()}
+        for a in spoke:
+            self._clocks[a].heard(scan.t_ns)
+        # Others whose next scan is now: not before its time, for a row of theirs may be about to come.
+        silent = []
+        for a, clock in enumerate(self._clocks):
+            period = clock.period_ns
+            if a in spoke or clock.last_ns is None or period is None:
+                continue
+            if scan.t_ns - clock.last_ns >= period:
+                silent.append(self._cameras + a)
+                clock.last_ns += period
+        yield _ordered(concat([in_vain(scan.t_ns, silent), rows]))
+
+    def _in_vain(self, t_ns: int) -> Iterator[Scan]:
+        """Times before t_ns at which arrays listened in vain."""
+        silent: dict[int, list[int]] = {}
+        for a, clock in enumerate(self._clocks):
+            period = clock.period_ns or 1
+            for at in clock.due(t_ns, max(1, self._forget_ns // period)):
+                silent.setdefault(at, []).append(self._cameras + a)
+        for at in sorted(silent):
+            yield in_vain(at, silent[at])
+
+
+def _ordered(scan: Scan) -> Scan:
+    """The rows by array, label, bearing and standard deviation, whatever order they came in."""
+    label = np.maximum(scan.target_id, UNLABELLED)
+    order = np.lexsort((scan.sigma, scan.bearing, label, scan.sensor))
+    return scan._replace(target_id=label).take(order)

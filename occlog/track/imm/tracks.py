@@ -1,4 +1,17 @@
-"""Tracks of the filter of several motion models: how they begin, move, count as existing, and end."""
+"""Tracks of the filter of several motion models: how they begin, move, count as existing, and end.
+
+From how many particles of an earlier time those of a target come.
+
+A target's range from a single array is hardly observable: particles that are drawn again and again by one bearing come
+from fewer and fewer of those before, though each scan leaves most of them effective.  Noise of the motion makes new
+places along the sight line, but only in time.  Until it has, a covariance of a few families is that of chance.
+
+Smoothing of targets with several motion models: trajectories drawn back through the filter's particles.
+
+A particle after a step has the model under which it moved there.  On the way back that model moves it back, and the
+model before it is drawn along with its state: of two particles that are as likely to have led to a state that one
+counts more whose model changes seldom into the later one (`hold_s`).  See `occlog.filtering.kernel_density`.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +22,58 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import Floats
-from occlog.core.plane.polygons import inside_polygon
-from occlog.filtering.motion.coordinated_turn import acceleration_root, move_under_all, three_models
+from occlog.array_types import NS, Floats, Ints
+from occlog.core.plane import inside_polygon
+from occlog.filtering.kernel_density import Knot, knot, last_states, spread_of, states_before
+from occlog.filtering.motion.coordinated_turn import acceleration_root, move, move_under_all, three_models
 from occlog.records.scene import Scene
+from occlog.track.interface import Past
 
 from . import kernel as imm
 from .config import START_NUMBERS, ImmConfig
-from .lineage import Lineage, begun
+
+MADE_UP = 0.25
+"""The motion has made up for lost families when its noise has this share of the variance along the widest axis."""
+
+
+class Lineage(NamedTuple):
+    """Families of a target's particles: those that come from one particle of the time when it began."""
+
+    families: Ints  # (L,)
+    since_s: float  # how long ago that was
+
+    def drawn(self, rows: Ints, dt: float) -> Lineage:
+        """The lineage of the particles (n,) `rows` of those a time dt [s] before."""
+        return Lineage(self.families[rows], self.since_s + dt)
+
+    def effective(self) -> float:
+        """Effective number of families, 1 to L: L^2 / sum of their squared sizes."""
+        sizes = np.bincount(self.families)
+        return float(len(self.families) ** 2 / (sizes @ sizes))
+
+
+def begun(particles: int) -> Lineage:
+    """Each particle is a family of its own."""
+    return Lineage(np.arange(particles), 0.0)
+
+
+def made_up(lineage: Lineage, covariance: Floats, sigma_v: float) -> bool:
+    """Whether the noise of the motion alone spreads particles as far as their covariance says, or nearly.
+
+    White acceleration gives a place the variance sigma_v^2 t^3 / 3 per axis.
+
+    Args:
+        lineage: of the particles.
+        covariance: (2, 2) of their places.
+        sigma_v: noise of the velocity per axis, gathered in a second.
+    """
+    widest = float(np.linalg.eigvalsh(covariance)[-1])
+    return bool(sigma_v**2 * lineage.since_s**3 / 3.0 >= MADE_UP * widest)
+
 
 UNNUMBERED = -1
 """Number of a track that is not confirmed."""
-UNLABELLED = -1
+UNLABELLED_TRACK = -1
 FEW_INSIDE = 0.1
 """If no more than this share of a cloud stays in the room, the others are put back instead of left out."""
 ROUNDS = 20
@@ -103,7 +156,7 @@ def known(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng
     """A confirmed track of a target whose state X, Y, SIGMA, VX, VY, SIGMA_V is known."""
     x, y, s, vx, vy, sv = start
     states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
-    return _confirmed(config, number, UNLABELLED, states, t_ns)
+    return _confirmed(config, number, UNLABELLED_TRACK, states, t_ns)
 
 
 def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns: int) -> Track:
@@ -133,7 +186,7 @@ def on_line(world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, 
         xy = xy[rng.integers(len(xy), size=n)]
     velocity = config.speed * rng.standard_normal((n, 2))
     states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
-    labelled = label != UNLABELLED
+    labelled = label != UNLABELLED_TRACK
     exists = 1.0 if labelled else config.birth
     number = label if labelled else UNNUMBERED
     return Track(number=number, label=label, cloud=_cloud(states), exists=exists, sounds=1.0, hits=1, met_ns=t_ns)
@@ -155,7 +208,7 @@ def _cloud(states: Floats) -> imm.Cloud:
     return imm.Cloud(np.ascontiguousarray(states), np.zeros(len(states), dtype=np.int64))
 
 
-def move(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Moved:
+def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Moved:
     """The track after a time [s] under every motion model, by [Lee] Eq. 3.3; with walls no particle leaves the room."""
     config, cloud = world.config, track.cloud
     J, L = len(world.models), len(cloud.states)
@@ -228,3 +281,59 @@ def resampled(moved: Moved, particles: int, dt: float, rng: Generator) -> Track:
     rows, models = imm.resample(moved.weights, float(rng.random()), rng.random(n))
     lineage = (track.lineage or begun(len(track.cloud.states))).drawn(rows, dt) if confirmed else None
     return track._replace(cloud=imm.Cloud(imm.taken(moved.predicted, models, rows), models), lineage=lineage)
+
+
+class TrackTrace(NamedTuple):
+    """A target's particles after a scan, for the way back."""
+
+    t_ns: int
+    knot: Knot  # rows x, vx, y, vy; kinds are motion models
+
+
+def trace_of(track: Track, t_ns: int) -> TrackTrace:
+    """What a step leaves of a target for the way back."""
+    states, models = track.cloud
+    return TrackTrace(t_ns, knot(np.ascontiguousarray(states.T), np.full(len(states), 1.0 / len(states)), models))
+
+
+def back(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> list[Past]:
+    """Past states of a target from trajectories that are drawn back from the last trace to the first."""
+    models, out = three_models(config.alpha), []
+    states, kinds = last_states(traces[-1].knot, config.trajectories, rng)
+    out.append(_past(states))
+    for k in range(len(traces) - 2, -1, -1):
+        dt = (traces[k + 1].t_ns - traces[k].t_ns) / NS
+        chances = switching(len(models), dt, config.hold_s)
+        moved = moved_back(states, kinds, models, dt)
+        noise = noise_back(config.sigma_v**2, dt)
+        states, kinds = states_before(traces[k].knot, moved, noise, kinds, chances, rng=rng)
+        out.append(_past(states))
+    return out[::-1]
+
+
+def moved_back(states: Floats, kinds: Ints, models: Floats, dt: float) -> Floats:
+    """(4, M) states dt >= 0 seconds before, without noise, each under the one of (J, 3) models that (M,) kinds say.
+
+    It is the inverse of a step of `occlog.filtering.motion.coordinated_turn.move`, as a turn leaves the speed as it is.
+    """
+    out = np.empty_like(states)
+    for kind, model in enumerate(models):
+        own: Ints = np.flatnonzero(kinds == kind)
+        still = np.zeros((len(own), 4))
+        out[:, own] = move(np.ascontiguousarray(states[:, own].T), model, -dt, np.zeros((2, 2)), still).T
+    return out
+
+
+def noise_back(density: float, dt: float) -> Floats:
+    """(4, 4) covariance of a step's noise moved back by the step; that of a turn counts as that of the straight way."""
+    root = acceleration_root(density, dt)
+    block = root @ root.T
+    block[0, 1] = block[1, 0] = -block[0, 1]
+    out = np.zeros((4, 4))
+    out[:2, :2] = out[2:, 2:] = block
+    return out
+
+
+def _past(states: Floats) -> Past:
+    mean, covariance = spread_of(states)
+    return Past(mean[::2], mean[1::2], np.ascontiguousarray(covariance[::2, ::2]))

@@ -22,20 +22,28 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.filtering.backward_simulation import best_width, knot
-from occlog.filtering.kernel_density import moments, redraw
+from occlog.filtering.kernel_density import best_width, knot, moments, redraw
 from occlog.filtering.lifecycle import advance, elapsed, is_lost
 from occlog.filtering.motion.white_acceleration import moved
 from occlog.filtering.particles import effective_size, log_of, normalise
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
 from .config import Direct3dConfig, SpaceConfig
-from .importance_step import Way, sight_lines, taken_in
-from .sensing import ScanDirections, agrees, pack_directions
-from .smoothing import CloudTrace, through_clouds
-from .start import C, Space, around, found, log_leaving, log_likelihood, make_space
+from .importance_step import CloudTrace, Way, sight_lines, taken_in, through_clouds
+from .sensing import (
+    C,
+    ScanDirections,
+    Space,
+    agrees,
+    around,
+    found,
+    log_leaving,
+    log_likelihood,
+    make_space,
+    pack_directions,
+)
 
 REFERENCE_S = 1.0
 """Step in which the time between selections of cameras is counted [s]."""

@@ -11,28 +11,45 @@ Shephard 1999) with the optimal importance density (Doucet, Godsill and Andrieu 
 (`occlog.track.in_space.kernels.importance`): parents are drawn by their weights times the predictive likelihood of
 the scan, places from the posterior of each, velocities given the place from the motion; the weights put right
 what is only approximate.
+
+Smoothing of tracks in space: what was seen afterwards tells of a state as well.
+
+`direct3d` draws trajectories back through the kernel densities of its particles
+(`occlog.filtering.kernel_density`), the same densities from which its particles were drawn.
+`pps` has no density in space; its combined estimates are smoothed as Gaussians (Rauch, Tung and Striebel 1965).
+A filter that began anew forgot what it knew before: states before such a time are smoothed with what follows up to it
+alone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import Floats, Ints
-from occlog.filtering.backward_simulation import best_width, root_of
-from occlog.filtering.kernel_density import moments, weigh
+from occlog.array_types import NS, Floats, Ints
+from occlog.filtering.kernel_density import (
+    Knot,
+    best_width,
+    last_states,
+    moments,
+    root_of,
+    spread_of,
+    states_before,
+    weigh,
+)
 from occlog.filtering.motion.coordinated_turn import acceleration_root
-from occlog.filtering.motion.white_acceleration import AccelerationModel, moved
+from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, moved_back
 from occlog.filtering.particles import effective_size, log_of, normalise, systematic_ancestors
-from occlog.track.in_space.kernels.importance import LEAST_RIVAL, Lines, adapt, draw
-from occlog.track.in_space.kernels.likelihood import Chances
+from occlog.track.interface import Height, Past
 
 from .config import SpaceConfig
-from .sensing import ScanDirections
+from .kernels.importance import LEAST_RIVAL, Lines, adapt, draw
+from .kernels.likelihood import Chances
+from .sensing import ScanDirections, motion_of
 
 DEFENSIVE = 0.05
 """Share of parents and of places that are drawn without a look at the scan, so that no density is far too small."""
@@ -221,3 +238,67 @@ def factors(
     scale = np.where(labelled, 1.0 - chances.false, chances.candidate / chances.clutter * share / uniform)
     rival = np.where(labelled, chances.false * uniform, 1.0 - chances.candidate)
     return scale, np.maximum(rival, LEAST_RIVAL)
+
+
+class CloudTrace(NamedTuple):
+    """Particles after a scan, for the way back."""
+
+    t_ns: int
+    knot: Knot
+    begun: bool  # anew: they do not come from the particles before
+
+
+class GaussianTrace(NamedTuple):
+    """A combined estimate after a scan, for the way back."""
+
+    t_ns: int
+    mean: Floats  # (6,)
+    covariance: Floats  # (6, 6)
+    begun: bool
+
+
+def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Generator) -> list[Past]:
+    """Past states from trajectories that are drawn back from the last trace to the first."""
+    motion, out, states = motion_of(config), [], np.empty((6, 0))
+    for k in range(len(traces) - 1, -1, -1):
+        if k == len(traces) - 1 or traces[k + 1].begun:
+            states, _ = last_states(traces[k].knot, config.trajectories, rng)
+        else:
+            dt = (traces[k + 1].t_ns - traces[k].t_ns) / NS
+            back = moved_back(states, motion, dt)
+            states, _ = states_before(traces[k].knot, back, process_noise(motion, -dt), rng=rng)
+        out.append(past_of(*spread_of(states)))
+    return out[::-1]
+
+
+def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng: Generator) -> list[Past]:
+    """Past states by the recursion of Rauch, Tung and Striebel."""
+    motion, out = motion_of(config), []
+    mean, covariance = np.empty(6), np.empty((6, 6))
+    for k in range(len(traces) - 1, -1, -1):
+        m, P = traces[k].mean, traces[k].covariance
+        if k == len(traces) - 1 or traces[k + 1].begun:
+            mean, covariance = m, P
+        else:
+            dt = (traces[k + 1].t_ns - traces[k].t_ns) / NS
+            mean, covariance = _before(m, P, mean, covariance, motion, dt, rng)
+        out.append(past_of(mean, covariance))
+    return out[::-1]
+
+
+def _before(
+    m: Floats, P: Floats, later: Floats, later_covariance: Floats, motion: AccelerationModel, dt: float, rng: Generator
+) -> tuple[Floats, Floats]:
+    """Mean and covariance a time dt before a smoothed state, where the filter had (m, P)."""
+    F = drift_matrix(3, dt)
+    ahead = moved(m[:, None], motion._replace(density=np.zeros(3)), dt, rng)[:, 0]
+    predicted = F @ P @ F.T + process_noise(motion, dt)
+    G = P @ F.T @ np.linalg.pinv(predicted, rcond=1e-13, hermitian=True)
+    covariance = P + G @ (later_covariance - predicted) @ G.T
+    return m + G @ (later - ahead), 0.5 * (covariance + covariance.T)
+
+
+def past_of(mean: Floats, covariance: Floats) -> Past:
+    """A state in space as a past one."""
+    height = Height(float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]]))
+    return Past(mean[:2], mean[3:5], np.ascontiguousarray(covariance[:2, :2]), height)

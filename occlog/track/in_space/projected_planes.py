@@ -26,19 +26,17 @@ from numpy.random import Generator
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
-from occlog.filtering.backward_simulation import best_width, root_of
-from occlog.filtering.kernel_density import moments, redraw
+from occlog.filtering.kernel_density import best_width, moments, redraw, root_of
 from occlog.filtering.lifecycle import advance, elapsed
 from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, turn_jump
 from occlog.filtering.particles import effective_size, log_of
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
 from .config import PpsConfig
 from .direct3d import REFERENCE_S, Draw, begin, contradicted
-from .importance_step import Way, sight_lines, taken_in
-from .plane_errors import begun, combination_of, moved_errors, woken
+from .importance_step import GaussianTrace, Way, sight_lines, taken_in, through_gaussians
 from .planes import (
     NOTHING,
     Angles,
@@ -46,19 +44,21 @@ from .planes import (
     Joined,
     Pair,
     PlaneSights,
+    begun,
     choose_pair,
+    combination_of,
     combine,
     errors_after,
     lines_in_plane,
     log_likelihood,
+    moved_errors,
     plane_angles,
     shared_axis,
     sights_in_plane,
+    woken,
 )
-from .sensing import ScanDirections, agrees, pack_directions
-from .smoothing import GaussianTrace, through_gaussians
-from .start import Space, around, log_leaving, make_space
-from .start import log_likelihood as space_log_likelihood
+from .sensing import ScanDirections, Space, agrees, around, log_leaving, make_space, pack_directions
+from .sensing import log_likelihood as space_log_likelihood
 
 ALL = range(len(PLANES))
 Clouds = tuple[tuple[Floats, Floats], ...]

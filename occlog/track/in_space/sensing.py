@@ -1,16 +1,26 @@
-"""A scene and a scan as the arrays that the filters in space want."""
+"""A scene and a scan as the arrays that the filters in space want.
+
+Priors of a target in space: around a given start, or along the sight lines of a first scan; and the likelihood.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.projected_planes import direction, direction_angles, polar_from_elevation
+from occlog.core.plane import Floor, make_floor, on_floor
+from occlog.core.sight.projected_planes import AXES, direction, direction_angles, polar_from_elevation
+from occlog.core.sight.visibility import NEAREST
+from occlog.filtering.motion.white_acceleration import AccelerationModel
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
-from occlog.track.in_space.kernels.likelihood import UNIFORM, UNIFORM_AZIMUTH, Sights
+from occlog.scans.grouping import Scan
+
+from .config import PLANES, SpaceConfig
+from .kernels.likelihood import UNIFORM, UNIFORM_AZIMUTH, Chances, Sights, log_cone, log_product, scan_log_likelihood
 
 LEAST_SIGMA = 1e-9
 """Angles without any noise get this much [rad], so that densities stay finite."""
@@ -129,3 +139,185 @@ def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
     some = counts > 0
     out[:, some] = np.logical_or.reduceat(good, s.first[:-1][some], axis=1)
     return out
+
+
+ANYWHERE = 0.1
+"""Share of the first particles that does not look at the scan."""
+
+
+C = TypeVar("C", bound=SpaceConfig)
+
+
+class Space(NamedTuple, Generic[C]):
+    """Scene and settings as the filters want them; they do not change with time."""
+
+    config: C
+    ears: Ears
+    motion: AccelerationModel
+    chances: Chances
+    cone: bool
+    low: Floats  # (3,) of the box that holds the room and all sensors
+    high: Floats  # (3,)
+    floor: Floor | None  # None: no room is known
+    ceiling: float
+    far: Floats | None  # (S,) how far each sensor sees or hears, in a scene without a room; None: there is a room
+
+
+def motion_of(config: SpaceConfig) -> AccelerationModel:
+    """The motion model's part of the settings."""
+    up = config.q if config.q_z is None else config.q_z
+    axes = AXES[PLANES.index(config.turn_plane)]
+    return AccelerationModel(np.array(config.acceleration), np.array([config.q, config.q, up]), config.turn, axes)
+
+
+def chances_of(config: SpaceConfig) -> Chances:
+    """The measurements' part of the settings."""
+    return Chances(config.false, config.soften, config.candidate, config.clutter)
+
+
+def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
+    """The scene as the filters want it; `cone`: likelihoods are those of the angle from the sight line."""
+    ears = pack_ears(scene)
+    ground = np.concatenate([scene.region, ears.position[:, :2]])
+    heights = np.append(ears.position[:, 2], [0.0, scene.room_height])
+    low = np.append(ground.min(axis=0), heights.min())
+    high = np.append(ground.max(axis=0), heights.max())
+    floor = None if scene.room is None else make_floor(scene.room, [o.polygon for o in scene.occluders])
+    return Space(
+        config,
+        ears,
+        motion_of(config),
+        chances_of(config),
+        cone,
+        low,
+        high,
+        floor,
+        float(scene.room_height),
+        None if scene.views is None else scene.views.far,
+    )
+
+
+def log_likelihood(xyz: Floats, heard: ScanDirections, space: Space[C]) -> Floats:
+    """(L,) log likelihoods of a scan for (3, L) particles, up to a constant."""
+    s = heard.sights
+    each = (log_cone if space.cone else log_product)(xyz, s, space.chances.soften)
+    uniform = heard.uniform
+    if space.cone:
+        uniform = np.where(heard.flat, uniform, np.abs(np.sin(np.where(heard.flat, 0.0, s.phi))) / (4.0 * math.pi))
+        uniform = np.maximum(uniform, 1e-6)
+    return scan_log_likelihood(each, s.first, s.labelled, s.share, uniform, space.chances)
+
+
+def log_leaving(before: Floats | None, after: Floats, space: Space[C]) -> Floats:
+    """(L,) log of what it costs to leave the room, once and not at every scan that the target is outside.
+
+    Args:
+        before: (3, L) places before a step; None: nothing was known, and the target was in the room.
+        after: (3, L) places after it.
+        space: the room and the price `outside`.
+    """
+    stays = in_room(after, space)
+    if before is not None:
+        stays |= ~in_room(before, space)
+    return np.where(stays, 0.0, math.log(space.config.outside))
+
+
+def in_room(xyz: Floats, space: Space[C]) -> Bools:
+    """(L,) whether (3, L) places are in the room, above its floor and below its ceiling; all where none is known."""
+    if space.floor is None:
+        return np.ones(xyz.shape[1], dtype=np.bool_)
+    inside = on_floor(np.ascontiguousarray(xyz[:2].T), *space.floor)
+    return np.asarray(inside & (xyz[2] >= 0.0) & (xyz[2] <= space.ceiling))
+
+
+def around(space: Space[C], start: tuple[float, ...], n: int, rng: Generator) -> Floats:
+    """(6, n) particles around a start; see `SpaceConfig.start`."""
+    unit = rng.standard_normal((6, n))
+    mean, sigma = np.zeros(6), np.append(np.zeros(3), _speeds(space))
+    known = {3: 2, 4: 3}.get(len(start), 6)
+    mean[:known] = start[:known]
+    rest = start[known:]
+    sigma[:known] = rest if len(rest) == 6 else np.repeat(rest, min(known, 3))
+    cloud = mean[:, None] + sigma[:, None] * unit
+    if known == 2:
+        cloud[2] = space.ceiling * rng.random(n)
+    return np.asarray(cloud)
+
+
+def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
+    """(6, n) particles where a scan says that the target is, and their log weights.
+
+    Places are drawn along the sight lines of all candidates, out to where they leave the
+    box, and some anywhere in it.  The weights are those of a target that is as likely in any part of
+    the room; without a room, at any distance from a sensor up to its far limit.  The scan's likelihood is in them.
+    """
+    s = heard.sights
+    R = len(s.phi)
+    each = math.floor(n * (1.0 - ANYWHERE) / R) if R else 0
+    parts = [_along(space, s, r, each, rng) for r in range(R)]
+    parts.append(space.low[:, None] + (space.high - space.low)[:, None] * rng.random((3, n - R * each)))
+    xyz = np.ascontiguousarray(np.concatenate(parts, axis=1))
+    volume = float(np.prod(space.high - space.low))
+    density = np.full(n, 1.0 - R * each / n)  # times the volume
+    if R:
+        density += volume * each / n * np.sum(np.exp(log_product(xyz, s, 1.0) - _log_volume(xyz, s, space)), axis=0)
+    inside = np.all((xyz >= space.low[:, None]) & (xyz <= space.high[:, None]), axis=0)
+    told = log_likelihood(xyz, heard, space) + log_leaving(None, xyz, space)
+    weights = np.where(inside, told - np.log(density), -math.inf)
+    if space.far is not None:
+        weights = weights + np.log(volume) + _log_prior(xyz, space.ears.position, space.far)
+    speeds = _speeds(space)[:, None] * rng.standard_normal((3, n))
+    return np.concatenate([xyz, speeds]), weights
+
+
+def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
+    """(n,) log density of a target that is at any distance from one of (S, 3) sensors, in any direction, at (3, n)."""
+    r = np.sqrt(np.sum((xyz.T[:, None] - position) ** 2, axis=2))
+    each = np.where(r <= far, 1.0 / (4.0 * math.pi * far * np.maximum(r, NEAREST * far) ** 2), 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(each.mean(axis=1)))
+
+
+def _speeds(space: Space[C]) -> Floats:
+    return np.array([space.config.speed, space.config.speed, space.config.speed_z])
+
+
+def _along(space: Space[C], s: Sights, r: int, n: int, rng: Generator) -> Floats:
+    """(3, n) places along a sight, evenly in distance; an azimuth alone: evenly in height, too."""
+    flat = math.isnan(s.phi[r])
+    theta = s.sigma_theta[r] * rng.standard_normal(n)
+    phi = np.full(n, 0.5 * math.pi) if flat else s.phi[r] + s.sigma_phi[r] * rng.standard_normal(n)
+    own = np.stack([np.cos(theta) * np.sin(phi), np.sin(theta) * np.sin(phi), np.cos(phi)])
+    line = s.frame[r].T @ own
+    far = np.minimum(_way_out(space, s.position[r], line, flat), s.reach[r])
+    places = s.position[r][:, None] + far * rng.random(n) * line
+    if flat:
+        places[2] = space.low[2] + (space.high[2] - space.low[2]) * rng.random(n)
+    return np.asarray(places)
+
+
+def _log_volume(xyz: Floats, s: Sights, space: Space[C]) -> Floats:
+    """(R, n) log of the volume that each sight has there, per area of its angles and share of its length."""
+    out = np.empty((len(s.phi), xyz.shape[1]))
+    height = space.high[2] - space.low[2]
+    for r, (position, frame) in enumerate(zip(s.position, s.frame, strict=True)):
+        flat = math.isnan(s.phi[r])
+        local = frame @ (xyz - position[:, None])
+        ground = np.maximum(np.hypot(local[0], local[1]), 1e-9)
+        distance = ground if flat else np.hypot(ground, local[2])
+        far = np.minimum(_way_out(space, position, (xyz - position[:, None]) / distance, flat), s.reach[r])
+        across = height if flat else distance
+        beyond = np.where(distance > far * (1 + 1e-9), math.inf, 0.0)  # none of its places are there
+        out[r] = np.log(far * ground * across) + beyond
+    return out
+
+
+def _way_out(space: Space[C], position: Floats, line: Floats, flat: bool) -> Floats:
+    """(n,) distances along directions (3, n) from a sensor to where they leave the box, > 0."""
+    d = 2 if flat else 3
+    p = position[:d]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        edge = np.where(line[:d] > 0, (space.high[:d] - p)[:, None], (space.low[:d] - p)[:, None])
+        out = np.min(np.where(line[:d] != 0, edge / line[:d], np.inf), axis=0)
+    size = math.hypot(*(space.high - space.low))
+    return np.asarray(np.clip(out, 1e-3 * size, size))

@@ -13,12 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.core.plane.convexity import pockets
-from occlog.records.scene import Camera, Scene
-from occlog.records.seen_ground import box_around, sight_limit
+from occlog.core.plane import pockets
+from occlog.records.scene import Camera, Scene, box_around, sight_limit
 from occlog.settings import METRES
 
-from .box_errors import Edges, first_edges, good_boxes, learn_edges, sway_of
 from .config import JipdaConfig
 from .cues import Cues, bonus, no_cues, remember
 from .detectors import (
@@ -26,16 +24,21 @@ from .detectors import (
     PLAIN,
     SURE,
     Counts,
+    Edges,
     Nobodys,
     again_rate,
     bending_rate,
     boxes_of_nobody,
     first_counts,
+    first_edges,
+    good_boxes,
     learn,
+    learn_edges,
     leaving_rate,
     no_box,
     rates_of,
     seen_again,
+    sway_of,
     turning_rate,
 )
 from .interface import NOBODY, Event, Look, Moment, Support, X, Y
@@ -44,8 +47,25 @@ from .kernels.detections import Boxes
 from .kernels.disagreement import disagreement
 from .kernels.joint import update
 from .kernels.newborn import Arrival, newborn
-from .people import People, born, corrected, doubles, join, kept_apart, nobody, predict, shown_covariance, take
-from .place_map import SMOOTH, PlaceMap, arrivals, first_velocity, leaving_at, no_map, watch
+from .people import (
+    SMOOTH,
+    People,
+    PlaceMap,
+    arrivals,
+    born,
+    corrected,
+    doubles,
+    first_velocity,
+    join,
+    kept_apart,
+    leaving_at,
+    no_map,
+    nobody,
+    predict,
+    shown_covariance,
+    take,
+    watch,
+)
 
 BORDER_PX = 3.0
 """An edge this near to the border of the image is the border's."""

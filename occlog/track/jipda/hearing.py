@@ -14,7 +14,7 @@ from occlog.array_types import NS
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import MicrophoneArray
 
-from .box_errors import sway_of
+from .detectors import sway_of
 from .filter import State
 from .interface import STATE, VX, VY, Directions, X, Y
 from .kernels.marginals import box_messages

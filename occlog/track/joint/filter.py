@@ -18,16 +18,16 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats
-from occlog.consistency.particles import FEW
+from occlog.consistency.estimates import FEW
 from occlog.core.sight.visibility import seen_from
 from occlog.filtering.gaussian import Gaussian, predicted
 from occlog.filtering.lifecycle import elapsed, is_lost, loss_count
 from occlog.filtering.likelihood.directions import PackedScan
-from occlog.filtering.likelihood.linearised import Rows, World, linearised, measured, residuals, rows_of
+from occlog.filtering.likelihood.measurement_model import Rows, World, linearised, measured, residuals, rows_of
 from occlog.filtering.particles import effective_size, mean_and_covariance, normalise, systematic_ancestors
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
-from occlog.track.apf.sensing import pack_scan, read_noise
+from occlog.scans.grouping import Scan
+from occlog.track.apf.model import pack_scan, read_noise
 from occlog.track.interface import Estimate, Together
 from occlog.track.kalman.filter import anywhere_of, first_place, motion_of, world_of
 from occlog.track.kalman.updates import agreeing

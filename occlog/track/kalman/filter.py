@@ -14,17 +14,25 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.plane.floor import make_floor, sample_floor
-from occlog.core.sight.view_prior import draw
+from occlog.core.plane import make_floor, sample_floor
+from occlog.core.sight.visibility import draw
 from occlog.errors import InputError
 from occlog.filtering.gaussian import Gaussian, Link, predicted, rts_smooth
 from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
 from occlog.filtering.likelihood.directions import PackedScan
-from occlog.filtering.likelihood.linearised import Rows, World, azimuths, linearised, measured, residuals, rows_of
+from occlog.filtering.likelihood.measurement_model import (
+    Rows,
+    World,
+    azimuths,
+    linearised,
+    measured,
+    residuals,
+    rows_of,
+)
 from occlog.filtering.motion.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
-from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise, with_distances
+from occlog.scans.grouping import Scan
+from occlog.track.apf.model import pack_noise, pack_scan, pack_sensors, read_noise, with_distances
 from occlog.track.interface import Estimate, Online, Past, Smoothing
 
 from . import updates

@@ -13,10 +13,10 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.filtering.gaussian import Gaussian, updated
 from occlog.filtering.likelihood.distances import Distances, linearise, residuals
-from occlog.filtering.likelihood.linearised import Rows, World
-from occlog.filtering.likelihood.linearised import linearised as of_directions
-from occlog.filtering.likelihood.linearised import measured as expected_of
-from occlog.filtering.likelihood.linearised import residuals as off_directions
+from occlog.filtering.likelihood.measurement_model import Rows, World
+from occlog.filtering.likelihood.measurement_model import linearised as of_directions
+from occlog.filtering.likelihood.measurement_model import measured as expected_of
+from occlog.filtering.likelihood.measurement_model import residuals as off_directions
 
 from .updates import WEIGHTS, by_sigma_points, sigma_points
 

@@ -7,10 +7,8 @@ import math
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.plane.convexity import convex_pieces
-from occlog.core.plane.polygons import counter_clockwise
-from occlog.core.plane.separating_lines import offset
-from occlog.track.map.kernels.obstacles import Obstacle
+from occlog.core.plane import convex_pieces, counter_clockwise, offset
+from occlog.track.map.kernels.detours import Obstacle
 
 from .config import MapConfig
 from .measurements import Stations

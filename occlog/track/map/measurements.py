@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.plane.convexity import convex_pieces, pockets
-from occlog.core.plane.polygons import counter_clockwise
+from occlog.core.plane import convex_pieces, counter_clockwise, pockets
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import Scene
-from occlog.scans.scan import Scan
-from occlog.track.apf.sensing import LEAST_SIGMA
+from occlog.scans.grouping import Scan
+from occlog.track.apf.model import LEAST_SIGMA
 from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, SightLines, join_planes, some_lines
 
 from .config import MapConfig

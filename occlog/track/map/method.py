@@ -6,39 +6,103 @@ the window is summed up in a Gaussian of its first state.
 
 Departures from the paper: times are those of the measurements, at any intervals; variances
 hold the errors of the cameras' poses ([Ercan] Eq. 2); the quadratic programs are replaced by
-Newton's method inside the constraints (`occlog.track.map.kernels.interior_point.newton_search`); room, walls
+Newton's method inside the constraints (`occlog.track.map.kernels.interior_point`); room, walls
 and the cameras' ranges are constraints besides.
+
+Fixed lag (`--lag`): which states of a trajectory have seen enough of what comes after them to be given out.
+
+With a lag, the driver hands a target's scans over in blocks (`occlog.track.drivers.batch`).  After each block the
+whole record that is held is solved anew; states that lie at least the lag before its end are settled: they are given
+out and forgotten, but for what they say of the states after them.  Memory does not grow with the recording.
+
+What an estimate says of its bearings: which are believed, and whether residuals are what was stated.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.interface import Batch, Fit, Noise, OccluderTerms, Smoothed
-from occlog.track.map.kernels.detours import Detours, find_detours
-from occlog.track.map.kernels.evidence import sandwich
-from occlog.track.map.kernels.interior_point.newton_search import Options, Solution, covariance
-from occlog.track.map.kernels.invariant import invariant, second_moment
-from occlog.track.map.kernels.obstacles import Obstacle
-from occlog.track.map.kernels.problem import Problem
-from occlog.track.map.kernels.terms import losses
-from occlog.track.map.kernels.windows import summary
-from occlog.track.map.search.descent import Watch
-from occlog.track.map.search.pending import Pending, begin, forgets_ns
-from occlog.track.map.search.robust import Sought, plain_search, robust_search
 
 from .barriers import obstacles
-from .believed_bearings import judge
 from .config import MapConfig
-from .fixed_lag import lag_ns, settled
+from .kernels.detours import Detours, Obstacle, find_detours
+from .kernels.evidence import evidence, sandwich
+from .kernels.interior_point import Options, Solution, covariance
+from .kernels.invariant import invariant, second_moment
+from .kernels.problem import Problem, SightLines
+from .kernels.terms import beliefs, depths, leverages, losses, residuals
+from .kernels.windows import summary
+from .measurements import sight_lines
 from .mixed import mixed_search, with_distances
 from .record import EMPTY, Record, after, fill, join, record_of
+from .search.pending import Pending, begin, forgets_ns
+from .search.robust import Sought, Watch, plain_search, robust_search, trust_of
+from .search.start import rays_of
+
+
+def lag_ns(lag_s: float | None) -> int | None:
+    """The lag [ns] of a setting [s]; None: estimates wait for everything that was recorded."""
+    return None if lag_s is None else round(lag_s * NS)
+
+
+def settled(t_ns: Ints, lag_ns: int | None) -> int:
+    """How many of the first states are settled; the last one never is.
+
+    Args:
+        t_ns: (T,) times of the states, rising, T >= 1.
+        lag_ns: a state is settled when it lies at least so long before the last one; None: no state is.
+    """
+    if lag_ns is None:
+        return 0
+    return min(int(np.searchsorted(t_ns, t_ns[-1] - lag_ns, side="right")), len(t_ns) - 1)
+
+
+def judge(pending: Pending, record: Record, sought: Sought, found: Detours) -> tuple[Fit, Noise]:
+    """How the bearings of a record agree with the estimate, and by how much they and the motion are noisier.
+
+    Args:
+        pending: the target.
+        record: its record.
+        sought: which bearings the search used.
+        found: the estimate.
+    """
+    X, problem = found.solution.X, found.problem
+    stated = sight_lines(record, pending.at)
+    spread = covariance(problem, X)
+    # Residuals as stated; by the angle where the target is not before the camera
+    off = residuals(stated, X)
+    behind = (depths(stated, X) <= 0.0) & ~stated.direction
+    off[behind] = _angles(stated, record, pending, X)[behind]
+    # Belief with the variances that were used
+    if sought.told is not None:
+        stated = stated._replace(lean=sought.told.lean)
+    scaled = stated._replace(c0=stated.c0 * sought.scales[0], c1=stated.c1 * sought.scales[0])
+    believed = np.where(sought.used, beliefs(scaled, X, trust_of(pending.config, sought.scales[0])), 0.0)
+    expected = np.ones(len(off))
+    shares = leverages(problem.lines, X, problem.loss, problem.k, spread)
+    expected[sought.used] = np.clip(1.0 - shares, 0.0, 1.0)
+    told = evidence(problem, X, spread)
+    noise = Noise(told.lines_scale * sought.scales[0], told.steps_scale * sought.scales[1])
+    return Fit(stated.step, record.rows.sensor[record.rows.seen], off, expected, believed), noise
+
+
+def _angles(lines: SightLines, record: Record, pending: Pending, X: Floats) -> Floats:
+    """(N,) angles between sight lines and the states, in standard deviations."""
+    rays = rays_of(lines, record, pending.at)
+    away = X[lines.step, ::2] - lines.place
+    angle = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
+    sigma = np.sqrt(np.maximum(rays.a + rays.b / np.maximum(np.sum(away**2, axis=1), 1e-300), 1e-300))
+    return np.asarray(np.minimum(np.abs(wrap_angle(angle)), math.pi) / sigma)
+
 
 UNOBSERVABLE, CONTRADICTION, WALL = "unobservable", "contradiction", "wall"
 UNFINISHED, DOUBTED = "unfinished", "doubted"

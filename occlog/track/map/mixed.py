@@ -3,7 +3,7 @@
 1. *Start.* Extended Kalman filters run along the record, one from each place that the first measurements fit best; they
    pass over what is false.  The most probable one is smoothed (Rauch, Tung and Striebel 1965).
 2. *Search.* Each measurement of a distance is replaced by the quadratic term of Gauss and Newton about the trajectory
-   found so far, with the slope and the weight that it has there (`occlog.filtering.likelihood.distance_errors.pull`,
+   found so far, with the slope and the weight that it has there (`occlog.filtering.likelihood.distances.pull`,
    iteratively reweighted least squares); the search for the minimum is repeated until no position moves by a tenth of
    its standard deviation.  Where most measurements of a while are not believed the path may be lost there: then the
    search is repeated with measurements that are blunter at first, and the better one of the two is kept.
@@ -17,20 +17,16 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import UsageError
-from occlog.filtering.likelihood.distance_errors import direct, log_density, pull
-from occlog.filtering.likelihood.distances import Distances, at_own
+from occlog.filtering.likelihood.distances import Distances, at_own, direct, log_density, pull
 from occlog.track.interface import Fit, Smoothed
-from occlog.track.map.kernels.detours import Detours
-from occlog.track.map.kernels.interior_point.newton_search import covariance
-from occlog.track.map.kernels.obstacles import Obstacle
+from occlog.track.map.kernels.detours import Detours, Obstacle
+from occlog.track.map.kernels.interior_point import covariance
 from occlog.track.map.kernels.problem import Hints
 from occlog.track.map.kernels.terms import beliefs as line_beliefs
 from occlog.track.map.kernels.terms import hints_cost
-from occlog.track.map.search.consensus import Agreed
-from occlog.track.map.search.descent import Watch
-from occlog.track.map.search.filtered_start import filtered_start
 from occlog.track.map.search.pending import Pending, problem_of
-from occlog.track.map.search.robust import Sought, search_from, still, trust_of
+from occlog.track.map.search.robust import Sought, Watch, search_from, still, trust_of
+from occlog.track.map.search.start import Agreed, filtered_start
 
 from .hiding import Told
 from .record import Record

@@ -12,7 +12,7 @@ from occlog.core.occlusion.priors import Priors
 from occlog.errors import InputError
 from occlog.filtering.likelihood import distances
 from occlog.filtering.likelihood.distances import Distances
-from occlog.scans.scan import Scan, concat
+from occlog.scans.grouping import Scan, concat
 
 MOST_STATES = 10_000_000
 """States that `fill_s` may make."""

@@ -19,10 +19,9 @@ from occlog.track.catalogue import METHODS
 from occlog.track.request import PeopleRequest
 
 from .agreement import Agreement
-from .inputs import PeopleInput
-from .named.by_gallery import ByGallery
+from .inputs import PeopleInput, odd_cameras
+from .named import ByGallery
 from .rows import MomentTables
-from .sizes import odd_cameras
 from .stage import Follower, Tabulator, follow
 
 OUTSIDE, SIZES, IDENTITIES = "boxes left out at ingest", "sizes of people", "expected identity switches"

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.records.near_origin import camera_from, map_origin, scene_from
-from occlog.records.scene import Camera, MicrophoneArray, Scene
+from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_from, map_origin, scene_from
 from occlog.track.jipda import filter as joint_filter
-from occlog.track.jipda.batch import window
+from occlog.track.jipda.batch import smooth as window
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.hearing import hear
 from occlog.track.jipda.interface import Directions, Look, Moment

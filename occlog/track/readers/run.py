@@ -16,7 +16,7 @@ from occlog.track.request import ReadsRequest
 
 from .config import VirtualConfig
 from .inputs import ReadsInput
-from .sights import refined
+from .refine import refined
 from .stage import UNMATCHED, region_table, track_rssi, track_virtual
 
 OFTEN = 0.05

@@ -10,10 +10,10 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.tables import TagTracks, VirtualSensors
 
-from .coverage import VirtualSensors as Regions
+from .inputs import Windows
 from .rssi import Cloud, Rules, begin, step
+from .virtual import VirtualSensors as Regions
 from .virtual import locate
-from .windows import Windows
 
 FEW = 10.0
 """Fewer effective particles are too few for a covariance."""

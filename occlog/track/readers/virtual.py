@@ -1,18 +1,130 @@
 """Method `virtual`: the virtual sensors that a tag may be in, by the readers that read it in a window.
 
 Nothing is carried from one window to the next.
+
+Virtual sensors: the regions into which the coverages of readers cut the floor ([Lee] Sec. 5.2.3, Fig. 5-32).
+
+A virtual sensor is a set of readers and the region that exactly these readers cover.  Its reference point is the
+centroid of the region, and a tag of which nothing else is known has the covariance of an even distribution over it.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
 
 from occlog.array_types import Bools, Floats
 from occlog.filtering.particles import log_of
 
-from .coverage import VirtualSensors
+QUARTER = 32
+"""Corners of a quarter of a coverage's rim; the polygon has the area of the disc."""
+LEAST_SHARE = 1e-5
+"""A region of a smaller share of the smallest disc is rounding."""
+
+
+class VirtualSensors(NamedTuple):
+    """V regions of R readers, in the order in which readers cut the floor."""
+
+    members: Bools  # (V, R) which readers cover the region
+    area: Floats  # (V,)
+    centroid: Floats  # (V, 2)
+    covariance: Floats  # (V, 2, 2) of a place that is even over the region
+
+
+def virtual_sensors(places: Floats, ranges: Floats, room: Floats | None = None) -> VirtualSensors:
+    """Cut the floor by the discs of the readers.
+
+    A region may be of several pieces; a part of the floor that no reader covers is no virtual sensor.
+
+    Args:
+        places: (R, 2) of the readers.
+        ranges: (R,) radii of the discs, finite, > 0.
+        room: (K, 2) polygon outside of which there is no tag; None: there are no walls.
+    """
+    discs = [_disc(place, float(reach)) for place, reach in zip(places, ranges, strict=True)]
+    floor: BaseGeometry = shapely.union_all(discs) if room is None else shapely.Polygon(room)
+    least = LEAST_SHARE * math.pi * float(np.min(ranges)) ** 2
+    cut: list[tuple[BaseGeometry, tuple[int, ...]]] = [(floor, ())]
+    for reader, disc in enumerate(discs):
+        halves = []
+        for region, covered in cut:
+            halves.append((region.intersection(disc), (*covered, reader)))
+            halves.append((region.difference(disc), covered))
+        cut = [(region, covered) for region, covered in halves if region.area > least]
+    found = [(region, covered) for region, covered in cut if covered]
+    members = np.zeros((len(found), len(discs)), dtype=np.bool_)
+    for row, (_, covered) in enumerate(found):
+        members[row, list(covered)] = True
+    moments = [region_moments(region) for region, _ in found]
+    return VirtualSensors(
+        members=members,
+        area=np.array([m.area for m in moments]),
+        centroid=np.array([m.centroid for m in moments]).reshape(-1, 2),
+        covariance=np.array([m.covariance for m in moments]).reshape(-1, 2, 2),
+    )
+
+
+def most_virtual_sensors(readers: int, overlap: int) -> int:
+    """Count the sets of at most `overlap` of the readers: sum of C(k, i) over i = 1..p ([Lee] Sec. 5.2.3)."""
+    return sum(math.comb(readers, i) for i in range(1, min(overlap, readers) + 1))
+
+
+class Moments(NamedTuple):
+    """Area, centroid (2,) and covariance (2, 2) of a region over which a place is even."""
+
+    area: float
+    centroid: Floats
+    covariance: Floats
+
+
+def region_moments(region: BaseGeometry) -> Moments:
+    """Integrate 1, x, y, xx, xy and yy over a polygon with holes, or over several, by Green's theorem.
+
+    Args:
+        region: of positive area.
+    """
+    # About the middle of its bounds, since moments of a region far from the origin would cancel
+    x0, y0, x1, y1 = region.bounds
+    middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
+    total = np.zeros(6)
+    for part in getattr(region, "geoms", [region]):
+        if part.geom_type == "Polygon":
+            total += _ring(part.exterior, middle, 1.0)
+            for hole in part.interiors:
+                total += _ring(hole, middle, -1.0)
+    area, first, second = total[0], total[1:3], total[3:]
+    mean = first / area
+    spread = np.array([[second[0], second[1]], [second[1], second[2]]]) / area - np.outer(mean, mean)
+    return Moments(float(area), middle + mean, spread)
+
+
+def _ring(ring: BaseGeometry, middle: Floats, sign: float) -> Floats:
+    """(6,) integrals of 1, x, y, xx, xy, yy over the inside of a ring, times the sign; its winding does not matter."""
+    x, y = (np.asarray(ring.coords, dtype=np.float64) - middle).T
+    a, b, c, d = x[:-1], y[:-1], x[1:], y[1:]
+    cross = a * d - c * b
+    found = np.array(
+        [
+            cross.sum() / 2,
+            (cross * (a + c)).sum() / 6,
+            (cross * (b + d)).sum() / 6,
+            (cross * (a * a + a * c + c * c)).sum() / 12,
+            (cross * (a * d + 2 * a * b + 2 * c * d + c * b)).sum() / 24,
+            (cross * (b * b + b * d + d * d)).sum() / 12,
+        ]
+    )
+    return sign * math.copysign(1.0, found[0]) * found
+
+
+def _disc(place: Floats, radius: float) -> BaseGeometry:
+    """Approximate a disc by a polygon of its area."""
+    corners = 4 * QUARTER
+    share = math.sin(2.0 * math.pi / corners) * corners / (2.0 * math.pi)
+    return shapely.Point(place).buffer(radius / math.sqrt(share), quad_segs=QUARTER)
 
 
 class Coarse(NamedTuple):

@@ -6,9 +6,8 @@ import numpy as np
 
 from occlog.errors import InputError, UsageError, option
 from occlog.io.open import open_input
-from occlog.plugins.chosen import Chosen
 from occlog.plugins.interface import ViewTracker
-from occlog.plugins.loading import Plugin
+from occlog.plugins.loading import Chosen, Plugin
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, Views
 from occlog.records.verdicts import finding, outcome

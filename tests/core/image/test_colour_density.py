@@ -7,7 +7,8 @@ import colorsys
 import numpy as np
 import pytest
 
-from occlog.core.image.colour_density import (
+from occlog.core.image import (
+    N_BINS,
     bhattacharyya,
     bias,
     bins_of,
@@ -15,8 +16,8 @@ from occlog.core.image.colour_density import (
     colour_counts,
     corrected,
     density,
+    update_bins,
 )
-from occlog.core.image.histogram_bins import N_BINS, update_bins
 
 
 def slow_bin(pixel, levels):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from occlog.core.image.ellipse import nearness, support_radius, touching
+from occlog.core.image import nearness, support_radius, touching
 
 
 def outline(e, n=4000):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Bytes
-from occlog.core.image.histogram_bins import N_BINS, pixel_bin, update_bins
+from occlog.core.image import N_BINS, pixel_bin, update_bins
 from occlog.core.numerics.jit import kernel
 
 

@@ -9,13 +9,7 @@ import pytest
 from scipy import stats
 
 from occlog.array_types import Floats
-from occlog.core.metrics.paired import (
-    FEWEST,
-    MANY_RECORDINGS,
-    MOST,
-    autocorrelation_time,
-    compare,
-)
+from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, MOST, autocorrelation_time, compare
 
 
 def mean(sums: Floats) -> Floats:

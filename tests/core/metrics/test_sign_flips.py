@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from occlog.array_types import Floats
-from occlog.core.metrics.sign_flips import ALL, DRAWS, chance_above, chance_below, interval, subset_means
+from occlog.core.metrics.paired import ALL, DRAWS, chance_above, chance_below, interval, subset_means
 
 DARWIN = np.array([49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48.0])
 """Heights of crossed plants of maize above those of self-fertilised ones [1/8 inch] (Fisher 1935, sec. 17)."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.metrics.sums import Sum, group_medians, quantiles
+from occlog.core.metrics.errors import Sum, group_medians, quantiles
 
 RANDOM = np.random.default_rng(1)
 SHARES = [0.0, 0.05, 0.25, 0.5, 0.95, 0.999, 1.0]

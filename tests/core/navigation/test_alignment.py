@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.navigation.alignment import aligned, prevented, within_reach, zero_force_distance
-from occlog.core.navigation.potentials import Field, attraction_at, repulsion_at
+from occlog.core.navigation.forces import (
+    Field,
+    aligned,
+    attraction_at,
+    prevented,
+    repulsion_at,
+    within_reach,
+    zero_force_distance,
+)
 
 PRINTED = Field(0.5, 5.0, 2, 2, influence=10.0)
 ORIGIN, GOAL = np.zeros(2), np.array([-2.0, 0.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from occlog.core.navigation.forces import direction, distance
 from occlog.core.navigation.obstacles import (
     edges,
     least_to_points,
@@ -12,8 +13,7 @@ from occlog.core.navigation.obstacles import (
     nearest_on_polygons,
     nearest_on_segments,
 )
-from occlog.core.navigation.potentials import direction, distance
-from occlog.core.plane.polygons import pack_polygons
+from occlog.core.plane import pack_polygons
 
 RNG = np.random.default_rng(5)
 SHARES = np.linspace(0.0, 1.0, 2001)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.navigation.oscillation import (
+from occlog.core.navigation.steering import (
     angle_at,
     angle_inside,
     angle_outside,

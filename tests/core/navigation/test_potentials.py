@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.navigation.potentials import (
+from occlog.core.navigation.forces import (
     Field,
     attractive_force,
     attractive_potential,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.navigation.potentials import Field
+from occlog.core.navigation.forces import Field
 from occlog.core.navigation.steering import Around, State, Steering, Steps, steer
 
 FIELD = Field(0.5, 5.0, 2, 2, influence=10.0)

@@ -54,7 +54,7 @@ def run(folder: Path, name: str, factor: float, before: str = "", **variables: s
 
 def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_told(tmp_path: Path) -> None:
     impatient = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
-    told = "from occlog.console.details import COMPILING; COMPILING.append(lambda _: print('compiling')); "
+    told = "from occlog.console.notes import COMPILING; COMPILING.append(lambda _: print('compiling')); "
     assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["compiling", "6.0", "0"]
     assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["6.0", "1"]
 
@@ -116,7 +116,7 @@ def test_a_kernel_is_compiled_again_when_a_constant_behind_a_package_changes(tmp
     assert found == ["6.0", "6.0", "14.0"]
 
 
-@pytest.mark.parametrize("module", ["occlog.track.jipda.kernels.marginals", "occlog.core.plane.floor"])
+@pytest.mark.parametrize("module", ["occlog.track.jipda.kernels.marginals", "occlog.core.plane"])
 def test_the_stamp_of_a_kernel_covers_all_of_occlog_that_its_module_loads(module: str) -> None:
     code = f"import sys, {module}; print(*(name for name in sys.modules if name.startswith('occlog')))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
@@ -128,7 +128,7 @@ def test_the_stamp_of_a_kernel_covers_all_of_occlog_that_its_module_loads(module
 
 def test_where_no_folder_can_be_written_kernels_run_uncached(tmp_path: Path) -> None:
     kept = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
-    kept += "from occlog.console.details import COMPILING; COMPILING.append(lambda kept: print('kept', kept)); "
+    kept += "from occlog.console.notes import COMPILING; COMPILING.append(lambda kept: print('kept', kept)); "
     (tmp_path / "__pycache__").write_text("a file where a folder would be, which root cannot write into either")
     blocked = {"HOME": str(tmp_path / "__pycache__"), "XDG_CACHE_HOME": str(tmp_path / "__pycache__")}
     assert run(tmp_path, "Given", 3.0, before=kept, **blocked) == ["kept", "False", "6.0", "0"]

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from occlog.core.numerics.time_grid import Grid, frame_times, looks, to_grid
+from occlog.core.numerics.interpolate import Grid, frame_times, looks, to_grid
 
 START = 1_577_836_800_000_000_000
 BOTH = np.array([True, False])

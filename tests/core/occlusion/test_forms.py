@@ -6,8 +6,16 @@ import pytest
 from occlog.core.occlusion.hidden import hiding_all, unhidden
 from occlog.core.occlusion.hidden_together import clear_exact, over_subsets, sum_disjoint
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
-from occlog.papers.ercan.formulas.blocking import IMPROVED, PRINTED, QUADRATURE, blocking, blocking_all
-from occlog.papers.ercan.formulas.eta import patterns, seen_by_recursion, seen_exactly
+from occlog.papers.ercan.formulas.blocking import (
+    IMPROVED,
+    PRINTED,
+    QUADRATURE,
+    blocking,
+    blocking_all,
+    patterns,
+    seen_by_recursion,
+    seen_exactly,
+)
 
 FORMS = (PRINTED, IMPROVED, QUADRATURE)
 WIDE = 8.5

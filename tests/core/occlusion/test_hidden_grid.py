@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.occlusion.hidden import IMPROVED, PRINTED, unhidden
-from occlog.core.occlusion.hidden_grid import fit, make_grid, polynomials, terms, unhidden_over
+from occlog.core.occlusion.hidden import IMPROVED, PRINTED, fit, make_grid, polynomials, terms, unhidden, unhidden_over
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 
 CAMERA = np.array([2.0, 3.0])

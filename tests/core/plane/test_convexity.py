@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Polygon
 from shapely.ops import unary_union
 
-from occlog.core.plane.convexity import convex_pieces, pockets
-from occlog.core.plane.polygons import inside_polygon, sight_blocked, signed_area
+from occlog.core.plane import convex_pieces, inside_polygon, pockets, sight_blocked, signed_area
 
 L_SHAPE = np.array([[0.0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]])
 SQUARE = np.array([[0.0, 0], [2, 0], [2, 2], [0, 2]])

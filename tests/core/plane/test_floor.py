@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.plane.floor import make_floor, on_floor, sample_floor, sample_near
-from occlog.core.plane.polygons import inside_polygon
+from occlog.core.plane import inside_polygon, make_floor, on_floor, sample_floor, sample_near
 
 L_ROOM = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [1.0, 1.0], [1.0, 4.0], [0.0, 4.0]])
 PILLAR = np.array([[0.2, 0.2], [0.8, 0.2], [0.8, 0.8], [0.2, 0.8]])

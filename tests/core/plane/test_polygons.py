@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
-from occlog.core.plane import polygons as geo
+from occlog.core import plane as geo
 
 SQUARE = np.array([[40.0, 40.0], [60.0, 40.0], [60.0, 60.0], [40.0, 60.0]])
 L_ROOM = np.array([[0.0, 0.0], [160.0, 0.0], [160.0, 53.0], [53.0, 53.0], [53.0, 160.0], [0.0, 160.0]])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from shapely.geometry import LineString, Point, Polygon
 
-from occlog.core.plane.separating_lines import beside, nearest_edge, offset, route, separate, spread_along
+from occlog.core.plane import beside, nearest_edge, offset, route, separate, spread_along
 
 SQUARE = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
 L_SHAPE = np.array([[0.0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]])

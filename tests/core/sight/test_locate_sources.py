@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.locate_sources import Directions, localise
+from occlog.core.sight.triangulate import Directions, localise
 
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 PLACES = np.array([[0.5, 0.5], [7.5, 0.5], [4.0, 5.5]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.sight.upright import seems_upright, turn_upright, vertical
+from occlog.core.sight.camera import seems_upright, turn_upright, vertical
 from occlog.records.scene import camera_rotation
 
 RNG = np.random.default_rng(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.sight.view_prior import SightLines, ViewPrior, crossings, draw, first_places, log_density
+from occlog.core.sight.visibility import SightLines, ViewPrior, crossings, draw, first_places, log_density
 
 TWO = ViewPrior(
     origin=np.array([[0.0, 0.0], [10.0, 0.0]]),

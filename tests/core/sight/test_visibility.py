@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point
 
-from occlog.core.plane.polygons import sight_blocked
+from occlog.core.plane import sight_blocked
 from occlog.core.sight.visibility import behind_objects, behind_walls, in_view, make_sensors, seen_from
 
 WALLS = {

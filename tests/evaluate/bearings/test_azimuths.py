@@ -14,7 +14,7 @@ import pytest
 import occlog
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate.bearings.azimuths import doa_metrics, paired
+from occlog.evaluate.bearings.detections import doa_metrics, paired
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss

@@ -10,7 +10,7 @@ import pytest
 from evaluate_scenes import scene, seconds
 
 from occlog.errors import InputError
-from occlog.evaluate.bearings.boxes import CLEAR, FRONT, HIDDEN, box_classes
+from occlog.evaluate.bearings.detections import CLEAR, FRONT, HIDDEN, box_classes
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.records.tables import APPEARANCE_BINS, TruthBoxes, Views

@@ -11,7 +11,7 @@ import pytest
 from occlog.array_types import Floats
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.evaluate.bearings.held_out_boxes import held_out_box_metrics
+from occlog.evaluate.bearings.held_out import held_out_box_metrics
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table

@@ -10,7 +10,7 @@ from tracker_scenes import observe, room100, walk
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate.bearings.known_places import FEWEST_READINGS, measured_noise
+from occlog.evaluate.bearings.noise import FEWEST_READINGS, measured_noise
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import read_scene, scene_to_yaml

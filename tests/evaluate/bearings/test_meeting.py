@@ -9,8 +9,8 @@ import pytest
 from evaluate_scenes import array, both, camera, directions, pixels, scene, seconds, tracks
 
 from occlog.core.sight import triangulate
-from occlog.evaluate.bearings.meeting import meeting_points
-from occlog.evaluate.bearings.scans import scan_starts
+from occlog.evaluate.bearings.noise import scan_starts
+from occlog.evaluate.bearings.residuals import meeting_points
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.records.tables import Bearings

@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.evaluate.bearings.noise import FEWEST_SCANS, NoiseFigures, noise_scale
-from occlog.evaluate.bearings.scans import ScanCuts, labelled
+from occlog.evaluate.bearings.noise import FEWEST_SCANS, NoiseFigures, ScanCuts, labelled, noise_scale
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import sensors_of
-from occlog.records.pieces import LAST
 from occlog.records.scene import Camera, Scene, camera_rotation
-from occlog.records.tables import Bearings
+from occlog.records.tables import LAST, Bearings
 
 SECOND = 1_000_000_000
 STATED = 0.01

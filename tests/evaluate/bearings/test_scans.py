@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from bearing_scenes import hand_made, simulated
 
-from occlog.evaluate.bearings.meeting import MeetingFigures
-from occlog.evaluate.bearings.noise import NoiseFigures
-from occlog.evaluate.bearings.scans import ScanCuts, labelled
+from occlog.evaluate.bearings.noise import NoiseFigures, ScanCuts, labelled
+from occlog.evaluate.bearings.residuals import MeetingFigures
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import paths_of, sensors_of
-from occlog.records.pieces import LAST
+from occlog.records.tables import LAST
 
 
 @pytest.mark.parametrize("window", [0.0, 0.02, 0.3, 200.0])

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
-from occlog.evaluate.compare.inputs import runs_of
+from occlog.evaluate.compare.run import runs_of
 
 
 def files(folder: Path, *names: str) -> Path:

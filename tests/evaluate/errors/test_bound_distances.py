@@ -8,7 +8,7 @@ import pytest
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.scans.config import MeasuredConfig

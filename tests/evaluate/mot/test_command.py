@@ -15,8 +15,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter

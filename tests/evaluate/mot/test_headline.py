@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from occlog.evaluate.mot.headline import errors_apart, first, notes, own_identities
-from occlog.evaluate.text import summary_lines
+from occlog.evaluate.mot.figures import errors_apart, first, notes, own_identities
+from occlog.evaluate.results import summary_lines
 
 
 def figures(whole: float, recall: float = 0.98) -> dict[str, float]:

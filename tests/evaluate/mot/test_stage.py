@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.evaluate.mot.compared import ComparedBoxes
 from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.stage import ComparedBoxes
 from occlog.evaluate.results import Evaluation
 from occlog.records.declared.views import Failures, ViewTracks, boxes_of_ellipses
 from occlog.records.tables import Boxes, TruthBoxes

@@ -17,7 +17,7 @@ from occlog.examine.diff.content import content
 from occlog.examine.diff.result import DiffSettings, Tolerances
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.files.texts.json_file import write_json
+from occlog.io.files.texts.documents import write_json
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.tables import Bearings, Tracks, Truth

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.examine.diff.content import diff_bytes
-from occlog.examine.diff.json import diff_json
+from occlog.examine.diff.content import diff_bytes, diff_json
 from occlog.examine.diff.result import Limit, Tolerances
 from occlog.examine.diff.run import stage_order
 from occlog.examine.diff.stage import diff_schemas

@@ -14,8 +14,8 @@ from occlog.io.boxes.reader import BoxFile, BoxOptions, survey_boxes
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import open_input
+from occlog.records.columns import MAX_NS
 from occlog.records.tables import Boxes, Doa, Failures
-from occlog.records.times import MAX_NS
 
 
 def directions(path: Path, sensor: str, t_ns: int = 0) -> Path:

@@ -27,12 +27,12 @@ from viewer_runs import CAMERA, MADE, NS, fill, scene, view_tracks
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.examine.viewers.plotted import SCHEMA
+from occlog.examine.viewers.series import SCHEMA
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.tables import Boxes, Occluders, Particles
-from occlog.report.drawing.style import target_colour
+from occlog.report.drawing import target_colour
 
 SCHEMAS: dict[str, Any] = {
     kind.DESCRIPTOR.full_name: kind

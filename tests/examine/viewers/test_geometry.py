@@ -8,12 +8,10 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from occlog.array_types import Floats
 from occlog.core.sight.camera import rotation_from_angles
+from occlog.examine.viewers.drawings.foxglove import point_cloud
 from occlog.examine.viewers.drawings.people import Crowd, Palette, Person
-from occlog.examine.viewers.drawings.plan import shadows, walls
-from occlog.examine.viewers.drawings.points import point_cloud
-from occlog.examine.viewers.drawings.sensors import quaternion
-from occlog.examine.viewers.drawings.shapes import Line, Thing, triangles
-from occlog.examine.viewers.drawings.ways import dashes, dense
+from occlog.examine.viewers.drawings.shapes import Line, Thing, dashes, dense, triangles
+from occlog.examine.viewers.drawings.world import quaternion, shadows, walls
 from occlog.records.scene import Scene
 
 SQUARE = np.array([[2.0, -0.25], [2.5, -0.25], [2.5, 0.25], [2.0, 0.25]])

@@ -11,9 +11,8 @@ from viewer_runs import fill
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.examine.viewers.drawings.shapes import Thing
-from occlog.examine.viewers.moments import Drawn, Numbers, Said
+from occlog.examine.viewers.moments import Drawn, Numbers, Said, Thinner
 from occlog.examine.viewers.series import Series
-from occlog.examine.viewers.thinner import Thinner
 
 NS = 10**9
 

@@ -10,13 +10,20 @@ import occlusion_reference as ref
 import pytest
 from tracker_scenes import PILLAR, ROOM, room100, scan, true_u, with_array
 
-from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE
-from occlog.core.occlusion.hidden_grid import make_grid, unhidden_over
+from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE, make_grid, unhidden_over
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
 from occlog.core.sight.visibility import seen_from
-from occlog.filtering.likelihood.among_occluders import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
-from occlog.filtering.likelihood.directions import Detection, factors, log_likelihood
-from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.filtering.likelihood.directions import (
+    EXACT,
+    INDEPENDENT,
+    RECURSION,
+    Detection,
+    Occlusion,
+    factors,
+    log_likelihood,
+    log_likelihood_among,
+)
+from occlog.track.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 FLOOR = 1e-4

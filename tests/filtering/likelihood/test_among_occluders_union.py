@@ -17,10 +17,16 @@ from tracker_scenes import PILLAR, ROOM, camera, scan, true_u
 
 from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
-from occlog.filtering.likelihood.among_occluders import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
-from occlog.filtering.likelihood.directions import Detection
+from occlog.filtering.likelihood.directions import (
+    EXACT,
+    INDEPENDENT,
+    RECURSION,
+    Detection,
+    Occlusion,
+    log_likelihood_among,
+)
 from occlog.records.scene import Occluder, Scene
-from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 D, FLOOR, SOFTEN = 3.33, 1e-3, 0.02

@@ -14,7 +14,7 @@ from occlog.filtering.likelihood.azimuth import azimuth
 from occlog.filtering.likelihood.distances import PLAIN, RANGE, Distances, linearise
 from occlog.filtering.likelihood.measurement_model import Geometry
 from occlog.filtering.motion.ornstein_uhlenbeck import OrnsteinUhlenbeck
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Reader, Scene
 from occlog.records.tables import Bearings, Tracks
 from occlog.scans.config import MeasuredConfig

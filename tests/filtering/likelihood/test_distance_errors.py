@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.filtering.likelihood.distance_errors import Errors, direct, log_density, pull, without_detours
-from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances
+from occlog.filtering.likelihood.distances import (
+    DIFFERENCE,
+    LOGARITHM,
+    RANGE,
+    Distances,
+    Errors,
+    direct,
+    log_density,
+    pull,
+    without_detours,
+)
 
 GRID = np.linspace(-60.0, 400.0, 460_001)
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.path_loss import log_distance, received_power
-from occlog.filtering.likelihood.distance_errors import direct
 from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
     RANGE,
     Distances,
     concat,
+    direct,
     information,
     linearise,
     log_likelihood,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from occlog.filtering.motion.walkers import first_seen, join, predict, take, update
+from occlog.filtering.motion.white_acceleration import first_seen, join, predict, take, update
 
 
 def textbook(measurements, noises, steps, q: float, speed: float):

@@ -15,7 +15,7 @@ from occlog.errors import InputError, UsageError
 from occlog.examine.export.in_images import coco_texts
 from occlog.io.boxes.mot_challenge import write_mot
 from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, read_boxes, survey_boxes
-from occlog.io.frames.video_stream import rate_times
+from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes
 
 RATE = rate_times(Fraction(10), "given")

@@ -19,7 +19,7 @@ from occlog.io.boxes.mot_challenge import (
     write_sequence_list,
 )
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
-from occlog.io.frames.video_stream import rate_times
+from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes, TruthBoxes
 
 INFO = SequenceInfo("walk", 20, 25.0, 640, 480)

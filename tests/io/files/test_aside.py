@@ -11,7 +11,7 @@ import pytest
 from made_up import run
 
 from occlog.errors import OutputError
-from occlog.io.files.put_aside.table import Aside
+from occlog.io.files.spill import Aside
 from occlog.records.tables import Bearings
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.io.files.put_aside.blocks import Blocks
+from occlog.io.files.spill import Blocks
 
 RECORD = np.dtype([("t_ns", "i8"), ("place", "f8", (2,)), ("seen", "?")])
 

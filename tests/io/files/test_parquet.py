@@ -17,9 +17,8 @@ from random_tables import random_table
 from occlog.errors import InputError, OutputError, OutputExistsError, UsageError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import table_writer
-from occlog.io.files.tables.arrow_columns import from_arrow
-from occlog.io.files.tables.header import describe, read_provenance
-from occlog.io.files.tables.parquet import iter_table, read_table, schema_name
+from occlog.io.files.tables.arrow import from_arrow
+from occlog.io.files.tables.parquet import describe, iter_table, read_provenance, read_table, schema_name
 from occlog.io.files.tables.table_writer import TableWriter, write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Truth, Views

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from occlog.errors import OutputError
-from occlog.io.files.put_aside import spool
-from occlog.io.files.put_aside.spool import Spool
+from occlog.io.files import spill as spool
+from occlog.io.files.spill import Spool
 
 
 @pytest.mark.parametrize("in_memory", [0, 10, 1000])

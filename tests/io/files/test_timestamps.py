@@ -11,10 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError
-from occlog.io.files.times.frame_times import FrameTimes, as_rate, frames_to_ns
-from occlog.io.files.times.timestamps import parse_time, read_sidecar
-from occlog.io.truth.calibration_board import read_sync_times
-from occlog.records.times import MAX_NS
+from occlog.io.files.times import FrameTimes, as_rate, frames_to_ns, parse_time, read_sidecar
+from occlog.io.truth import read_sync_times
+from occlog.records.columns import MAX_NS
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,9 @@ from pathlib import Path
 from places import ROOT
 
 from occlog import __version__
-from occlog.io.files.provenance import UNKNOWN, Provenance, provenance_from_json
-from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.provenance import DISTRIBUTIONS, UNKNOWN, Provenance, installed_versions, provenance_from_json
+from occlog.io.files.tables.parquet import read_provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.files.versions import DISTRIBUTIONS, installed_versions
 from occlog.records.tables import Bearings
 
 

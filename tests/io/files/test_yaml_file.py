@@ -7,9 +7,17 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.files.texts import yaml_nodes
-from occlog.io.files.texts.yaml_file import KEPT_LENGTH, KEPT_TEXTS, parse_yaml, read_yaml
-from occlog.io.files.texts.yaml_nodes import MAX_NODES, BoundedLoader, compose_yaml, yaml_documents
+from occlog.io.files.texts import yaml as yaml_nodes
+from occlog.io.files.texts.yaml import (
+    KEPT_LENGTH,
+    KEPT_TEXTS,
+    MAX_NODES,
+    BoundedLoader,
+    compose_yaml,
+    parse_yaml,
+    read_yaml,
+    yaml_documents,
+)
 
 
 def test_a_document_has_at_most_so_many_entries_with_its_aliases_expanded() -> None:

@@ -7,7 +7,7 @@ import pytest
 from occlog.errors import InputError
 from occlog.io.foreign.names import describe_missing, ending, lay_out, misspelled, spellings
 from occlog.records.columns import Column, Table
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Tracks, Truth
 
 

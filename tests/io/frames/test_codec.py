@@ -14,14 +14,15 @@ from occlog.io.frames.codec import (
     BLACK,
     DARK_16,
     PNG_MARK,
+    SEVERAL,
     dark_bars,
     decode_image,
+    holds_several,
     image_damage,
     image_size,
     shown_size,
 )
 from occlog.io.frames.limits import MAX_PIXELS
-from occlog.io.frames.several import SEVERAL, holds_several
 
 
 def png_head(width: int, height: int) -> bytes:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.names.sensors import match_sensor, natural_sorted, safe_name
+from occlog.io.files.names import match_sensor, natural_sorted, safe_name
 from occlog.io.frames.codec import dark_bars, decode_image, encode_image, image_damage, image_size
-from occlog.io.frames.folder import read_folders
+from occlog.io.frames.streams import read_folders
 
 RATE = {"a": Fraction(10), "b": Fraction(10)}
 

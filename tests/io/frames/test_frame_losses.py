@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.frames.frame_losses import MAX_STRETCHES, Ledger
+from occlog.io.frames.decode import MAX_STRETCHES, Ledger
 from occlog.io.video.container import Container
 from occlog.records.losses import Loss
 

@@ -12,9 +12,9 @@ import pytest
 import zstandard
 
 from occlog.errors import InputError
-from occlog.io.files.untrusted.promises import FREE_BYTES
+from occlog.io.files.limits import FREE_BYTES
 from occlog.io.messages.bag import open_bag
-from occlog.io.messages.zstd_frames import unpack_frames
+from occlog.io.messages.mcap_file import unpack_frames
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 
 TABLES = """CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);

@@ -7,8 +7,8 @@ from contextlib import nullcontext
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.messages import decoding
-from occlog.io.messages.decoding import LONGEST_DEFINITION, decoder
+from occlog.io.messages import kinds as decoding
+from occlog.io.messages.kinds import LONGEST_DEFINITION, decoder
 from occlog.io.messages.mcap_file import Topic
 
 pytest.importorskip("rosbags")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.messages.images import is_picture, pixels, stored
+from occlog.io.messages.contents import is_picture, pixels, stored
 from occlog.io.messages.kinds import Header, ImageMessage
 
 RED, GREEN, BLUE = (0, 0, 250), (0, 250, 0), (250, 0, 0)

@@ -94,7 +94,7 @@ def test_real_bags_of_rosbag2_hold_what_the_library_reads(shared_data: Path) -> 
 
 def test_text_of_a_real_bag_is_decoded(shared_data: Path) -> None:
     pytest.importorskip("rosbags")
-    from occlog.io.messages.decoding import decoder
+    from occlog.io.messages.kinds import decoder
 
     (path,) = (shared_data / "rosbag2_mcap").glob("*multiple_files_2.mcap")
     with open_bag([path]) as bag:

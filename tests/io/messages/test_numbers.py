@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.messages.camera_info import intrinsics
+from occlog.io.messages.contents import BoxRows, direction_rows, intrinsics, rotation_of
 from occlog.io.messages.kinds import (
     BoxMessage,
     Detection,
@@ -19,8 +19,6 @@ from occlog.io.messages.kinds import (
     TransformMessage,
     read_message,
 )
-from occlog.io.messages.rows import BoxRows, direction_rows
-from occlog.io.messages.transforms import rotation_of
 from occlog.records.scene import MicrophoneArray
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from occlog.io.recording.chunks import chunk_head
-from occlog.io.recording.salvage.lz4_blocks import rest_of_block
+from occlog.io.recording.salvage.records import rest_of_block
 from occlog.io.recording.salvage.recover import recover_recording
 
 CUTS = 200 if os.environ.get("HYPOTHESIS_PROFILE") == "explore" else 20

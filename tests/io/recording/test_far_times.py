@@ -16,7 +16,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.messages.bag import open_bag
 from occlog.io.recording.reader import check_recorded, open_recording, parse_image
-from occlog.records.times import MAX_NS, bounded_ns
+from occlog.records.columns import MAX_NS, bounded_ns
 
 PNG = bytes(cv2.imencode(".png", np.zeros((4, 6), np.uint8))[1])
 S = 10**9

@@ -9,7 +9,7 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance, hash_file
-from occlog.io.recording.links import linked_path
+from occlog.io.recording.metadata import linked_path
 from occlog.io.recording.reader import linked_videos, open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml

@@ -16,8 +16,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
+from occlog.io.files.limits import RECORDING_MAGIC
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.untrusted.content import RECORDING_MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.mcap_errors import open_mcap

@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from occlog.errors import InputError
-from occlog.io.files.untrusted.content import RECORDING_MAGIC
+from occlog.io.files.limits import RECORDING_MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.io.recording.mcap_errors import FOOTER_BYTES, open_mcap, read_attachment
 

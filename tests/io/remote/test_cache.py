@@ -21,8 +21,7 @@ import pytest
 from occlog.errors import InputError, OutputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.remote.cache import Cache
-from occlog.io.remote.store import find
+from occlog.io.remote import Cache, find
 
 fsspec = pytest.importorskip("fsspec")
 LARGE = b"x" * 1000
@@ -167,7 +166,7 @@ def test_two_files_of_one_path_and_answers_that_stop_are_told_apart(
 ) -> None:
     """Whoever worked on the first got the bytes of the second."""
     pytest.importorskip("aiohttp")
-    monkeypatch.setattr("occlog.io.remote.store.SILENCE", 0.5)
+    monkeypatch.setattr("occlog.io.remote.SILENCE", 0.5)
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Odd)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     url, cache = f"http://127.0.0.1:{server.server_port}/get", Cache(tmp_path, 10**6)

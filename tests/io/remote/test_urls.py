@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from occlog.errors import UsageError
-from occlog.io.remote.urls import identity, is_url, kind_of, scrubbed, shown
+from occlog.io.remote import identity, is_url, kind_of, scrubbed, shown
 
 SIGNED = "https://me:word@store.example/hall.mcap?X-Amz-Signature=abc123&X-Amz-Credential=key#part"
 

@@ -9,7 +9,7 @@ from places import ROOT
 from occlog.errors import InputError
 from occlog.io.scenes.paths import paths_from_yaml, read_paths
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.records.scripts import Segment
+from occlog.records.scene import Segment
 
 EXAMPLES = ROOT / "examples"
 WHOLE = """

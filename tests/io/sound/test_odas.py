@@ -15,7 +15,7 @@ from occlog.errors import ExitCode, InputError, UsageError
 from occlog.io.recording.reader import open_recording
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
-from occlog.io.sound.odas import parse_hop
+from occlog.io.sound.formats import parse_hop
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa

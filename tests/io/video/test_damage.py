@@ -12,9 +12,9 @@ import pytest
 from video_samples import FRAMES, KINDS, avi, faststart, fragmented, jpeg, number_shown, write_video
 
 from occlog.errors import InputError
+from occlog.io.frames.codec import size_changes
 from occlog.io.frames.decode import decode, examine
 from occlog.io.frames.decoders.process import start_decoder
-from occlog.io.frames.sizes import size_changes
 from occlog.records.losses import Loss
 
 HALF = FRAMES // 2

@@ -11,7 +11,7 @@ import pytest
 from video_samples import box
 
 from occlog.errors import InputError
-from occlog.io.frames.video_stream import video_times
+from occlog.io.frames.streams import video_times
 from occlog.io.video.container import MAX_FRAMES, Container
 from occlog.io.video.reader import read_container
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from occlog.io.frames.codec import size_changes
 from occlog.io.frames.decoders.process import start_decoder
-from occlog.io.frames.sizes import size_changes
-from occlog.io.frames.video_stream import video_times
+from occlog.io.frames.streams import video_times
 from occlog.io.video.reader import read_container
 
 FILES = {

@@ -9,11 +9,10 @@ import pytest
 import two_coloured as people
 
 from occlog.cli.main import run
-from occlog.core.image.colour_density import colour_counts
+from occlog.core.image import colour_counts
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import AppearanceMatches, Gallery, PeopleTracks, Tracks, Views

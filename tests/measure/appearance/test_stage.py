@@ -5,13 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.image.colour_density import bins_of
+from occlog.core.image import bins_of
 from occlog.errors import InputError
-from occlog.measure.appearance.box_tracks import covered, overlaps, tracks_of_boxes
 from occlog.measure.appearance.config import LearnConfig, MatchConfig
-from occlog.measure.appearance.identities import Evidence, EvidenceTally, identities, renamed
-from occlog.measure.appearance.sightings import FrameBoxes, Sighting
-from occlog.measure.appearance.stage import learn, match, most_alike, sides_of
+from occlog.measure.appearance.sightings import FrameBoxes, Sighting, covered, overlaps, tracks_of_boxes
+from occlog.measure.appearance.stage import (
+    Evidence,
+    EvidenceTally,
+    identities,
+    learn,
+    match,
+    most_alike,
+    renamed,
+    sides_of,
+)
 from occlog.records.tables import Gallery, Tracks
 from occlog.settings import SettingError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.appearance.viewing_angle import angle_bins, at_times, path_of, viewing_angles
+from occlog.measure.appearance.sightings import angle_bins, at_times, path_of, viewing_angles
 
 SECOND = 1_000_000_000
 UNKNOWN = np.full((5, 2), np.nan)

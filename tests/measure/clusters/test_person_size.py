@@ -13,9 +13,8 @@ from occlog.measure.clusters.person_size import (
     place,
     sizes_from_camera,
 )
-from occlog.measure.regions.observed_size import observed_sizes, person_like_blobs
-from occlog.measure.regions.regions import Regions
-from occlog.measure.regions.shrink import enlarge, shrink, shrink_factor, shrink_sizes
+from occlog.measure.regions.background import observed_sizes, person_like_blobs
+from occlog.measure.regions.regions import Regions, enlarge, shrink, shrink_factor, shrink_sizes
 from occlog.records.scene import Camera
 
 SIZE = (640, 480)

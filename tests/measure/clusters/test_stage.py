@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from occlog.measure.clusters.merge_split import group_worth, merge, split, union
+from occlog.measure.clusters.em import group_worth, merge, split, union
 from occlog.measure.clusters.person_size import Prior, constant_sizes, make_prior
 from occlog.measure.clusters.stage import Clusters, cell_side, find_clusters
 from occlog.measure.regions.regions import gather

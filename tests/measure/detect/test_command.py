@@ -14,10 +14,9 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.errors import ExitCode
 from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import describe, read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.recording.writer import RecordingWriter
-from occlog.measure.regions.appearance import histogram
+from occlog.measure.regions.regions import histogram
 from occlog.records.tables import Bearings, Boxes, Views
 
 STEPS = 20

@@ -10,8 +10,7 @@ from detect_scenes import scene
 
 from occlog.errors import InputError
 from occlog.measure.detect.config import CAMERA, GLOBAL, DetectConfig
-from occlog.measure.detect.from_boxes import detect_boxes
-from occlog.measure.detect.labels import survey_labels
+from occlog.measure.detect.from_boxes import detect_boxes, survey_labels
 from occlog.records.tables import Bearings, Boxes
 
 NAN = float("nan")

@@ -6,8 +6,7 @@ import pytest
 
 from occlog.measure.detect import left_out
 from occlog.measure.detect.left_out import LeftOut
-from occlog.records.frames import Frame
-from occlog.records.left_out_frames import holes, inside
+from occlog.records.frames import Frame, holes, inside
 from occlog.records.losses import Loss
 
 

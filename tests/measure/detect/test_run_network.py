@@ -18,8 +18,7 @@ from occlog.cli.main import run
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance, hash_file
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Views

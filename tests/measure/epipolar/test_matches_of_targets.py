@@ -6,8 +6,7 @@ from epipolar_rigs import looking
 from view_scenes import TICK, view_tracks, walks
 
 from occlog.core.sight.fundamental import epipolar_distances
-from occlog.measure.epipolar.matches_of_targets import MOST, matches_of_tracks
-from occlog.measure.epipolar.stage import estimated_pairs
+from occlog.measure.epipolar.stage import MOST, estimated_pairs, matches_of_tracks
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import TruthBoxes

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.measure.fuse.cameras import PlacedCameras, placed_cameras
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.decide import CONFIRMED, Decision, ObjectMemory, agreeing, decide
-from occlog.measure.fuse.kernels.sight_lines import MotionEstimate, Sight
+from occlog.measure.fuse.kernels import MotionEstimate, Sight
+from occlog.measure.fuse.views import PlacedCameras, placed_cameras
 from occlog.records.scene import Camera, Scene, camera_rotation
 
 STEP = 10**8

@@ -14,7 +14,7 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
-from occlog.measure.fuse.moments import together
+from occlog.measure.fuse.rows import together
 from occlog.measure.fuse.stage import Fused, fuse
 from occlog.records.scene import Camera, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Views

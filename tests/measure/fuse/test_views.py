@@ -11,10 +11,9 @@ import pytest
 from occlog.measure.clusters.person_size import person_in_image
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.detections import Detections
-from occlog.measure.fuse.cameras import placed_cameras
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.stage import fuse
-from occlog.measure.fuse.views import feet
+from occlog.measure.fuse.views import feet, placed_cameras
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Boxes, Views
 

@@ -12,8 +12,7 @@ from tracker_scenes import SECOND, observe, room100, walk, with_array
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import describe, read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_to_yaml

@@ -13,8 +13,7 @@ from scipy.io import wavfile
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.records.tables import Doa, Tracks
 
 pytest.importorskip("pyroomacoustics")

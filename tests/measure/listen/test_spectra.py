@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.measure.listen.spectra import coherence, direction, extents, levels, sharpness, spectra
+from occlog.measure.listen.locate import coherence, direction, extents, levels, sharpness, spectra
 
 C = 343.0
 SQUARE = 0.05 * np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])

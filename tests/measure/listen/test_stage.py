@@ -9,7 +9,7 @@ import pytest
 
 from occlog.errors import InputError, UsageError
 from occlog.measure.listen.config import ALGORITHMS, ListenConfig
-from occlog.measure.listen.spectra import direction
+from occlog.measure.listen.locate import direction
 from occlog.measure.listen.stage import ListenTally, frames, listen
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa

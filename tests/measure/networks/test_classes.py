@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.measure.networks.classes import COCO, COCO_91, Names, names_in, names_of, read_names, wanted_classes
+from occlog.measure.networks.heads import COCO, COCO_91, Names, names_in, names_of, read_names, wanted_classes
 
 
 def test_coco_has_its_80_classes_by_both_numbers() -> None:

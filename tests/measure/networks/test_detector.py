@@ -10,8 +10,7 @@ from small_networks import colour_network, constant_network, helper, mean_networ
 
 from occlog.errors import InputError, UsageError
 from occlog.measure.networks.config import NetworkConfig
-from occlog.measure.networks.detector import Boxed, Detector, open_detector
-from occlog.measure.networks.embedder import open_embedder
+from occlog.measure.networks.detector import Boxed, Detector, open_detector, open_embedder
 from occlog.measure.networks.network import size_of
 
 THERE = [each for each in ("opencv", "onnxruntime", "openvino") if each == "opencv" or importlib.util.find_spec(each)]

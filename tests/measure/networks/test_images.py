@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from occlog.measure.networks.config import CORNER, IMAGENET, IMAGENET_BGR, LETTERBOX, PAD, RAW, STRETCH, UNIT
-from occlog.measure.networks.images import Placement, crop, fill, laid, place
+from occlog.measure.networks.network import Placement, crop, fill, laid, place
 
 SIZES = [(1920, 1080), (1080, 1920), (640, 480), (641, 359), (333, 500), (64, 64), (100, 3), (3, 100), (1, 1)]
 RNG = np.random.default_rng(0)

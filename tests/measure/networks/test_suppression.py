@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from occlog.measure.networks.suppression import suppress
+from occlog.measure.networks.detector import suppress
 
 RNG = np.random.default_rng(1)
 

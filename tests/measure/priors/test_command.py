@@ -11,8 +11,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import describe, read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Occluders, Tracks, Truth, Views

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.locate_sources import Directions
+from occlog.core.sight.triangulate import Directions
 from occlog.errors import InputError, UsageError
 from occlog.measure.priors.config import AcousticConfig
 from occlog.measure.priors.from_sound import acoustic_priors

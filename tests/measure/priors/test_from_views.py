@@ -11,8 +11,7 @@ import shapely
 from occlog.errors import InputError
 from occlog.measure.priors.config import HullConfig
 from occlog.measure.priors.from_views import hull_priors
-from occlog.records.near_origin import scene_from
-from occlog.records.scene import Camera, Scene, camera_rotation
+from occlog.records.scene import Camera, Scene, camera_rotation, scene_from
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Occluders, Views
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])

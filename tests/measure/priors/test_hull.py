@@ -7,8 +7,7 @@ import pytest
 import shapely
 
 from occlog.core.numerics.assignment import assign
-from occlog.measure.priors.hull import CameraCones, cones, hull, hull_camera, runs
-from occlog.measure.priors.hull_identities import HullMemory, Rules, evidence, follow
+from occlog.measure.priors.hull import CameraCones, HullMemory, Rules, cones, evidence, follow, hull, hull_camera, runs
 from occlog.records.scene import Camera, Occluder, Scene, camera_rotation
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])

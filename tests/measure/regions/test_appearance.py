@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from occlog.core.image.histogram_bins import N_BINS, pixel_bin
-from occlog.measure.regions import appearance
+from occlog.core.image import N_BINS, pixel_bin
+from occlog.measure.regions import regions as appearance
 from occlog.records.tables import APPEARANCE_BINS
 
 

@@ -3,12 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.image.histogram_bins import pixel_bin
+from occlog.core.image import pixel_bin
 from occlog.measure.clusters.crowds import APART_FRAMES, SeenApart
 from occlog.measure.clusters.person_size import constant_sizes, make_prior
-from occlog.measure.regions.appearance import histogram
-from occlog.measure.regions.components import component_regions
-from occlog.measure.regions.regions import Regions, cluster_regions
+from occlog.measure.regions.regions import Regions, cluster_regions, component_regions, histogram
 
 SIZE = (160, 120)
 SIZES = constant_sizes(SIZE, 48.0)

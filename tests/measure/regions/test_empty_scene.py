@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from occlog.measure.regions.empty_scene import empty_scene, motion_masks
+from occlog.measure.regions.background import empty_scene, motion_masks
 
 
 def scene_image() -> np.ndarray:

@@ -10,14 +10,24 @@ import pytest
 from occlog.errors import UsageError
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.papers import catalogue
-from occlog.papers.ercan import selection_period
+from occlog.papers.ercan import selection as selection_period
 from occlog.papers.ercan.formulas.accuracy import fig17, judge17
 from occlog.papers.ercan.formulas.blocking import FORMS
-from occlog.papers.ercan.scenes import L_ORDER, LAB_ORDER, LAB_SIZE, SQUARE_ORDER, l_room, lab, square_room
 from occlog.papers.ercan.square import fig6
-from occlog.papers.ercan.trial import KNOWN, NONE, PRIOR, WORST
-from occlog.papers.verdicts.model import Experiment, Size
-from occlog.papers.verdicts.verdicts import find
+from occlog.papers.ercan.trial import (
+    KNOWN,
+    L_ORDER,
+    LAB_ORDER,
+    LAB_SIZE,
+    NONE,
+    PRIOR,
+    SQUARE_ORDER,
+    WORST,
+    l_room,
+    lab,
+    square_room,
+)
+from occlog.papers.verdicts import Experiment, Size, find
 from occlog.pipeline.sweep.engine import run_all
 
 ERCAN = ["equations", "baselines", "joint", "selection-period", "fig6", "fig7", "fig8", "fig9", "fig10", "fig12"]

@@ -15,25 +15,26 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
-from occlog.papers.ercan.recorded.detections import (
+from occlog.papers.ercan.recorded import (
     CLEAR,
     DIAMETER,
+    ITEMS,
     MOST,
     OCCLUDERS,
     ROOM,
+    Recorded,
     crowd_of,
     crowd_size,
     files_of,
     hidden,
     occluders_of,
     recorded_spec,
+    recorded_target,
     recorded_trial,
     settings_of,
     trial,
 )
-from occlog.papers.ercan.recorded.figures import ITEMS
-from occlog.papers.ercan.recorded.target import Recorded, recorded_target
-from occlog.papers.verdicts.model import Size
+from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.engine import TrialError, key_of, run_all
 from occlog.records.tables import Bearings
 from occlog.scans.occluder_priors import OccluderFeed

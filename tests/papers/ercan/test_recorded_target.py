@@ -12,8 +12,7 @@ from tracker_scenes import SECOND
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.tables.parquet import read_table
-from occlog.papers.ercan.recorded.detections import RATE, read_cmc
-from occlog.papers.ercan.recorded.target import MEETINGS, assign, recorded_target, smoothed, stand_in, unseen
+from occlog.papers.ercan.recorded import MEETINGS, RATE, assign, read_cmc, recorded_target, smoothed, stand_in, unseen
 from occlog.records.tables import Bearings
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.papers.page.planplot import EstimatedPath, Panel, Plan, draw_plan, plan_limits, plan_png
+from occlog.papers.plots import EstimatedPath, Panel, Plan, draw_plan, plan_limits, plan_png
 from occlog.papers.rahimi.example import sparse_scene
-from occlog.report.drawing.style import house_style
+from occlog.report.drawing import house_style
 
 
 def made_up(panels: int, far: float = 4.0) -> Plan:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.papers.page.reproduction import Chart, Part, build_reproduction, picture_png
-from occlog.papers.page.shotplot import Line, Mark, Shot, Shots, bright, draw_shots, ends_of
+from occlog.papers.page import Chart, Part, build_reproduction, picture_png
+from occlog.papers.plots import Line, Mark, Shot, Shots, bright, draw_shots, ends_of
 
 
 def shots() -> Shots:

@@ -11,8 +11,7 @@ from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.papers.qu.follow import Followed
 from occlog.papers.qu.staged import SCENES, Staging, staged_paths, staging_of, video_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.qu.watched import watched_figures, whereabouts
+from occlog.papers.qu.trial import run_views_trial, views_spec, watched_figures, whereabouts
 from occlog.papers.qu.world import births_of, truth_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras

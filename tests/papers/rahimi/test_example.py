@@ -11,13 +11,13 @@ import pytest
 from occlog.core.sight.camera import planar_offsets
 from occlog.core.sight.visibility import in_view
 from occlog.papers import catalogue
+from occlog.papers import verdicts as v
 from occlog.papers.rahimi import example as sparse
 from occlog.papers.rahimi import results, search, trust
 from occlog.papers.rahimi import trial as sparse_trial
 from occlog.papers.rahimi.example import HALF, STEP_S, example, identified, reflected_path, sparse_scene
 from occlog.papers.rahimi.trial import Solved, consistency, errors, sightings, solve_problem, sparse_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Row, Size
+from occlog.papers.verdicts import Row, Size
 from occlog.pipeline.sweep.engine import run_all
 from occlog.records.tables import Diagnostics, Tracks
 from occlog.settings import configure

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from occlog.papers import verdicts as v
 from occlog.papers.rahimi import walk
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Row
+from occlog.papers.verdicts import Row
 from occlog.records.tables import Bearings
 from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.cameras import observe

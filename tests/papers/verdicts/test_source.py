@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from occlog.papers import verdicts as v
 from occlog.papers.catalogue import PAPERS, SOURCES
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import exact
-from occlog.papers.verdicts.source import OWN, Source, attributed, source_of
+from occlog.papers.verdicts import OWN, Source, attributed, exact, source_of
 
 PLACES = {"fig3": Source("Fig. 3", "words", 7), "fig3-own": OWN}
 

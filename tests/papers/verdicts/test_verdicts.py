@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from occlog.papers import verdicts as v
 from occlog.papers.ercan.square import NEEDED, crossing, judge6, judge7, judge8, judge9, needed
 from occlog.papers.ercan.trial import KNOWN, NONE, PRIOR, WORST
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import errors_allowed, estimate, exact, power_of, sample, share_of
-from occlog.papers.verdicts.model import Row, Verdict
+from occlog.papers.verdicts import Row, Verdict, errors_allowed, estimate, exact, power_of, sample, share_of
 
 NOISE = (-0.1, 0.0, 0.1)
 

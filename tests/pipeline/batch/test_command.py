@@ -23,7 +23,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.pipeline.batch import run as batch
 from occlog.pipeline.executors.interface import InThisProcess, R, T
-from occlog.report.drawing import plot
+from occlog.report import drawing as plot
 
 CONFIG = "occlog_run: 1\nseed: 2\ntrack: {particles: 50}\n"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.files.tables.header import read_provenance
+from occlog.io.files.tables.parquet import read_provenance
 from occlog.pipeline.batch.recording import Outcome
-from occlog.pipeline.batch.tables import MOST_LOSSES, gather
+from occlog.pipeline.batch.run import MOST_LOSSES, gather
 from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
 

@@ -14,13 +14,11 @@ import pytest
 
 from occlog import __version__
 from occlog.errors import InputError, UsageError
-from occlog.pipeline.executors import jobs as jobs_of_slurm
+from occlog.pipeline.executors import clusters as jobs_of_slurm
 from occlog.pipeline.executors.chosen import executor_of
-from occlog.pipeline.executors.dask_cluster import DaskCluster
+from occlog.pipeline.executors.clusters import DaskCluster, Jobs, RayCluster
 from occlog.pipeline.executors.interface import Lost, done_alike
-from occlog.pipeline.executors.jobs import Jobs
 from occlog.pipeline.executors.options import job_settings
-from occlog.pipeline.executors.ray_cluster import RayCluster
 
 
 def square_or_die(number: int) -> int:
@@ -139,7 +137,7 @@ import threading
 from distributed import LocalCluster
 from test_others import alone_or_die
 from occlog.errors import InputError
-from occlog.pipeline.executors.dask_cluster import DaskCluster
+from occlog.pipeline.executors.clusters import DaskCluster
 if __name__ == "__main__":
     with LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None) as cluster:
         dask = DaskCluster(cluster.scheduler_address)

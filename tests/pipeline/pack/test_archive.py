@@ -15,8 +15,7 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.pipeline.pack import archive
-from occlog.pipeline.pack.archive import unpack
-from occlog.pipeline.pack.manifest import LOCK, MANIFEST, read_manifest
+from occlog.pipeline.pack.archive import LOCK, MANIFEST, read_manifest, unpack
 
 CONFIG = b"occlog_run: 1\n"
 VERSIONS = b"# Python ?\nocclog==0.1.0\nnumpy==2.0.0\n"

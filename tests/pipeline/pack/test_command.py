@@ -18,7 +18,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
-from occlog.pipeline.pack.manifest import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, lock_text
+from occlog.pipeline.pack.archive import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, lock_text
 from occlog.pipeline.run.stage import Stage
 
 CONFIG = """

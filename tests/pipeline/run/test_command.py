@@ -13,23 +13,22 @@ from people_boxes import boxes, hall, truth
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.io.files.locks import alone_with
+from occlog.io.files.atomic import alone_with
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.tables.parquet import read_table
-from occlog.io.files.texts.json_file import write_json
+from occlog.io.files.texts.documents import write_json
 from occlog.io.models.onnx_file import OnnxFile
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.pipeline.run import inputs as run_inputs
 from occlog.pipeline.run import run as stages_in_order
-from occlog.pipeline.run.inputs import files_of, name_of
+from occlog.pipeline.run import stage as run_inputs
 from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
-from occlog.pipeline.run.stage import Stage
+from occlog.pipeline.run.stage import Stage, files_of, name_of
 from occlog.pipeline.run.stages import check_settings, plan, read_config
 from occlog.records.losses import Loss
 from occlog.records.tables import Particles, PeopleTracks, Tracks
-from occlog.report.drawing import plot
+from occlog.report import drawing as plot
 
 SCENE = """
 occlog_scene: 1

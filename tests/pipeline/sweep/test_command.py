@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from sweep_scene import SCENE
 
 from occlog.errors import InputError, OutputError, OutputExistsError, UsageError
-from occlog.io.files.locks import alone_with
+from occlog.io.files.atomic import alone_with
 from occlog.pipeline.sweep.command import command
 from occlog.pipeline.sweep.engine import TrialError
 

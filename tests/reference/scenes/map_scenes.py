@@ -6,7 +6,7 @@ import numpy as np
 from tracker_scenes import SECOND, camera
 
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.interface import Smoothed
 from occlog.track.map.record import Record
 

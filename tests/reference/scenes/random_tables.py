@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.records.columns import ANY
-from occlog.records.declared.gallery import MOST_BINS, OTHER, AppearanceMatches, Gallery
-from occlog.records.declared.measurements import Measurements
-from occlog.records.declared.people import KINDS, Events
-from occlog.records.declared.robots import PATH_STATES, RobotPath
+from occlog.records.declared.people import KINDS, MOST_BINS, OTHER, AppearanceMatches, Events, Gallery
+from occlog.records.declared.sensors import Measurements
 from occlog.records.declared.views import COUNTERPARTS, EVENTS, Failures, ViewTracks
+from occlog.records.declared.world import PATH_STATES, RobotPath
 from occlog.records.tables import Hulls, Occluders, Tracks
 
 WORDS = {

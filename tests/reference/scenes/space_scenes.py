@@ -8,7 +8,7 @@ import numpy as np
 
 from occlog.filtering.motion.coordinated_turn import acceleration_root
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.in_space import direct3d
 from occlog.track.in_space.config import Direct3dConfig
 

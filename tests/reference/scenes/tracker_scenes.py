@@ -8,7 +8,7 @@ from occlog.array_types import Floats
 from occlog.core.sight.camera import noise_variance, planar_offsets, rotation_from_angles
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
 from occlog.records.tables import Bearings
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 
 SECOND = 1_000_000_000
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])

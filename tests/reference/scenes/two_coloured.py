@@ -8,7 +8,7 @@ from occlog.core.sight.camera import rotation_from_angles
 from occlog.io.files.provenance import Provenance
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
-from occlog.measure.appearance.box_tracks import expected_boxes
+from occlog.measure.appearance.sightings import expected_boxes
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Boxes, Truth, TruthBoxes
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from occlog.io.files.untrusted.content import RECORDING_MAGIC
+from occlog.io.files.limits import RECORDING_MAGIC
 
 
 def unindexed(data: bytes) -> bytes:

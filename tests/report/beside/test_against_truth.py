@@ -9,7 +9,7 @@ from two_runs import STEP, exchanged_at, lost, moved, tracks, truth
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.on_ground import evaluate_ground
 from occlog.records.tables import PeopleTracks
-from occlog.report.beside.comparison.identities import Change, Piece
+from occlog.report.beside.comparison.pairs import Change, Piece
 from occlog.report.beside.stage import followed_by_truth
 
 

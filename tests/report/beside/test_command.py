@@ -21,8 +21,8 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import Errors, PeopleTracks
-from occlog.report.beside import inputs
-from occlog.report.beside.inputs import names_of
+from occlog.report.beside import run as inputs
+from occlog.report.beside.run import names_of
 
 pytestmark = pytest.mark.usefixtures("no_svg")
 SCENE = """

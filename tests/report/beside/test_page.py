@@ -17,14 +17,12 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
 from occlog.report.beside.config import BesideConfig
-from occlog.report.beside.inputs import Run
-from occlog.report.beside.markdown import build_markdown
-from occlog.report.beside.model import Beside
-from occlog.report.beside.page import build_page
-from occlog.report.beside.run import lay
+from occlog.report.beside.page import build_markdown, build_page
+from occlog.report.beside.run import Run, lay
+from occlog.report.beside.words import Beside
 from occlog.report.content.model import ReportInput
 from occlog.report.content.thinned import MOST_SHOWN
-from occlog.report.replay.pack import KINDS, NONE
+from occlog.report.replay.moments import KINDS, NONE
 
 EVIL = "</script><script>window.evil=1</script>\"'><img src=x onerror=window.evil=2>"
 CONFIG = BesideConfig(match_distance=1.0, tolerance=0.5)

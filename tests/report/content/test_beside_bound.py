@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from made_up import run
 
-from occlog.records.pieces import Side, in_step
-from occlog.records.tables import Bound, Errors
-from occlog.report.content.beside_bound import BesideBound
+from occlog.records.tables import Bound, Errors, Side, in_step
+from occlog.report.content.accuracy import BesideBound
 
 
 def tables(*, smoothed: bool) -> tuple[Errors, Bound]:

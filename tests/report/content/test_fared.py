@@ -9,7 +9,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Diagnostics
-from occlog.report.content.fared import MARKS, FaredStreams
+from occlog.report.content.accuracy import MARKS, FaredStreams
 
 
 def made() -> Diagnostics:

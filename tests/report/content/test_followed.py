@@ -9,7 +9,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Errors, Tracks
-from occlog.report.content.followed import followers
+from occlog.report.content.accuracy import followers
 from occlog.report.content.model import ReportInput
 from occlog.report.page import build_page
 

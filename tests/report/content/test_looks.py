@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from made_up import run
 
-from occlog.io.files.put_aside.blocks import Blocks
-from occlog.records.pieces import whole_times
-from occlog.records.tables import Bearings
+from occlog.io.files.spill import Blocks
+from occlog.records.tables import Bearings, whole_times
 from occlog.report.content.looks import CELLS, LOOK, LookStreams
 
 

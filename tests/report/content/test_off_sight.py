@@ -9,7 +9,7 @@ from bearing_scenes import CASES, Case
 from occlog.consistency.verdict import Evidence
 from occlog.evaluate.verdict import Made
 from occlog.records.tables import Bearings
-from occlog.report.gather_bearings import Beside, Found, Posts, bearings_of
+from occlog.report.gather import Beside, Found, Posts, bearings_of
 
 
 def labels(case: Case, kind: str) -> Case:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from people_in_groups import walk
 
-from occlog.records.pieces import whole_times
-from occlog.records.tables import PeopleTracks
+from occlog.records.tables import PeopleTracks, whole_times
 from occlog.report.content.people import MOST_PEOPLE, PeopleStreams, crowd, usual_step
 
 

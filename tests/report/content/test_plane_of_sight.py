@@ -9,7 +9,7 @@ from made_up import ring_scene, run
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.tables import Bearings
 from occlog.report.content.model import ReportInput
-from occlog.report.content.plane_of_sight import edges_of, positions_at, visible_area
+from occlog.report.content.sight import edges_of, positions_at, visible_area
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 6.0], [0.0, 6.0]])
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from made_up import run
 
-from occlog.records.pieces import Side, in_step
-from occlog.records.tables import Diagnostics, Errors, Tracks
+from occlog.records.tables import Diagnostics, Errors, Side, Tracks, in_step
+from occlog.report.content.looks import SelectionStreams
 from occlog.report.content.model import ReportInput
-from occlog.report.content.selections import SelectionStreams
 
 
 def made() -> ReportInput:

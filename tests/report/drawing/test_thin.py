@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from occlog.report.drawing.thin import broken, envelope, extremes, gaps, sensible_top, thin_path
+from occlog.report.drawing import broken, envelope, extremes, gaps, sensible_top, thin_path
 
 VALUES = npst.arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6))
 

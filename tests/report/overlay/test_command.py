@@ -26,8 +26,7 @@ from occlog.records.tables import Truth, TruthBoxes
 from occlog.report.overlay.draw import ALARM, BAR, colour_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras, ball_ellipses
-from occlog.simulate.balls.stage import balls_boxes, balls_scene
-from occlog.simulate.balls.video import BallsFrame
+from occlog.simulate.balls.video import BallsFrame, balls_boxes, balls_scene
 
 N, SIZE = 6, (96, 64)
 CONFIG = BallsConfig(frames=N, width=96, height=64, balls=2, radius=10.0)

@@ -18,9 +18,9 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Diagnostics, Tracks, Truth
-from occlog.report.drawing.style import DARK, TARGET_COLOURS
+from occlog.report.drawing import DARK, TARGET_COLOURS
 from occlog.report.overlay.draw import BAR, WHITE, colour_of
-from occlog.report.overlay.world import Trails
+from occlog.report.overlay.plan import Trails
 
 NS, SIZE = 10**9, (200, 150)
 MADE = Provenance("track")

@@ -5,11 +5,11 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Diagnostics
-from occlog.report.content.fared import deviation
+from occlog.report.content.accuracy import deviation
 from occlog.report.content.model import ReportInput
-from occlog.report.drawing.style import new_figure
+from occlog.report.drawing import new_figure
 from occlog.report.page import build_page
-from occlog.report.plots.filterplot import draw_filter
+from occlog.report.plots.over_time import draw_filter
 
 
 def without_particles(data: ReportInput) -> ReportInput:

@@ -12,7 +12,7 @@ from matplotlib.patches import Ellipse
 
 from occlog.records.tables import PeopleTracks, Tracks
 from occlog.report.content.model import ReportInput
-from occlog.report.drawing.style import COLOURS, house_style
+from occlog.report.drawing import COLOURS, house_style
 from occlog.report.plots.floorplan import ELLIPSES, ELLIPSES_OF_ALL, draw_floorplan
 
 

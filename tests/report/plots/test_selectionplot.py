@@ -8,7 +8,7 @@ import pytest
 from occlog.records.tables import Diagnostics, Errors, Tracks
 from occlog.report.content.model import ReportInput
 from occlog.report.page import build_page
-from occlog.report.plots.selectionplot import cameras_of
+from occlog.report.plots.over_time import cameras_of
 
 
 def diagnostics(mse, selected):

@@ -8,7 +8,7 @@ from made_up import run
 
 from occlog.records.tables import Bearings
 from occlog.report.content.looks import CELLS, LookStreams, Sightings
-from occlog.report.plots.visibility import coarser, sensors, watched
+from occlog.report.plots.over_time import coarser, sensors, watched
 
 
 def looks(t_ns: list[int], seen: list[bool], sensor: str = "a", target: int = 0) -> Bearings:

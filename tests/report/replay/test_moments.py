@@ -18,7 +18,7 @@ from occlog.report.content import thinned
 from occlog.report.content.model import ReportInput
 from occlog.report.replay import moments as rule
 from occlog.report.replay.build import replay
-from occlog.report.replay.pack import NONE, Words, packed, placed
+from occlog.report.replay.moments import NONE, Words, packed, placed
 
 
 def unpacked(packed: list[Any]) -> np.ndarray:

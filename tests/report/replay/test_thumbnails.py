@@ -19,7 +19,7 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Scene
-from occlog.report.overlay.world import Sources
+from occlog.report.overlay.plan import Sources
 from occlog.report.replay.thumbnails import WIDTH, thumbnails
 from occlog.settings import METRES
 

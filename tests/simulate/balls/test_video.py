@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.core.image.ellipse import quadratic
+from occlog.core.image import quadratic
 from occlog.errors import InputError
 from occlog.settings import SettingError, configure
 from occlog.simulate.balls.config import BallsConfig

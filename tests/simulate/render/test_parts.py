@@ -5,12 +5,12 @@ import colorsys
 import numpy as np
 import pytest
 
+from occlog.core.numerics.interpolate import Grid
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.core.numerics.time_grid import Grid
-from occlog.simulate.render import texture
+from occlog.simulate.render import surfaces as texture
 from occlog.simulate.render.body import FULL_SWING, SHIRT, SIDES, STRIDE, Poses, clothes_of, dress, solids, walking
 from occlog.simulate.render.kernel import cloth
-from occlog.simulate.render.light import in_shadow, lamps, light_at
+from occlog.simulate.render.surfaces import in_shadow, lamps, light_at
 
 
 def standing(phase=0.0, swing=0.0, heading=(1.0, 0.0)):

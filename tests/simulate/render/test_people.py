@@ -5,12 +5,11 @@ import pytest
 
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
-from occlog.measure.regions.appearance import histogram, likeness
+from occlog.measure.regions.regions import histogram, likeness
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.simulate.config import RenderConfig
-from occlog.simulate.render.people import render, scene_metre
-from occlog.simulate.render.target_colours import reference_appearances
+from occlog.simulate.render.people import reference_appearances, render, scene_metre
 
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 PILLAR = np.array([[4.0, 2.0], [4.5, 2.0], [4.5, 2.5], [4.0, 2.5]])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.core.numerics.time_grid import Grid
+from occlog.core.numerics.interpolate import Grid
 from occlog.records.scene import Reader, Scene
 from occlog.records.tables import Reads
 from occlog.simulate.config import ReadConfig
-from occlog.simulate.sensors.readers import observe_readers
+from occlog.simulate.sensors.stations import observe_readers
 
 SURE = ReadConfig(detection=1.0, stray=0.0, noise_db=0.0, shadow_db=0.0)
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.numerics.time_grid import Grid
+from occlog.core.numerics.interpolate import Grid
 from occlog.core.sight.camera import array_rotation, wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import MicrophoneArray, Scene

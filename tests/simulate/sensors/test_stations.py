@@ -9,10 +9,10 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.cli.main import run
-from occlog.core.numerics.time_grid import Grid
+from occlog.core.numerics.interpolate import Grid
 from occlog.errors import ExitCode
 from occlog.io.open import open_input
-from occlog.records.declared.measurements import Measurements
+from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Truth
 from occlog.simulate.config import MeasureConfig, ReadConfig

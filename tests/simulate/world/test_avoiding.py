@@ -11,8 +11,8 @@ from places import EXAMPLES
 from scipy.spatial.distance import pdist
 
 from occlog.cli.main import run
-from occlog.core.navigation.moving import Clock, Moving
-from occlog.core.plane.polygons import distance_to_boundary, inside_polygon, sight_blocked
+from occlog.core.navigation.obstacles import Clock, Moving
+from occlog.core.plane import distance_to_boundary, inside_polygon, sight_blocked
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.numerics.time_grid import Grid
+from occlog.core.numerics.interpolate import Grid
 from occlog.errors import InputError
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move
-from occlog.records.scene import Occluder, Scene
-from occlog.records.scripts import Script, ScriptedTarget, Segment
+from occlog.records.scene import Occluder, Scene, Script, ScriptedTarget, Segment
 from occlog.simulate.config import ObserveConfig, SoundConfig
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.world.scripted_paths import check_inside, grid_truth, moved, silences, simulate_paths

@@ -3,8 +3,7 @@ import pytest
 from scipy.spatial.distance import pdist
 from scipy.special import ive
 
-from occlog.core.plane.convexity import pockets
-from occlog.core.plane.polygons import distance_to_boundary, inside_polygon, pack_polygons, sight_blocked
+from occlog.core.plane import distance_to_boundary, inside_polygon, pack_polygons, pockets, sight_blocked
 from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, WaypointMotion, populate, walk
 
 SQUARE = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])

@@ -20,7 +20,7 @@ from occlog.simulate.stage import simulate_truth
 from occlog.track.apf import filter as apf
 from occlog.track.apf.calibration import begin, corrected, corrected_sensors
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.sensing import pack_noise, pack_sensors, read_noise
+from occlog.track.apf.model import pack_noise, pack_sensors, read_noise
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 

@@ -12,8 +12,7 @@ from tracker_scenes import observe, room100, walk
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import Bearings, Diagnostics, Tracks, Truth

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from tracker_scenes import PILLAR, camera, observe, room100, scan, true_u, walk, with_array
 
-from occlog.core.plane.floor import on_floor
+from occlog.core.plane import on_floor
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import likelihood
-from occlog.track.apf.sensing import pack_scan
+from occlog.track.apf.model import likelihood, pack_scan
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.first_places import sight_lines, wander
-from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.apf.model import pack_noise, pack_scan, pack_sensors, read_noise, sight_lines, wander
 
 pytestmark = pytest.mark.jit
 

@@ -8,12 +8,12 @@ import pytest
 from apf_scenes import L, readings, reference_scene, state_with
 from tracker_scenes import room100, scan
 
-from occlog.core.plane.floor import sample_floor
+from occlog.core.plane import sample_floor
 from occlog.filtering.motion import waypoint
 from occlog.filtering.particles import effective_size, mean_and_covariance
 from occlog.track.apf.config import ApfConfig
+from occlog.track.apf.model import pack_scan
 from occlog.track.apf.propose import auxiliary_step
-from occlog.track.apf.sensing import pack_scan
 
 PEOPLE = {"sigma_a": 0.5, "sigma_w": 0.1, "phi": 0.0}
 STAND = {**PEOPLE, "wait_s": 4.0, "sigma_c": 0.3}

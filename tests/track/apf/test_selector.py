@@ -10,9 +10,8 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.records.tables import Bearings, Diagnostics, Tracks
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.selection_config import SelectConfig
-from occlog.track.drivers.network_cost import Messages
+from occlog.track.apf.config import ApfConfig, SelectConfig
+from occlog.track.drivers.rows import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 

@@ -14,13 +14,13 @@ from tracker_scenes import SECOND, observe, room100, walk
 from occlog.errors import InputError, UsageError
 from occlog.records.columns import Table
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Batch, OccluderTerms, Smoothed
 from occlog.track.map.config import MapConfig
-from occlog.track.map.fixed_lag import lag_ns
+from occlog.track.map.method import lag_ns
 from occlog.track.map.search.pending import begin
 
 pytestmark = pytest.mark.jit

@@ -10,8 +10,7 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.records.tables import Bearings, Diagnostics, Tracks
-from occlog.track.drivers.lookback import Lookback, lookback
-from occlog.track.drivers.online import track_online
+from occlog.track.drivers.online import Lookback, lookback, track_online
 from occlog.track.drivers.rows import ROWS_PER_CHUNK, Row
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Estimate, Height, Online, Past, Smoothing

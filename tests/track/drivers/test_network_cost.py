@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.records.tables import Diagnostics
-from occlog.track.drivers.network_cost import ORDER_BYTES, REPORT_BYTES, Messages
+from occlog.track.drivers.rows import ORDER_BYTES, REPORT_BYTES, Messages
 
 
 def rows(*given):

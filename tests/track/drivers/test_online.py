@@ -11,7 +11,7 @@ from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.errors import UsageError
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
-from occlog.track.apf.selection_policies import SelectConfig
+from occlog.track.apf.selector import SelectConfig
 from occlog.track.drivers.online import FIRST_TARGET, track_online
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction

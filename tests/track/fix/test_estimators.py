@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.track.fix.config import ESTIMATORS
-from occlog.track.fix.estimators import Fix, fix, inverse_kappa
-from occlog.track.fix.repeated_median import crossings, repeated_median
+from occlog.track.fix.estimators import Fix, crossings, fix, inverse_kappa, repeated_median
 
 NAMES = {"MLE": "mle", "H-1.5": "huber", "A-1.5": "andrews", "RMR": "rmr", "JRMR": "jrmr"}
 STATED = 0.05

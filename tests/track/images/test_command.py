@@ -13,8 +13,7 @@ from view_videos import SMALL, STEP_NS, record_balls, small_balls, small_scene
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.reader import open_recording
 from occlog.io.scenes.scene import scene_to_yaml

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from heard_scenes import NS, ROOM, room
 
-from occlog.scans.scan import Scan, concat, in_vain
+from occlog.scans.grouping import Scan, concat, in_vain
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.association import hear
 from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.filter import init, step
-from occlog.track.imm.tracks import UNLABELLED, UNNUMBERED, after, make_world, move, on_line, switching
+from occlog.track.imm.tracks import UNLABELLED_TRACK, UNNUMBERED, after, make_world, move_track, on_line, switching
 
 SCENE = room(ROOM.replace("position: [2, 2, 1], sigma_deg: 2", "position: [2, 2, 1], sigma_deg: 2, range: 9"))
 STILL = replace(
@@ -114,7 +114,7 @@ def test_association_any_is_the_filter_of_the_kernel():
     cloud = state.tracks[0].cloud
     _, report = step(state, at(NS, heard), np.random.default_rng(2))
     world = make_world(SCENE, config)
-    moved = move(world, state.tracks[0], 1.0, np.random.default_rng(2))
+    moved = move_track(world, state.tracks[0], 1.0, np.random.default_rng(2))
     prior = imm.prior_weights(cloud.models, 3, None)
     weights = imm.weigh(moved.predicted, prior, heard.bearing, heard.sigma, world.places[0])
     expected = imm.moments(moved.predicted, weights.total)
@@ -126,7 +126,7 @@ def test_existence_and_sound_follow_bayes(unheard):
     """States: not there; there and silent; there, sounding and missed; there and heard."""
     world = make_world(SCENE, replace(STILL, particles=100, birth_factor=10))
     rng = np.random.default_rng(0)
-    track = on_line(world, 0, 0.7, 0.05, 0, UNLABELLED, rng)._replace(exists=0.6, sounds=0.7)
+    track = on_line(world, 0, 0.7, 0.05, 0, UNLABELLED_TRACK, rng)._replace(exists=0.6, sounds=0.7)
     states = track.cloud.states[None]
     none = np.empty(0)
     silent = hear(states, np.full((1, 1000), 1e-3), bearing=none, sigma=none, position=world.places[0], reach=9.0)
@@ -143,7 +143,7 @@ def test_existence_and_sound_follow_bayes(unheard):
 def test_births_are_on_the_sight_line_in_range_and_room():
     config = ImmConfig.in_unit("m")
     world = make_world(SCENE, config)
-    track = on_line(world, 0, math.radians(30.0), math.radians(1.0), 5, UNLABELLED, np.random.default_rng(0))
+    track = on_line(world, 0, math.radians(30.0), math.radians(1.0), 5, UNLABELLED_TRACK, np.random.default_rng(0))
     xy = track.cloud.states[:, ::2] - world.places[0]
     assert len(xy) == 6000
     np.testing.assert_allclose(np.degrees(np.arctan2(xy[:, 1], xy[:, 0])), 30.0, atol=5.0)

@@ -12,8 +12,7 @@ from heard_scenes import NS
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.smoothing import back, moved_back, noise_back, trace_of
-from occlog.track.imm.tracks import Track
+from occlog.track.imm.tracks import Track, back, moved_back, noise_back, trace_of
 
 pytestmark = pytest.mark.jit
 

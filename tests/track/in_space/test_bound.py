@@ -21,13 +21,13 @@ from occlog.papers.lee.space.worlds import (
     space_trial,
     world,
 )
-from occlog.papers.verdicts.model import Size
+from occlog.papers.verdicts import Size
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.track.in_space import direct3d
 from occlog.track.in_space.config import Direct3dConfig
 
 pytestmark = pytest.mark.jit
-SIZE = Size(20, 30)
+SIZE = Size(20, 50)
 
 
 def mean_squares(scenario: int, method: str, particles: int, runs: int = SIZE.runs) -> np.ndarray:

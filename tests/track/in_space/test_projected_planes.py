@@ -12,11 +12,10 @@ from occlog.core.bounds.in_space import plane_axes
 from occlog.core.sight.projected_planes import XY, YZ, ZX, select_as_printed
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.in_space import projected_planes
 from occlog.track.in_space.config import PpsConfig
-from occlog.track.in_space.plane_errors import PLANE_ROWS, begun
-from occlog.track.in_space.planes import Flat, choose_pair, combine, plane_angles, shared_axis
+from occlog.track.in_space.planes import PLANE_ROWS, Flat, begun, choose_pair, combine, plane_angles, shared_axis
 from occlog.track.in_space.sensing import pack_directions, pack_ears
 
 pytestmark = pytest.mark.jit

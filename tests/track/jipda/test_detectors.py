@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.track.jipda.box_errors import first_edges
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.detectors import (
     MOST_AGAIN,
@@ -18,6 +17,7 @@ from occlog.track.jipda.detectors import (
     blind_looks,
     boxes_of_nobody,
     first_counts,
+    first_edges,
     learn,
     leaving_rate,
     no_box,

@@ -13,14 +13,14 @@ from occlog.cli.main import run
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.visibility import behind_objects
 from occlog.errors import ExitCode, UsageError
-from occlog.filtering.likelihood.linearised import rows_of
+from occlog.filtering.likelihood.measurement_model import rows_of
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
-from occlog.track.apf.selection_config import SelectConfig
+from occlog.track.apf.config import SelectConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.joint import filter as joint

@@ -11,7 +11,7 @@ from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.array_types import Floats
 from occlog.cli.main import run
-from occlog.consistency.doubts import covariances
+from occlog.consistency.estimates import covariances
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance

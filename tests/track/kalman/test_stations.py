@@ -8,11 +8,11 @@ from scipy.optimize import least_squares
 from tracker_scenes import room100
 
 from occlog.array_types import Floats
-from occlog.core.plane.floor import make_floor
+from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.distances import RANGE, Distances, residuals
-from occlog.filtering.likelihood.linearised import Rows, World
-from occlog.track.apf.sensing import pack_noise, pack_sensors
+from occlog.filtering.likelihood.measurement_model import Rows, World
+from occlog.track.apf.model import pack_noise, pack_sensors
 from occlog.track.kalman.stations import extended, first_position, inside_gate, unscented
 
 SCENE = room100(pillar=False)

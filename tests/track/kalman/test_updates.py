@@ -7,10 +7,10 @@ import pytest
 from scipy.optimize import minimize
 from tracker_scenes import room100
 
-from occlog.core.plane.floor import make_floor
+from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
-from occlog.filtering.likelihood.linearised import Rows, World, linearised, measured
-from occlog.track.apf.sensing import pack_noise, pack_sensors
+from occlog.filtering.likelihood.measurement_model import Rows, World, linearised, measured
+from occlog.track.apf.model import pack_noise, pack_sensors
 from occlog.track.kalman import updates
 from occlog.track.kalman.config import DESCENT, IGNORE, VISIBLE, IekfConfig, UkfConfig
 

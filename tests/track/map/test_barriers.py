@@ -15,7 +15,7 @@ from occlog.core.sight.visibility import in_view
 from occlog.records.scene import Occluder
 from occlog.track.map.barriers import BORDER, obstacles, view_polygon
 from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.obstacles import Obstacle
+from occlog.track.map.kernels.detours import Obstacle
 from occlog.track.map.measurements import stations
 from occlog.track.map.method import advance, begin
 

@@ -14,8 +14,7 @@ from tracker_scenes import observe, room100
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import describe, read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.models.motion_models import read_motion
 from occlog.io.recording.reader import open_recording

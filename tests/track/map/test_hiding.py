@@ -14,7 +14,7 @@ from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.track.interface import Smoothed
 from occlog.track.map.config import MapConfig
 from occlog.track.map.hiding import FAR, cavity, matched, quadrature
-from occlog.track.map.kernels.interior_point.newton_search import cost, derivatives
+from occlog.track.map.kernels.interior_point import cost, derivatives
 from occlog.track.map.kernels.problem import MIXTURE, NO_PLANES, Hints, Problem
 from occlog.track.map.kernels.terms import belief, leaning, loss_value
 from occlog.track.map.method import advance, begin

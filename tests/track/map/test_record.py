@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.track.map.config import MapConfig
-from occlog.track.map.fixed_lag import lag_ns
+from occlog.track.map.method import lag_ns
 from occlog.track.map.record import EMPTY, Record, fill
 
 

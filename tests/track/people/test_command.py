@@ -15,8 +15,7 @@ from occlog.cli.main import run
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.declared.views import ViewTracks

@@ -8,7 +8,7 @@ from crowds import crowd
 from people_boxes import hall
 
 from occlog.array_types import Floats
-from occlog.records.near_origin import scene_from
+from occlog.records.scene import scene_from
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Look, Moment, no_support
 from occlog.track.people.boxes_by_moment import FrameLook

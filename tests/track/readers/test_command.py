@@ -11,10 +11,9 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.models.path_losses import read_path_loss
+from occlog.io.models.motion_models import read_path_loss
 from occlog.records.tables import Bearings, TagTracks, Tracks, VirtualSensors
 
 READERS = [(x, y) for x in (1.0, 5.0, 9.0) for y in (1.0, 5.0, 9.0)]

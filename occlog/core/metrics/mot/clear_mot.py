@@ -14,8 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Bools, Floats, Ints
 
-from ..errors import pair_within, ratio
-from ..sums import Sum
+from ..errors import Sum, pair_within, ratio
 from .frame_pairs import Frames, reaches
 
 MOSTLY_TRACKED = 0.8

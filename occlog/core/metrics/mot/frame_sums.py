@@ -14,8 +14,7 @@ from occlog.array_types import Floats
 
 from .clear_mot import CLASSIC, ClearRule, match
 from .frame_pairs import Frames, reaches
-from .hota import ALPHAS, associations
-from .idf1 import identity
+from .hota import ALPHAS, associations, identity
 
 COUNTS = ("objects", "estimates", "paired", "switches", "near", "squares", "idtp")
 """The first sums; then, for each threshold of HOTA, pairs and the sum of their associations."""

@@ -1,19 +1,26 @@
 """GOSPA: one distance between the set of targets and the set of estimates of each frame.
 
 Rahmathullah, Garcia-Fernandez and Svensson 2017, "Generalized optimal sub-pattern assignment metric".
+
+OSPA(2): one distance between the set of true trajectories and the set of tracks, over a window of time.
+
+Beard, Vo and Vo 2020, "A solution for large-scale multi-object tracking", IEEE Trans. Signal Processing 68, Sec. IV.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
+from occlog.core.numerics.assignment import maximum_weight_matching
 
-from ..sums import Sum
-from .frame_pairs import Frames
+from ..errors import Sum
+from .frame_pairs import Couples, Frames
 
 
 class Gospa(NamedTuple):
@@ -120,3 +127,146 @@ def gospa(frames: Frames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> 
         n_false=m - pairs,
         p=p,
     )
+
+
+class Ospa2(NamedTuple):
+    """The metric and its parts, unit of the distance; ospa2^p = localisation^p + cardinality^p.
+
+    Attributes:
+        ospa2: the metric, 0 to the cutoff.
+        localisation: part of the trajectories that have a partner; it holds their gaps, and false rows of the partner.
+        cardinality: part of the trajectories that have none.
+    """
+
+    ospa2: float
+    localisation: float
+    cardinality: float
+
+
+def ospa2(frames: Frames, cutoff: float, p: float = 1.0) -> Ospa2:
+    """Compute OSPA(2) over all frames as one window.
+
+    The distance of a true trajectory f and a track g is a mean over the frames in which at least one of them is there:
+    d(f, g)^p = mean of [min(distance, c)^p where both are there, c^p where one is].  With n >= m trajectories on the
+    two sides, ospa2^p = (min over assignments of the sum of d(f, g)^p + c^p (n - m)) / n; it is 0 where both are empty.
+
+    Args:
+        frames: truth and tracks.
+        cutoff: largest distance that counts, c > 0, unit of the distance.
+        p: exponent of both means, >= 1.
+
+    Raises:
+        ValueError: an option is outside its range.
+    """
+    sums = Ospa2Sums(len(frames.truth_key), len(frames.track_key), cutoff, p)
+    sums.update(frames)
+    return sums.result()
+
+
+def ospa2_over_time(frames: Frames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
+    """Compute OSPA(2) over the windows of so many frames that end with each of these frames.
+
+    Args:
+        frames: truth and tracks of one view.
+        cutoff: largest distance that counts, c > 0, unit of the distance.
+        p: exponent, >= 1.
+        window: number of frames, >= 1; the first windows are cut at the first frame.
+        ends: numbers of the frames with which windows end, rising.
+
+    Raises:
+        ValueError: an option is outside its range, or the frames are of several views.
+    """
+    if window < 1 or len(np.unique(frames.view)) > 1:
+        raise ValueError(f"window {window} must be at least 1, and the frames of one view")
+    return list(Ospa2Windows(len(frames.truth_key), len(frames.track_key), cutoff, p, window).update(frames, ends))
+
+
+class _Seen(NamedTuple):
+    """What one frame adds."""
+
+    frame: int
+    truth: Ints
+    track: Ints
+    apart: Floats
+
+
+class Ospa2Sums:
+    """OSPA(2) of frames that come in parts: how long each trajectory and each pair is there, and how far apart."""
+
+    def __init__(self, targets: int, tracks: int, cutoff: float, p: float) -> None:
+        """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""
+        if not (0 < cutoff < np.inf and 1 <= p < np.inf):
+            raise ValueError(f"cutoff {cutoff:g} must be above 0, p {p:g} at least 1")
+        self._cutoff, self._p = cutoff, p
+        self._truth: Ints = np.zeros(targets, dtype=np.int64)
+        self._track: Ints = np.zeros(tracks, dtype=np.int64)
+        self._couples = Couples(targets, tracks, sums=2)
+
+    def update(self, frames: Frames) -> None:
+        """Add some more frames; targets and tracks have the same numbers in all parts."""
+        for t in range(len(frames.frame)):
+            self.count(self.seen(frames, t), 1)
+
+    def seen(self, frames: Frames, t: int) -> _Seen:
+        """What frame t adds."""
+        left, right = frames.rows(t)
+        truth, track, apart = frames.truth[left], frames.track[right], np.zeros((0, 0))
+        if len(truth) and len(track):
+            apart = np.minimum(frames.compare(t)[0], self._cutoff) ** self._p
+        return _Seen(int(frames.frame[t]), truth, track, apart)
+
+    def count(self, seen: _Seen, sign: int) -> None:
+        """Add a frame (sign 1), or take it away again (-1)."""
+        # No label comes twice in a frame, so nothing is added to twice.
+        self._truth[seen.truth] += sign
+        self._track[seen.track] += sign
+        if seen.apart.size:
+            n, m = seen.apart.shape
+            together = np.stack([np.ones(n * m), seen.apart.reshape(-1)])
+            self._couples.add(np.repeat(seen.truth, m), np.tile(seen.track, n), sign * together)
+
+    def merge(self, other: Ospa2Sums) -> None:
+        """Take in another recording, whose targets and tracks get the numbers behind these."""
+        self._truth, self._track = (
+            np.concatenate(sides) for sides in ((self._truth, other._truth), (self._track, other._track))
+        )
+        self._couples.merge(other._couples)
+
+    def result(self) -> Ospa2:
+        """OSPA(2) of the frames that are counted."""
+        n, m, c = np.count_nonzero(self._truth), np.count_nonzero(self._track), self._cutoff**self._p
+        if not n and not m:
+            return Ospa2(0.0, 0.0, 0.0)
+        target, track, (both, apart) = self._couples.all()
+        together = both > 0
+        target, track, both, apart = target[together], track[together], both[together], apart[together]
+        each = self._truth[target] + self._track[track]
+        # Base distance of each pair: mean over the frames in which one of them is there; c of those never together
+        base = (np.maximum(apart, 0.0) + c * (each - 2 * both)) / (each - both)
+        made = maximum_weight_matching(target, track, c - base)
+        total = float(base[made].sum()) + c * (min(n, m) - len(made))
+        # Cardinality: c^p for each trajectory without a partner
+        localisation, cardinality = total / max(n, m), c * abs(n - m) / max(n, m)
+        root = 1.0 / self._p
+        return Ospa2((localisation + cardinality) ** root, localisation**root, cardinality**root)
+
+
+class Ospa2Windows:
+    """OSPA(2) over windows of so many frames, while frames come by."""
+
+    def __init__(self, targets: int, tracks: int, cutoff: float, p: float, window: int) -> None:
+        """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""
+        self._sums, self._window = Ospa2Sums(targets, tracks, cutoff, p), window
+        self._within: deque[_Seen] = deque()
+
+    def update(self, frames: Frames, ends: Iterable[int]) -> Iterator[Ospa2]:
+        """OSPA(2) of the windows that end with each of some frames, which rise, up to the last one of this part."""
+        t = 0
+        for end in ends:
+            while t < len(frames.frame) and frames.frame[t] <= end:
+                self._within.append(self._sums.seen(frames, t))
+                self._sums.count(self._within[-1], 1)
+                t += 1
+            while self._within and self._within[0].frame <= end - self._window:
+                self._sums.count(self._within.popleft(), -1)
+            yield self._sums.result()

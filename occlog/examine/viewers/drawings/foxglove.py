@@ -1,4 +1,7 @@
-"""Drawings as messages of Foxglove, which Lichtblick shows too: scenes in space, annotations of images."""
+"""Drawings as messages of Foxglove, which Lichtblick shows too: scenes in space, annotations of images.
+
+Drawings as clouds of coloured points: what Rerun draws of Foxglove's messages, which has no lines or areas.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,20 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.Point2_pb2 import Point2
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from occlog.array_types import Floats
-from occlog.examine.viewers.drawings.shapes import Column, Fill, Line, Rgba, Text, Thing
-from occlog.examine.viewers.drawings.ways import dashes
+from occlog.array_types import Floats, Ints
+from occlog.records.scene import Camera
+
+from .shapes import Column, Fill, Line, Rgba, Text, Thing, around, at_height, dashes, dense
 
 DASH, DASH_PX = 0.08, 5.0
 """Length of a dash in space [m] and in an image [px]."""
@@ -127,3 +133,97 @@ def image_annotations(things: Sequence[Thing], t_ns: int) -> bytes:
         _colour(words.background_color, GROUND)
     data: bytes = message.SerializeToString(deterministic=True)
     return data
+
+
+STEP, STEP_PX = 0.04, 2.0
+"""From one point of a line to the next, in space [m] and in an image [px]."""
+MOST, FEWEST = 400, 8
+"""Points of one line at most, those of a longer one are farther apart; and where there are very many lines."""
+MOST_OF_ALL = 40_000
+"""Points of the lines of one message, as far as each has `FEWEST`: shadows of a crowd have thousands of edges."""
+DEPTH = 0.4
+"""Of the plane on which what is drawn over an image stands before its camera [m]."""
+PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
+
+
+def point_cloud(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
+    """A `foxglove.PointCloud` along the lines and edges of things [m], then of their dots; words are left out."""
+    things = list(things)
+    cut = iter(_cut([line for thing in things for line in thing.lines], DASH))
+    ways: list[Floats] = []
+    colours: list[Rgba] = []
+    for thing in things:
+        parts = [(next(cut), line.colour) for line in thing.lines]
+        parts += [(_column(column), column.colour) for column in thing.columns]
+        parts += [(_edges(fill), fill.colour) for fill in thing.fills]
+        for own, colour in parts:
+            ways += own
+            colours += len(own) * [colour]
+    most = max(min(MOST, MOST_OF_ALL // max(len(ways), 1)), FEWEST)
+    points, counts = dense(ways, STEP, most) if ways else (np.empty((0, 3)), np.empty(0, dtype=np.int64))
+    dots = [each for thing in things for each in thing.dots]
+    points = np.concatenate([points, *(each.points for each in dots)])
+    counts = np.concatenate([counts, np.array([len(each.points) for each in dots], dtype=np.int64)])
+    return _message(points, counts, colours + [each.colour for each in dots], t_ns, frame)
+
+
+def image_cloud(things: Sequence[Thing], t_ns: int, frame: str, camera: Camera) -> bytes:
+    """The lines over an image as a `foxglove.PointCloud` in a plane before the camera, where they cover the image.
+
+    Args:
+        things: in pixels as recorded, their centres at whole numbers.
+        t_ns: their time.
+        frame: of the camera: x to the right, y down, z forward.
+        camera: whose image it is. The viewer takes its images for ones without distortion, and so does this.
+    """
+    lines = [line for thing in things for line in thing.lines]
+    cut = _cut(lines, DASH_PX)
+    colours = [line.colour for line, own in zip(lines, cut, strict=True) for _ in own]
+    if not lines:
+        return _message(np.empty((0, 3)), np.empty(0, dtype=np.int64), [], t_ns, frame)
+    pixels, counts = dense([way for own in cut for way in own], STEP_PX, MOST)
+    points = at_height((pixels - camera.principal_px) / camera.focal_px * DEPTH, DEPTH)
+    return _message(points, counts, colours, t_ns, frame)
+
+
+def _message(points: Floats, counts: Ints, colours: Sequence[Rgba], t_ns: int, frame: str) -> bytes:
+    """Points (N, 3), of which each colour has its count, one colour after another."""
+    packed = np.zeros(len(points), dtype=PLACED)
+    if len(points):
+        packed["xyz"] = points
+        packed["rgba"] = np.repeat(np.rint(255.0 * np.array(colours)).astype(np.uint8), counts, axis=0)
+    message = PointCloud(frame_id=frame, point_stride=PLACED.itemsize, data=packed.tobytes())
+    message.timestamp.FromNanoseconds(t_ns)
+    message.pose.position.SetInParent()
+    message.pose.orientation.w = 1.0
+    for n, name in enumerate("xyz"):
+        message.fields.add(name=name, offset=4 * n, type=PackedElementField.NumericType.FLOAT32)
+    for n, name in enumerate(("red", "green", "blue", "alpha")):
+        message.fields.add(name=name, offset=12 + n, type=PackedElementField.NumericType.UINT8)
+    data: bytes = message.SerializeToString(deterministic=True)
+    return data
+
+
+def _cut(lines: Sequence[Line], dash: float) -> list[list[Floats]]:
+    """The ways (k, d) of each line that are drawn: all of it, or its dashes."""
+    ends = iter(dashes([line.points for line in lines if line.dashed], dash))
+    return [list(next(ends).reshape(-1, 2, line.points.shape[1])) if line.dashed else [line.points] for line in lines]
+
+
+def _column(column: Column) -> list[Floats]:
+    """Both rims of a cylinder, and four of its sides."""
+    ring = around(column.foot[:2], np.full(2, 0.5 * column.width))
+    low, high = float(column.foot[2]), float(column.foot[2]) + column.height
+    sides = [np.array([[*ring[k], low], [*ring[k], high]]) for k in range(0, len(ring) - 1, len(ring) // 4)]
+    return [at_height(ring, low), at_height(ring, high), *sides]
+
+
+def _edges(fill: Fill) -> list[Floats]:
+    """The edges that belong to one triangle only: the border of an area."""
+    corners = np.round(fill.corners, 6).reshape(-1, 3, 3)
+    edges: dict[tuple[tuple[float, ...], ...], int] = {}
+    for triangle in corners.tolist():
+        for k in range(3):
+            edge = tuple(sorted((tuple(triangle[k]), tuple(triangle[(k + 1) % 3]))))
+            edges[edge] = edges.get(edge, 0) + 1
+    return list(np.array([edge for edge, count in edges.items() if count == 1]))

@@ -1,27 +1,75 @@
-"""Reads tables from Parquet, with the check sums of pages and of what the footer says verified."""
+"""Reads tables from Parquet, with the check sums of pages and of what the footer says verified.
+
+What the header of a table says without its rows: name, units, columns, times, and how it was made.
+
+Vectors in rows, each of which takes as much as the longest: a file may have one of a million numbers among many.
+"""
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.tables.arrow_columns import SCHEMA_KEY, T, check_schema, check_statements, from_arrow
-from occlog.io.files.tables.sizes import SizedFile, read_groups
-from occlog.io.files.tables.table_writer import ROWS_PER_GROUP
-from occlog.io.files.tables.vectors import in_parts
-from occlog.io.files.untrusted.inputs import check_input
-from occlog.io.files.untrusted.promises import check_promise, most_unpacked
+from occlog.io.files.limits import check_input, check_promise, most_unpacked
+from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 from occlog.records.columns import Table, check_copies
 from occlog.records.tables import has_all
+
+from .arrow import SCHEMA_KEY, UNIT_KEY, T, check_schema, check_statements, from_arrow
+from .sizes import SizedFile, read_groups
+from .table_writer import ROWS_PER_GROUP
+
+NUMBERS_AT_ONCE = 1 << 23
+"""Numbers of a column that are made at one time."""
+BYTES_PER_NUMBER = 8
+
+
+def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """The batches in parts of so many rows that none takes much memory.
+
+    Args:
+        path: the file that they are of.
+        size: of the file [bytes].
+        batches: rows.
+
+    Raises:
+        InputError: their vectors take more memory than those of a file of its size can.
+    """
+    total, most = 0, most_unpacked(size)
+    for batch in batches:
+        widths = {name: _width(batch.column(name)) for name in batch.schema.names}
+        name, width = max(widths.items(), key=lambda item: item[1], default=("", 0))
+        total += BYTES_PER_NUMBER * width * batch.num_rows
+        if total > most:
+            raise InputError(
+                f"{path}: column {name}: a list of {width} numbers among {batch.num_rows} rows, each of which takes "
+                "as much memory; write lists of one length"
+            )
+        step = max(NUMBERS_AT_ONCE // max(width, 1), 1)
+        for start in range(0, batch.num_rows, step):
+            yield batch.slice(start, step)
+
+
+def _width(column: pa.Array) -> int:
+    """Numbers of the longest list of a column; 0 where it has none."""
+    kind = column.type
+    if pa.types.is_fixed_size_list(kind):
+        return int(kind.list_size)
+    if not (pa.types.is_list(kind) or pa.types.is_large_list(kind)):
+        return 0
+    return int(pc.max(pc.list_value_length(column)).as_py() or 0)
 
 
 @contextmanager
@@ -206,3 +254,91 @@ def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordB
     """Chunks of a Parquet file as Arrow has them, unchecked but for check sums, at most `rows` rows each."""
     with opened_table(path) as file:
         yield from batches(file, rows)
+
+
+class Header(NamedTuple):
+    """What a table says of itself: its name, the unit of its lengths, and how it was made."""
+
+    table: str
+    length_unit: str
+    provenance: Provenance
+
+
+def read_header(path: Path) -> Header:
+    """The header of a table; InputError for files that occlog did not write."""
+    with opened_table(path) as file:
+        entries, name = statements_of(file), schema_name_of(path, file.schema_arrow)
+        return Header(name, _unit(entries), _provenance(entries, path))
+
+
+def read_provenance(path: Path) -> Provenance:
+    """How the file was made."""
+    with opened_table(path) as file:
+        return _provenance(statements_of(file), path)
+
+
+def _provenance(entries: Mapping[bytes, bytes], path: Path) -> Provenance:
+    return provenance_from_json(entries.get(PROVENANCE_KEY.encode(), b""), path)
+
+
+def _unit(entries: Mapping[bytes, bytes]) -> str:
+    return entries.get(UNIT_KEY.encode(), b"m").decode(errors="replace")
+
+
+class TableDescription(TypedDict):
+    """What a Parquet file holds."""
+
+    schema: str  # name of the table
+    version: int  # of the schema; 0: not stated
+    rows: int
+    length_unit: str
+    columns: list[dict[str, str]]  # name, type, and what the file says of it
+    time_ns: list[int] | None  # first and last time; None: not stated
+    provenance: dict[str, Any]
+
+
+def describe(path: Path) -> TableDescription:
+    """What a Parquet file holds: schema, rows, columns with units, time span, provenance."""
+    with opened_table(path) as file:
+        schema, name = file.schema_arrow, schema_name_of(path, file.schema_arrow)
+        columns = [
+            {
+                "name": f.name,
+                "type": str(f.type),
+                **{k.decode(): v.decode() for k, v in (f.metadata or {}).items()},
+            }
+            for f in schema
+        ]
+        entries = statements_of(file)
+        _provenance(entries, path)
+        made = entries.get(PROVENANCE_KEY.encode(), b"")
+        return {
+            "schema": name,
+            "version": int((schema.metadata or {})[SCHEMA_KEY.encode()].decode().partition("/")[2] or 0),
+            "rows": file.metadata.num_rows,
+            "length_unit": _unit(entries),
+            "columns": columns,
+            "time_ns": _time_span(file),
+            "provenance": json.loads(made) if made else {},
+        }
+
+
+def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
+    """The first rows of a Parquet file: values of each column that is no list, as Python has them."""
+    with opened_table(path) as file:
+        names = [f.name for f in file.schema_arrow if not pa.types.is_nested(f.type)]
+        batch = next(batches(file, rows, names), None)
+        return {} if batch is None else {name: batch.column(name).to_pylist() for name in names}
+
+
+def _time_span(file: SizedFile) -> list[int] | None:
+    """First and last time: rows stand in the order of time."""
+    if not len(file.schema_arrow) or not pa.types.is_int64(file.schema_arrow.field(0).type):
+        return None  # times of another program
+    groups = [n for n in range(file.num_row_groups) if file.metadata.row_group(n).num_rows]
+    ends = [pa.Table.from_batches(_times(file, n)).column(0) for n in groups[:1] + groups[-1:]]
+    return [ends[0][0].as_py(), ends[-1][-1].as_py()] if ends else None
+
+
+def _times(file: SizedFile, group: int) -> list[pa.RecordBatch]:
+    return list(file.iter_batches(ROWS_PER_GROUP, [group], file.schema_arrow.names[:1]))

@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.io.files.atomic import Together, open_output
-from occlog.io.files.names.outputs import TABLE, check_output_name
+from occlog.io.files.names import TABLE, check_output_name
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.arrow_columns import arrow_schema, statements, to_arrow
+from occlog.io.files.tables.arrow import arrow_schema, statements, to_arrow
 from occlog.records.columns import Table
 
 ROWS_PER_GROUP = 65_536

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.errors import InputError, PluginError, UsageError, option
+from occlog.io.files.limits import STANDARD_INPUT, check_input
 from occlog.io.files.provenance import READERS_USED
-from occlog.io.files.untrusted.inputs import STANDARD_INPUT, check_input
-from occlog.plugins.chosen import Chosen
 from occlog.plugins.interface import Reader
-from occlog.plugins.loading import READER, Plugin, installed, said_by
+from occlog.plugins.loading import READER, Chosen, Plugin, installed, said_by
 
 OURS = (
     *(".csv", ".tsv", ".txt", ".dat", ".gz", ".parquet", ".pq", ".arrow", ".feather", ".json", ".jsonl", ".xml"),

@@ -25,8 +25,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError
+from occlog.io.files.limits import check_input
 from occlog.io.files.texts.by_reader import text_of
-from occlog.io.files.untrusted.inputs import check_input
 
 ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200

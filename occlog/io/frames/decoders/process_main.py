@@ -69,9 +69,8 @@ def send(out: BinaryIO, header: Header, payload: bytes | memoryview = b"") -> No
 
 def load() -> None:
     """Load what every job needs: what is loaded before the fork, no job has to load."""
+    from occlog.io.frames import decode  # noqa: F401
     from occlog.io.video import avi, mkv, mp4  # noqa: F401
-
-    from .. import decode, folder, sizes  # noqa: F401
 
 
 def main(memory: int | None = None) -> None:
@@ -111,8 +110,8 @@ def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: 
 
 
 def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> None:
+    from ..codec import size_changes
     from ..decode import CAPTURE_OPTIONS, decode, examine
-    from ..sizes import size_changes
 
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
     clock = Clock(Path(job["path"]))
@@ -189,7 +188,7 @@ def _send_image(out: BinaryIO, header: Header, image: Image, slots: Slots | None
 
 def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
     from ..codec import dark_bars, image_kind
-    from ..folder import load
+    from ..streams import load
 
     files = [(int(index), Path(path)) for index, path in job["files"]]
     clock = Clock()

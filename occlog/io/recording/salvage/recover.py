@@ -18,22 +18,15 @@ from mcap.opcode import Opcode
 from occlog.errors import InputError, option
 from occlog.io.files.atomic import open_output
 from occlog.io.files.inputs import hash_inputs
-from occlog.io.files.names.outputs import RECORDING, check_output_name
+from occlog.io.files.names import RECORDING, check_output_name
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
+from occlog.io.recording.chunks import MESSAGE_HEAD
 from occlog.io.recording.copy import moved_metadata
-from occlog.io.recording.layout import MESSAGE_HEAD
 from occlog.io.recording.metadata import add_metadata, damaged_metadata
 from occlog.io.recording.reader import sensor_of
-from occlog.io.recording.salvage.gaps import Tally
-from occlog.io.recording.salvage.one_behind_another import Part
-from occlog.io.recording.salvage.records import (
-    FAILURES,
-    Record,
-    has_right_sum,
-    repeated_records,
-    whole_records,
-)
-from occlog.io.recording.salvage.written import Written
+from occlog.io.recording.salvage.ends import Part
+from occlog.io.recording.salvage.gaps import Tally, Written
+from occlog.io.recording.salvage.records import FAILURES, Record, has_right_sum, repeated_records, whole_records
 from occlog.io.recording.writer import FORMAT, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA, begin_mcap
 from occlog.io.recording.writer import METADATA as OURS
 from occlog.records.losses import Loss

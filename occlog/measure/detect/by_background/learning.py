@@ -17,17 +17,14 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.measure.clusters.person_size import SizeMap
-from occlog.measure.regions.appearance import histogram
-from occlog.measure.regions.empty_scene import difference, empty_scene
-from occlog.measure.regions.observed_size import DIFFERENCE, observed_sizes, person_like_blobs
-from occlog.measure.regions.shrink import shrink
+from occlog.measure.regions.background import DIFFERENCE, difference, empty_scene, observed_sizes, person_like_blobs
+from occlog.measure.regions.regions import histogram, shrink
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera, Scene
 
 from ..config import DetectConfig
-from .one_camera import known_sizes, plain_image, shrink_of
+from .one_camera import Target, known_sizes, plain_image, shrink_of
 from .stage import Learned
-from .target import Target
 
 SAMPLE_BYTES = 512 * 1024 * 1024
 """TargetMemory for the samples of all cameras together."""

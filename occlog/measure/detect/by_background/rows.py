@@ -14,8 +14,7 @@ from occlog.records.tables import Bearings, Views
 from ..bearing import BearingNoise, Sights, shape_covariance, sights
 from ..config import LONE_TARGET_ID
 from ..near import allowed
-from .one_camera import CameraState, FrameRegions
-from .target import choose, likenesses
+from .one_camera import CameraState, FrameRegions, choose, likenesses
 
 BORDER_PX = 1.0  # a box that comes this near to the side of the image is cut by it
 

@@ -27,9 +27,8 @@ from occlog.records.tables import Bearings, Views
 
 from ..config import BATCH, DetectConfig
 from ..near import Near
-from .one_camera import CameraState, process
+from .one_camera import CameraState, Target, check_targets, process
 from .rows import to_tables
-from .target import Target, check_targets
 
 IN_FLIGHT = 2  # batches that wait or run while the oldest is finished
 

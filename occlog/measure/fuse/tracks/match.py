@@ -1,7 +1,14 @@
-"""Which tracks of two groups of cameras are of one person, moment by moment."""
+"""Which tracks of two groups of cameras are of one person, moment by moment.
+
+Identities of people whom several groups of cameras follow: they go over from one group to the other.
+
+Covariance intersection of two estimates of one state whose errors have an unknown part in common.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -132,3 +139,123 @@ def _windowed(values: Floats, t_ns: Ints, half_ns: int) -> Floats:
     high = np.searchsorted(t_ns, t_ns + half_ns, side="right")
     mean: Floats = (total[high] - total[low]) / (high - low)
     return mean
+
+
+Member = tuple[int, int]
+"""Group of cameras, and identity there."""
+NOBODY = -1
+
+
+@dataclass
+class Identities:
+    """Who is who, moment by moment.
+
+    A person is followed by tracks of one group or of several; while one of these tracks goes on, the person keeps the
+    identity.  Of tracks that part one keeps it: the one that has had it for longest.
+
+    Attributes:
+        doubts: pairs of identities that may have been exchanged in the last moment.
+    """
+
+    doubts: list[tuple[int, int]] = field(default_factory=list)
+    _held: dict[Member, int] = field(default_factory=dict)  # the identity that a track has now
+    _own: dict[Member, int] = field(default_factory=dict)  # the first identity that a track had
+    _next: int = 0
+
+    def step(self, people: list[tuple[Member, ...]]) -> list[int]:
+        """Give an identity to each person, who is a set of tracks, at the next moment."""
+        self.doubts = []
+        taken: dict[int, int] = {}
+        # The oldest identity goes first, to those whose tracks have had it all along
+        for identity, place in self._claims(people):
+            if identity not in taken and place not in taken.values():
+                taken[identity] = place
+        given = {place: identity for identity, place in taken.items()}
+        for place, members in enumerate(people):
+            identity = given.get(place, NOBODY)
+            if identity == NOBODY:
+                identity = given[place] = self._again(members, taken)
+                taken[identity] = place
+            before = {self._held[m] for m in members if m in self._held} - {identity}
+            self.doubts += [(identity, other) for other in sorted(before)]
+            for member in members:
+                self._held[member] = identity
+                self._own.setdefault(member, identity)
+        return [given[place] for place in range(len(people))]
+
+    def _claims(self, people: list[tuple[Member, ...]]) -> Iterator[tuple[int, int]]:
+        """Identities and who claims them, the oldest first; tracks that had one from the start come first."""
+        claims = [
+            (self._held[m], self._own[m] != self._held[m], m, place)
+            for place, members in enumerate(people)
+            for m in members
+            if m in self._held
+        ]
+        for identity, _, _, place in sorted(claims):
+            yield identity, place
+
+    def _again(self, members: tuple[Member, ...], taken: dict[int, int]) -> int:
+        """The identity that a track had before it was taken for another one's; else a new one."""
+        for member in members:
+            own = self._own.get(member)
+            if own is not None and own not in taken:
+                return own
+        self._next += 1
+        return self._next - 1
+
+
+LEAST = 1e-12
+"""Part of the larger variance that the smaller one is taken to be at least: exact places have no inverse."""
+
+
+def weights(first: Floats, second: Floats) -> Floats:
+    """Weights of the first estimate that make the area of the fused place's ellipse smallest.
+
+    With the information matrices A and B and the eigenvalues d of A^-1 B, the determinant of w A + (1 - w) B is
+    proportional to the product of w + (1 - w) d, a parabola in w whose vertex is known.
+
+    Args:
+        first: (n, 2, 2) covariances of the place.
+        second: (n, 2, 2) the same.
+
+    Returns:
+        (n,) from 0 to 1.
+    """
+    # det(A^-1 B - d I) = d^2 - trace d + determinant
+    ratio = first @ np.linalg.inv(second)
+    trace, determinant = np.trace(ratio, axis1=1, axis2=2), np.linalg.det(ratio)
+    # (w + (1 - w) d1) (w + (1 - w) d2) = a w^2 + b w + c
+    a, b = 1.0 - trace + determinant, trace - 2.0 * determinant
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = -b / (2.0 * a)
+    # The parabola has a maximum inside where a < 0; else, as where it ends first, the end that is higher
+    ends = np.where(determinant < 1.0, 1.0, 0.0)
+    inside = (a < -1e-12) & (vertex > 0.0) & (vertex < 1.0)
+    return np.where(inside, vertex, ends)
+
+
+def intersect(means: tuple[Floats, Floats], covariances: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Fuse two estimates by covariance intersection (Julier and Uhlmann 1997), whatever their errors have in common.
+
+    P^-1 = w A^-1 + (1 - w) B^-1, P^-1 x = w A^-1 a + (1 - w) B^-1 b; w as `weights` says.
+
+    Args:
+        means: two times (n, k) states, the first two numbers the place.
+        covariances: two times (n, k, k), finite.
+
+    Returns:
+        (n, k) fused states, and (n, k, k) covariances, which are at least those of the errors if both given ones are.
+    """
+    first, second = (_invertible(c) for c in covariances)
+    w = weights(first[:, :2, :2], second[:, :2, :2])[:, None, None]
+    of_first, of_second = w * np.linalg.inv(first), (1.0 - w) * np.linalg.inv(second)
+    covariance = np.linalg.inv(of_first + of_second)
+    mean = covariance @ (of_first @ means[0][..., None] + of_second @ means[1][..., None])
+    return mean[..., 0], 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+
+
+def _invertible(covariance: Floats) -> Floats:
+    k = covariance.shape[-1]
+    floor = np.maximum(LEAST * np.trace(covariance, axis1=1, axis2=2), LEAST)
+    made: Floats = covariance + floor[:, None, None] * np.eye(k)
+    return made

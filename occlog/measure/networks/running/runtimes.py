@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.names.utf8 import utf8_name
+from occlog.io.files.names import utf8_name
 from occlog.io.models.onnx_file import OnnxFile
 
 from ..config import ONNXRUNTIME, OPENCV, OPENVINO

@@ -8,9 +8,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors, gaussian_priors
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
 
 from .blocking import FORMS, blocking
 

@@ -15,13 +15,11 @@ from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.core.sight.camera import noise_variance, planar_offsets
 from occlog.core.sight.visibility import in_view
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import Measure, mean_of, sample
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Measure, Row, Size, Table, Verdict, mean_of, sample
 
-from ..scenes import SQUARE, SQUARE_ORDER, Place
-from .blocking import QUADRATURE, blocking_all
-from .eta import patterns, seen_by_recursion, seen_exactly
+from ..trial import SQUARE, SQUARE_ORDER, Place
+from .blocking import QUADRATURE, blocking_all, patterns, seen_by_recursion, seen_exactly
 
 SIDE, FOCAL, FOV = 100.0, 70.0, math.radians(90.0)
 SIGMA_POSITION, SIGMA_YAW, SIGMA_READ = 1.0, 0.01, 2.0

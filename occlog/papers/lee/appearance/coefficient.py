@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.image.colour_density import bhattacharyya, bias, density
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.core.image import bhattacharyya, bias, density
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
 from occlog.pipeline.sweep.trial import Spec
 
 BINS = (8, 16, 32, 64, 128, 256)

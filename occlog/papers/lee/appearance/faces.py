@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Bytes, Floats, Ints
-from occlog.core.image.colour_density import bins_of, colour_counts, corrected, density
+from occlog.core.image import bins_of, colour_counts, corrected, density
 from occlog.core.metrics.ranking import area_under_curve, rank_one
 from occlog.core.sight.camera import rotation_from_angles
-from occlog.papers.page.shotplot import Shot, Shots
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import sample
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.plots import Shot, Shots
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, sample
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import Camera
 from occlog.simulate.render.body import HAIR, SKIN, WALKING, Clothes

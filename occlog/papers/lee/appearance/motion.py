@@ -8,10 +8,9 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.sight.camera import rotation_from_angles
-from occlog.measure.appearance.box_tracks import expected_boxes
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import sample
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.measure.appearance.sightings import expected_boxes
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, sample
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import Camera
 

@@ -18,18 +18,17 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Floats
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import Measure, exact, share_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Measure, Row, Size, Table, Verdict, exact, share_of
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.settings import configure
 from occlog.track.imm import kernel as imm
+from occlog.track.imm.ask_cameras import Memory, asks
 from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.filter import init, step
 from occlog.track.imm.tracks import Track, known
-from occlog.track.imm.when_to_ask import Memory, asks
 
 from .trial import FORMS, SCENES, START_SIGMA, START_SIGMA_V
 

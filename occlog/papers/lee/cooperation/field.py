@@ -9,9 +9,19 @@ from itertools import islice, pairwise
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import Measure, bootstrapped, mean_of, sample
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    Measure,
+    Row,
+    Size,
+    Table,
+    Verdict,
+    bootstrapped,
+    mean_of,
+    sample,
+)
 from occlog.pipeline.sweep.trial import Values
 
 from .trial import cooperation_spec, cooperation_trial

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec
 
 from .environments import environment

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
 from occlog.pipeline.sweep.trial import Spec
 
 from .trial import BIN, cooperation_spec, cooperation_trial

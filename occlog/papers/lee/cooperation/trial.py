@@ -14,16 +14,14 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.papers.verdicts.model import Size
+from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec
 from occlog.scans.grouping import Rows, scans_of
 from occlog.settings import configure
-from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
+from occlog.track.imm.ask_cameras import CAUSES, CameraRequest, CameraRequests, Memory, asks, located, others
 from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import ImmState, Report, init, step
-from occlog.track.imm.listening import Listener
+from occlog.track.imm.filter import ImmState, Listener, Report, init, step
 from occlog.track.imm.tracks import known
-from occlog.track.imm.when_to_ask import CAUSES, Memory, asks, located, others
 
 from .environments import Environment, environment
 from .projected_places import PROJECTIONS, relocated

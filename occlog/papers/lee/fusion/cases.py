@@ -11,17 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.measure.fuse.kernels.decision_rule import (
-    EDGE,
-    decision_value,
-    fused_position,
-    prior_present,
-    quality,
-    weighted_value,
-)
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import exact, sample
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.measure.fuse.kernels import EDGE, decision_value, fused_position, prior_present, quality, weighted_value
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact, sample
 from occlog.pipeline.sweep.trial import Spec
 
 SENSORS = 6

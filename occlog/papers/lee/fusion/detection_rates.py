@@ -14,9 +14,9 @@ from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.stage import fuse
-from occlog.papers.ercan.scenes import SQUARE_ORDER, names, square_room
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.ercan.trial import SQUARE_ORDER, names, square_room
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec, errors_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth, Views

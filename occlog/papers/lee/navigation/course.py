@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.navigation.alignment import ROUNDING
-from occlog.core.navigation.moving import Moment, Moving
+from occlog.core.navigation.forces import ROUNDING, distance
 from occlog.core.navigation.obstacles import (
+    Moment,
+    Moving,
     edges,
     least_to_points,
     least_to_segments,
@@ -19,12 +20,11 @@ from occlog.core.navigation.obstacles import (
     nearest_on_polygons,
     nearest_on_segments,
 )
-from occlog.core.navigation.potentials import distance
 from occlog.core.navigation.steering import Around
-from occlog.core.plane.polygons import inside_polygon, pack_polygons
+from occlog.core.plane import inside_polygon, pack_polygons
 from occlog.errors import InputError
 from occlog.records.scene import Scene
-from occlog.scans.moving_people import People
+from occlog.scans.occluder_priors import People
 
 from .config import NavigateConfig
 

@@ -9,16 +9,28 @@ from typing import Any
 
 import numpy as np
 
-from occlog.core.navigation.oscillation import angle_at, angle_inside, angle_outside, distance_outside
-from occlog.core.navigation.potentials import distance
-from occlog.core.navigation.steering import State
+from occlog.core.navigation.forces import distance
+from occlog.core.navigation.steering import State, angle_at, angle_inside, angle_outside, distance_outside
+from occlog.papers import verdicts as v
 from occlog.papers.lee.navigation.config import NavigateConfig
 from occlog.papers.lee.navigation.course import Disc
 from occlog.papers.lee.navigation.stage import Drive, End
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
 
-from .robots import GOAL, OBSTACLE, OUT, SPAWN, START, WAY, always, collided, driven, printed_drive, random_lines, shown
+from .forces import (
+    GOAL,
+    OBSTACLE,
+    OUT,
+    SPAWN,
+    START,
+    WAY,
+    always,
+    collided,
+    driven,
+    printed_drive,
+    random_lines,
+    shown,
+)
 
 MOST = 300
 """Steps of a drive: robots that come to their goal take less than 20."""

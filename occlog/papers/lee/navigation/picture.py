@@ -11,10 +11,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
 from occlog.array_types import NS, Floats
-from occlog.records.declared.robots import RobotPath
+from occlog.records.declared.world import RobotPath
 from occlog.records.scene import Scene
-from occlog.report.drawing.style import COLOURS, Style, house_style, label, new_figure, to_png
-from occlog.report.plots.planscene import draw_scale_bar, draw_scene, frame_plan
+from occlog.report.drawing import COLOURS, Style, house_style, label, new_figure, to_png
+from occlog.report.plots.floorplan import draw_scale_bar, draw_scene, frame_plan
 
 from .config import NavigateConfig
 from .course import Course

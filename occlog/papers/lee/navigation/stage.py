@@ -1,24 +1,27 @@
 """Robots on their way: steps of constant length along the total force, until goal, collision or endless repetition.
 
 Robots do not see each other; several at a time are for experiments with many starts.
+
+Steps of one robot as rows of a path.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
-from occlog.core.navigation.alignment import ROUNDING
-from occlog.core.navigation.moving import Moment
-from occlog.core.navigation.oscillation import turned
-from occlog.core.navigation.potentials import distance
-from occlog.core.navigation.steering import STATES, State, Steering, field_of, steer, steps_of
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.navigation.forces import ROUNDING, distance
+from occlog.core.navigation.obstacles import Moment
+from occlog.core.navigation.steering import STATES, State, Steering, field_of, steer, steps_of, turned
+from occlog.records.declared.world import PATH_STATES
+from occlog.records.tables import RobotPath
 
 from .config import NavigateConfig
 from .course import Course
@@ -254,3 +257,60 @@ class _Watch:
         low = np.minimum(self._before[0, active], self._box[0, active])
         high = np.maximum(self._before[1, active], self._box[1, active])
         return np.asarray(np.max(high - low, axis=1) <= most)
+
+
+ROWS = 4096
+"""Rows of a table at a time."""
+NOTHING = np.full((1, 2), np.nan)
+LAST = Steering(
+    attractive=NOTHING,
+    repulsive=NOTHING,
+    total=NOTHING,
+    state=np.array([len(STATES)]),
+    recognised=np.zeros(1, dtype=np.bool_),
+)
+"""Of the last row, after which there is no step."""
+
+
+class PathRows:
+    """Turns steps of a drive with one robot into tables."""
+
+    def __init__(self, names: Sequence[str], start_ns: int, step_s: float) -> None:
+        """Nothing is read yet.
+
+        Args:
+            names: of the obstacles.
+            start_ns: time of the first row.
+            step_s: time between two rows.
+        """
+        self._names, self._start_ns, self._step_s = (*names, ""), start_ns, step_s
+
+    def tables(self, steps: Iterable[Step]) -> Iterator[RobotPath]:
+        """Tables of up to `ROWS` rows."""
+        left = iter(steps)
+        while part := list(islice(left, ROWS)):
+            yield self._table(part)
+
+    def _table(self, steps: Sequence[Step]) -> RobotPath:
+        told = [LAST if s.steering is None else s.steering for s in steps]
+        seconds = np.array([s.number for s in steps]) * self._step_s
+        xy = np.concatenate([s.xy for s in steps])
+        clearance: Floats = np.concatenate([s.clearance for s in steps])
+        attractive, repulsive, total = (
+            np.concatenate(part) for part in zip(*((s.attractive, s.repulsive, s.total) for s in told), strict=True)
+        )
+        return RobotPath.of(
+            t_ns=self._start_ns + np.rint(seconds * NS).astype(np.int64),
+            x=xy[:, 0],
+            y=xy[:, 1],
+            attractive_x=attractive[:, 0],
+            attractive_y=attractive[:, 1],
+            repulsive_x=repulsive[:, 0],
+            repulsive_y=repulsive[:, 1],
+            total_x=total[:, 0],
+            total_y=total[:, 1],
+            state=np.array(PATH_STATES)[np.concatenate([s.state for s in told])],
+            recognised=np.concatenate([s.recognised for s in told]),
+            clearance=np.where(np.isfinite(clearance), clearance, np.nan),
+            obstacle=np.array(self._names)[np.concatenate([s.nearest for s in steps])],
+        )

@@ -11,9 +11,8 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.bounds.in_space import sight_angles
 from occlog.core.sight.projected_planes import YZ, select_as_printed
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import estimate, exact, mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, estimate, exact, mean_of
 from occlog.pipeline.sweep.trial import Values
 
 from .worlds import AXIS_NAMES, bounds, space_spec, space_trial, world

@@ -5,9 +5,8 @@ from __future__ import annotations
 import functools
 import math
 
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
 
 from .scenarios import root_mean
 from .worlds import AXIS_NAMES, TABLE, space_spec, space_trial

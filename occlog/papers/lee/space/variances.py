@@ -22,9 +22,8 @@ from occlog.core.sight.projected_planes import (
     select_as_printed,
     select_by_variance,
 )
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import Measure, estimate, mean_of, share_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Measure, Row, Size, Table, Verdict, estimate, mean_of, share_of
 
 SIGMA = math.radians(1.0)
 """Standard deviation of both measured angles; their variances in the figures are 1 degree squared."""

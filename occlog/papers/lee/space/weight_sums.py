@@ -17,8 +17,8 @@ from occlog.array_types import Floats
 from occlog.core.bounds.in_space import sight_angles
 from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.projected_planes import YZ, direction, projected_angles, projected_covariance
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers import verdicts as v
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec
 
 from .worlds import world

@@ -25,10 +25,10 @@ from occlog.core.bounds.in_space import (
 from occlog.core.sight.projected_planes import AXES, XY, YZ
 from occlog.filtering.motion.coordinated_turn import turn_matrix
 from occlog.filtering.motion.white_acceleration import AccelerationModel
-from occlog.papers.verdicts.model import Size
+from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.scans.scan import Scan
+from occlog.scans.grouping import Scan
 from occlog.track.in_space import direct3d, projected_planes
 from occlog.track.in_space.config import Direct3dConfig, PpsConfig
 

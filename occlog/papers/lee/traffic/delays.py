@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+from occlog.papers import verdicts as v
 from occlog.papers.lee.traffic.config import CHANNELS, PROTOCOLS, TrafficConfig
 from occlog.papers.lee.traffic.network import CameraNode, Network, SensorNode
 from occlog.papers.lee.traffic.stage import Case, hop_delays, simulate_traffic
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import exact
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact
 
 ROUTERS = tuple(f"R{n}" for n in range(1, 6))
 IMAGES_KB = (10.0, 40.0, 100.0)

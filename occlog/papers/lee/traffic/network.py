@@ -1,10 +1,22 @@
-"""The network of a tracking system: routers and a server, sensors and cameras at routers ([Lee] Fig. 5-40)."""
+"""The network of a tracking system: routers and a server, sensors and cameras at routers ([Lee] Fig. 5-40).
+
+Discrete events: packets that are stored and forwarded over links which share channels.
+
+A hop occupies its channels for the time on the air of the packet and of its acknowledgement.  Hops that wait begin in
+the order in which they came to wait, as soon as all of their channels are free: one whose channels are free may
+overtake one that still waits for another channel.
+
+The protocols RBVC and SBVC: visual compensation in the routers, or in the server ([Lee] Figs. 5-42 and 5-43).
+"""
 
 from __future__ import annotations
 
+import heapq
+import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 
 @dataclass(frozen=True)
@@ -114,3 +126,283 @@ class Network:
                 after[back].append(here)
                 here = back
         return {node: tuple(following) for node, following in after.items()}
+
+
+Then = Callable[[float], None]
+"""What happens at a time [s]."""
+SLOT = 1e-12
+"""Times closer than this [s] are one."""
+
+
+@dataclass
+class Message:
+    """What was sent, and how it fared.
+
+    Attributes:
+        kind: what it is.
+        source, destinations: nodes.
+        sent_s: when the first packet began to wait.
+        packets: number of packets.
+        hops: number of hops of all packets.
+        air_s: time on the air of all hops, acknowledgements included.
+        hop_s: sum over hops from when the packet begins to wait to when it has arrived.
+        ack_s: sum over hops from when a packet arrives to when its acknowledgement has arrived.
+        arrived_s: when the last destination had all packets.
+    """
+
+    kind: str
+    source: str
+    destinations: tuple[str, ...]
+    sent_s: float
+    packets: int
+    hops: int = 0
+    air_s: float = 0.0
+    hop_s: float = 0.0
+    ack_s: float = 0.0
+    arrived_s: float = math.nan
+
+
+@dataclass
+class _Hop:
+    """One packet on one link."""
+
+    channels: frozenset[str]
+    packet_s: float
+    ack_s: float
+    since_s: float
+    message: Message
+    then: Then
+
+
+@dataclass
+class Simulation:
+    """Time, events to come, and hops that wait for their channels."""
+
+    network: Network
+    now_s: float = 0.0
+    messages: list[Message] = field(default_factory=list)
+    _events: list[tuple[float, int, Then]] = field(default_factory=list)
+    _number: int = 0
+    _waiting: list[_Hop] = field(default_factory=list)
+    _busy: set[str] = field(default_factory=set)
+
+    def at(self, time_s: float, then: Then) -> None:
+        """Let something happen at a time; of equal times in the order of these calls."""
+        heapq.heappush(self._events, (time_s, self._number, then))
+        self._number += 1
+
+    def run(self) -> None:
+        """Let everything happen."""
+        while self._events:
+            self.now_s, _, then = heapq.heappop(self._events)
+            then(self.now_s)
+            # Hops begin after all events of this time, so that the order of these does not matter
+            if not self._events or self._events[0][0] > self.now_s + SLOT:
+                self._begin()
+
+    def send(
+        self,
+        kind: str,
+        source: str,
+        destinations: Collection[str],
+        size: float,
+        *,
+        arrived: Callable[[str, float], None],
+        reliable: bool = False,
+    ) -> None:
+        """Send a message now, in packets.
+
+        Args:
+            kind: what it is.
+            source: node that sends it.
+            destinations: nodes that get it, on the shortest ways; the source itself may be one.
+            size: bytes.
+            arrived: is told each destination when it has all packets.
+            reliable: each packet is acknowledged at each hop.
+        """
+        sizes = self.network.sizes
+        full, rest = divmod(math.ceil(size), sizes.packet)
+        payloads = [sizes.packet] * full + ([rest] if rest or not full else [])
+        message = Message(kind, source, tuple(destinations), self.now_s, len(payloads))
+        self.messages.append(message)
+        following = self.network.tree(source, destinations)
+        missing = dict.fromkeys(destinations, len(payloads))
+        done: set[str] = set()
+
+        def reach(node: str, payload: int, now_s: float) -> None:
+            if node in missing:
+                missing[node] -= 1
+                if not missing[node]:
+                    done.add(node)
+                    if len(done) == len(missing):
+                        message.arrived_s = now_s
+                    arrived(node, now_s)
+            forward(node, payload, now_s)
+
+        def forward(node: str, payload: int, now_s: float) -> None:
+            for after in following.get(node, ()):
+                self._wait(
+                    _Hop(
+                        channels=self.network.channels(node, after),
+                        packet_s=8.0 * (payload + sizes.header) / self.network.rate_bps,
+                        ack_s=8.0 * sizes.ack / self.network.rate_bps if reliable else 0.0,
+                        since_s=now_s,
+                        message=message,
+                        then=lambda t, to=after, p=payload: reach(to, p, t),  # type: ignore[misc]
+                    )
+                )
+
+        for payload in payloads:
+            reach(source, payload, self.now_s)
+
+    def _wait(self, hop: _Hop) -> None:
+        self._waiting.append(hop)
+        self.at(self.now_s, lambda _: None)  # so that it begins now if it can
+
+    def _begin(self) -> None:
+        """Begin all hops whose channels are free, in the order in which they came."""
+        left = []
+        for hop in self._waiting:
+            if hop.channels & self._busy:
+                left.append(hop)
+            else:
+                self._occupy(hop)
+        self._waiting = left
+
+    def _occupy(self, hop: _Hop) -> None:
+        self._busy |= hop.channels
+        arrival = self.now_s + hop.packet_s
+
+        def arrive(now_s: float) -> None:
+            m = hop.message
+            m.hops += 1
+            m.air_s += hop.packet_s + hop.ack_s
+            m.hop_s += now_s - hop.since_s
+            m.ack_s += hop.ack_s
+            hop.then(now_s)
+
+        def free(_: float) -> None:
+            self._busy -= hop.channels
+
+        self.at(arrival, arrive)
+        self.at(arrival + hop.ack_s, free)
+
+
+DETECTION, ASSIGNED, ACOUSTIC = "RFID detection data", "assigned object data", "acoustic sensing data"
+VISUAL, FINAL, ESTIMATE = "visual sensing data", "final estimation data", "estimation based on acoustic sensors"
+KINDS = (DETECTION, ASSIGNED, ACOUSTIC, VISUAL, ESTIMATE, FINAL)
+RBVC, SBVC = "rbvc", "sbvc"
+
+
+class Cycle(NamedTuple):
+    """One cycle of tracking."""
+
+    delays: dict[str, float]  # of each router with objects: from the detection to the last final estimate [s]
+    messages: list[Message]
+
+
+class _Gate:
+    """Waits for several things of each router, and then goes on."""
+
+    def __init__(self, wanted: int) -> None:
+        self._left = wanted
+
+    def passed(self) -> bool:
+        """Count one more; true for the last one."""
+        self._left -= 1
+        return self._left == 0
+
+
+def simulate_cycle(network: Network, protocol: str, image_bytes: float, share: float) -> Cycle:
+    """Simulate one cycle: everybody detects at time 0, and cameras take their images then.
+
+    RBVC: images go to all routers that track objects; each sends its final estimate to the server.  SBVC: images and
+    the acoustic estimates go to the server, which sends each router its final estimate.
+
+    Args:
+        network: nodes, links, sizes.
+        protocol: `rbvc` or `sbvc`.
+        image_bytes: size of each image.
+        share: share of the objects that are tracked.
+    """
+    simulation = Simulation(network)
+    tracking = [name for name, number in network.objects.items() if number > 0]
+    delays: dict[str, float] = {}
+    sizes, server = network.sizes, network.server
+    # A router's final estimate wants its acoustic estimate and all images
+    ready = {name: _Gate(1 + len(network.cameras)) for name in tracking}
+
+    def finish(router: str, now_s: float) -> None:
+        if not ready[router].passed():
+            return
+        size = sizes.estimate * share * network.objects[router]
+        source, destination = (router, server) if protocol == RBVC else (server, router)
+
+        def final(_: float) -> None:
+            simulation.send(FINAL, source, (destination,), size, arrived=lambda _, t: delays.__setitem__(router, t))
+
+        simulation.at(now_s + network.processing_s, final)
+
+    def image(node: str, now_s: float) -> None:
+        for router in (node,) if protocol == RBVC else tracking:
+            finish(router, now_s)
+
+    def heard(router: str, now_s: float) -> None:
+        """The router has all acoustic data, and makes its estimate."""
+
+        def estimate(t: float) -> None:
+            if protocol == RBVC:
+                finish(router, t)
+                return
+            size = sizes.estimate * share * network.objects[router]
+            simulation.send(ESTIMATE, router, (server,), size, arrived=lambda _, at: finish(router, at))
+
+        simulation.at(now_s + network.processing_s, estimate)
+
+    def start(_: float) -> None:
+        for router in tracking:
+            _sense(simulation, router, share, lambda now_s, router=router: heard(router, now_s))  # type: ignore[misc]
+        for camera in network.cameras:
+            destinations = tracking if protocol == RBVC else [server]
+            simulation.send(VISUAL, camera.name, destinations, image_bytes, arrived=image, reliable=True)
+
+    simulation.at(0.0, start)
+    simulation.run()
+    return Cycle(delays, simulation.messages)
+
+
+def _sense(simulation: Simulation, router: str, share: float, heard: Then) -> None:
+    """Detect, assign and listen: readers tell what they detect, the router who listens to what, arrays what they hear.
+
+    Args:
+        simulation: at the time of the detection.
+        router: whose sensors they are.
+        share: share of the objects that are tracked.
+        heard: happens when the router has the data of all arrays.
+    """
+    network = simulation.network
+    sizes, objects = network.sizes, share * network.objects[router]
+    sensors = [s for s in network.sensors if s.router == router]
+    detections, sounds = _Gate(len(sensors)), _Gate(len(sensors))
+
+    def listen(name: str, assigned: float) -> None:
+        def sounded(_: str, now_s: float) -> None:
+            if sounds.passed():
+                heard(now_s)
+
+        simulation.send(ACOUSTIC, name, (router,), sizes.acoustic * assigned, arrived=sounded)
+
+    def detected(_: str, now_s: float) -> None:  # noqa: ARG001
+        if detections.passed():
+            for s in sensors:
+                assigned = s.assigned * objects
+                simulation.send(
+                    ASSIGNED,
+                    router,
+                    (s.name,),
+                    sizes.assigned * assigned,
+                    arrived=lambda name, _, assigned=assigned: listen(name, assigned),  # type: ignore[misc]
+                )
+
+    for s in sensors:
+        simulation.send(DETECTION, s.name, (router,), sizes.detection * s.detects, arrived=detected)

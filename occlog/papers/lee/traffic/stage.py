@@ -8,12 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.records.declared.traffic import END_TO_END
+from occlog.records.declared.world import END_TO_END
 from occlog.records.tables import Delays
 
 from .config import TrafficConfig
-from .network import Network
-from .protocols import KINDS, Cycle, simulate_cycle
+from .network import KINDS, Cycle, Network, simulate_cycle
 
 KILOBYTE = 1000.0
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
 from occlog.papers.qu.staged import staged_paths
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig

@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import everywhere, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import bootstrapped
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, bootstrapped
 from occlog.pipeline.sweep.trial import Spec, Values
 
 BMCT, MCMC = "BMCT", "MCMC"

@@ -10,14 +10,13 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.sight.fundamental import epipolar_lines
 from occlog.measure.epipolar.views import Geometry
-from occlog.papers.page.shotplot import Line, Mark, Shot, Shots
+from occlog.papers import verdicts as v
+from occlog.papers.plots import Line, Mark, Shot, Shots
 from occlog.papers.qu.common import PARTS, ordered, spec_of
 from occlog.papers.qu.follow import FollowedFrame, follow
 from occlog.papers.qu.trial import run_views_trial, runner_of
 from occlog.papers.qu.world import geometry_of
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of, share_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of, share_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
 from occlog.track.images.interface import Outlines

@@ -10,11 +10,10 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
 from occlog.pipeline.sweep.trial import Spec
 
 SHOWN = ("mipf", "idmot", "bmct")

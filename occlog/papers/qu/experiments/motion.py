@@ -6,11 +6,10 @@ motion alone.  `REMEDY` is BMCT with settings for targets that manoeuvre; they w
 
 from __future__ import annotations
 
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import LITTLE, METHODS, RATES, everywhere, rate_row, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import difference_of, mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, difference_of, mean_of
 from occlog.pipeline.sweep.trial import Spec
 from occlog.simulate.balls.config import MOTIONS
 

@@ -11,11 +11,10 @@ import functools
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import RATES, ordered, seed_of
 from occlog.papers.qu.rooms import rooms_spec, run_rooms_trial
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import difference_of, mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, difference_of, mean_of
 from occlog.pipeline.sweep.trial import Values
 
 ROBUST = 5.0

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import quotient_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, quotient_of
 
 LOCAL, INTERACTION, COLLABORATION, STEP = "local", "interaction", "collaboration", "whole step"
 PRINTED_MS = {LOCAL: 57.0, INTERACTION: 5.7, COLLABORATION: 3.0}

@@ -13,12 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of, power_of, sample
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
-from occlog.papers.verdicts.verdicts import find
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, find, mean_of, power_of, sample
 from occlog.pipeline.sweep.trial import Spec
 
 BMCT, MCMC, SIR = "BMCT", "MCMC", "joint SIR"

@@ -13,11 +13,21 @@ from dataclasses import replace
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import KEPT, METHODS, RATES, ordered, rate_row, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import mean_of, quotient_of, share_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    Row,
+    Size,
+    Table,
+    Verdict,
+    deviation,
+    mean_of,
+    quotient_of,
+    share_of,
+)
 from occlog.pipeline.sweep.trial import Spec
 
 PRINTED = {

@@ -7,10 +7,10 @@ counterpart, with it where camera 1 sees the ball after all, and with a third ca
 
 from __future__ import annotations
 
+from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec
 
 SCENE = "together-in-second"

@@ -1,17 +1,96 @@
-"""Who of one run is who of the other: pairs of each frame, and the people that they make."""
+"""Who of one run is who of the other: pairs of each frame, and the people that they make.
+
+Which tracks follow a person over time, and when one track takes the place of another.
+
+Two runs in the same moments: the times of both, from the later of their starts to the earlier of their ends.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.mot.clear_mot import ClearRule, match
-from occlog.core.metrics.mot.frame_pairs import of_points
-from occlog.core.metrics.mot.idf1 import identity
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.metrics.mot.clear_mot import ClearRule, Matches, match
+from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
+from occlog.core.metrics.mot.hota import identity
+from occlog.errors import InputError
+from occlog.evaluate.matching.paths import Path as Way
+from occlog.records.tables import Tracks
 
-from .frames import Laid
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """Estimates of a run in common frames, in the order of frame and identity.
+
+    Attributes:
+        frame: (n,) number of the frame.
+        row: (n,) row of the run's table: the estimate itself, or the latest one before an interpolated place.
+        xy: (n, 2) places.
+        label: (n,) identities.
+    """
+
+    frame: Ints
+    row: Ints
+    xy: Floats
+    label: Ints
+
+    def objects(self) -> Objects:
+        """The places, to be laid against others."""
+        return Objects(self.frame, self.label, self.xy)
+
+    def table(self, tracks: Tracks, times: Ints) -> Tracks:
+        """The run's table as it is in the frames at these times."""
+        own = tracks.take(self.row)
+        return replace(own, t_ns=times[self.frame], x=self.xy[:, 0], y=self.xy[:, 1])
+
+
+def common_times(a: Tracks, b: Tracks) -> Ints:
+    """(T,) times at which one run or the other has estimates, while both last.
+
+    Raises:
+        InputError: they have no time in common.
+    """
+    spans = [(int(each.t_ns[0]), int(each.t_ns[-1])) for each in (a, b)]
+    start, end = max(s for s, _ in spans), min(e for _, e in spans)
+    if start > end:
+        told = " and ".join(f"{s / NS:.3f} s to {e / NS:.3f} s" for s, e in spans)
+        raise InputError(f"the runs have no time in common: {told}; name two runs of one recording")
+    times = np.union1d(a.t_ns, b.t_ns)
+    found: Ints = times[(times >= start) & (times <= end)]
+    return found
+
+
+def laid(tracks: Tracks, times: Ints) -> Laid:
+    """A run's estimates at some times.
+
+    At times of its own a person is there who has a row.  At times of the other run alone places are interpolated, over
+    gaps of a usual step of the person's rows (`Path.usual_gap_ns`).
+    """
+    place = np.searchsorted(times, tracks.t_ns)
+    inside = np.minimum(place, len(times) - 1)
+    rows = np.flatnonzero((place < len(times)) & (times[inside] == tracks.t_ns))
+    frames, places = [place[rows]], [np.column_stack([tracks.x, tracks.y])[rows]]
+    sources, labels = [rows], [tracks.target_id[rows].astype(np.int64)]
+    others = np.flatnonzero(~np.isin(times, tracks.t_ns))
+    order = np.argsort(tracks.target_id, kind="stable")
+    names, first = np.unique(tracks.target_id[order], return_index=True)
+    for name, own in zip(names.tolist(), np.split(order, first[1:]), strict=True):
+        if not len(others):
+            break
+        t_ns = tracks.t_ns[own]
+        xy, good = Way(t_ns, np.column_stack([tracks.x[own], tracks.y[own]])).at(times[others], None)
+        frames.append(others[good])
+        places.append(xy[good])
+        sources.append(own[np.searchsorted(t_ns, times[others[good]], side="right") - 1])
+        labels.append(np.full(int(good.sum()), name, dtype=np.int64))
+    frame, label = np.concatenate(frames), np.concatenate(labels)
+    sort = np.lexsort((label, frame))
+    return Laid(frame[sort], np.concatenate(sources)[sort], np.concatenate(places)[sort], label[sort])
+
 
 EACH_FRAME = ClearRule(memory=0)
 """Pairs of each frame alone: as many as can be, then of least total distance."""
@@ -109,3 +188,128 @@ def _people(a: Laid, b: Laid, one_to_one: dict[int, int], of_a: Ints, of_b: Ints
         for own in people.values()
     ]
     return tuple(sorted(out, key=lambda p: (not p.a, min(p.a or p.b))))
+
+
+class Piece(NamedTuple):
+    """A stretch of time in which one track follows somebody: first and last moment [ns]."""
+
+    who: int
+    track: int
+    start_ns: int
+    end_ns: int
+
+
+class Change(NamedTuple):
+    """Somebody is followed by another track from a moment on."""
+
+    t_ns: int
+    who: int
+    before: int
+    after: int
+
+
+class Followed(NamedTuple):
+    """Everybody's pieces and changes.
+
+    Attributes:
+        pieces: in the order of `who` and time.
+        changes: in the order of time.
+        passing: changes of track that last less than is told, and are left out of pieces.
+    """
+
+    pieces: tuple[Piece, ...]
+    changes: tuple[Change, ...]
+    passing: int
+
+    def of(self, who: int) -> tuple[Piece, ...]:
+        """The pieces of one."""
+        return tuple(piece for piece in self.pieces if piece.who == who)
+
+
+def by_truth(frames: Frames, made: Matches, times: Ints, lasting_ns: int) -> Followed:
+    """Tracks of a run that follow each true target.
+
+    Args:
+        frames: truth and tracks in the true frames.
+        made: pairs of each frame alone.
+        times: (T,) of the frames [ns].
+        lasting_ns: shorter pieces are left out.
+    """
+    who = frames.truth_key[frames.truth[made.truth], 1]
+    track = frames.track_key[frames.track[made.track], 1]
+    return pieces_of(who, track, frames.frame[made.frame], times, lasting_ns)
+
+
+def by_each_other(a: Laid, b: Laid, pairs: Pairs, times: Ints, lasting_ns: int) -> tuple[Followed, Followed]:
+    """Tracks of B that follow each one of A, and the other way round.
+
+    Args:
+        a: run A in common frames.
+        b: run B.
+        pairs: of them.
+        times: (T,) of the frames [ns].
+        lasting_ns: shorter pieces are left out.
+    """
+    of_a, of_b = a.label[pairs.a], b.label[pairs.b]
+    return (
+        pieces_of(of_a, of_b, pairs.frame, times, lasting_ns),
+        pieces_of(of_b, of_a, pairs.frame, times, lasting_ns),
+    )
+
+
+def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int) -> Followed:
+    """Stretches of time in which each one has one track.
+
+    Interruptions shorter than `lasting_ns` do not end a stretch; stretches that are shorter are left out, and what is
+    left on either side of them becomes one if it is of the same track.
+
+    Args:
+        who: (n,) those who are followed.
+        track: (n,) the track of each.
+        frame: (n,) number of the frame.
+        times: (T,) of the frames [ns].
+        lasting_ns: the shortest stretch.
+    """
+    if not len(who):
+        return Followed((), (), 0)
+    order = np.lexsort((frame, who))
+    who, track, frame = who[order], track[order], frame[order]
+    step = int(np.median(np.diff(times))) if len(times) > 1 else 0
+    t_ns = times[frame]
+    starts = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(track) != 0) | (_gap(t_ns, frame) > lasting_ns)])
+    first = np.flatnonzero(starts)
+    last = np.append(first[1:], len(who)) - 1
+    long = t_ns[last] - t_ns[first] + step >= lasting_ns
+    pieces: list[Piece] = []
+    for i, j in zip(first[long].tolist(), last[long].tolist(), strict=True):
+        piece = Piece(int(who[i]), int(track[i]), int(t_ns[i]), int(t_ns[j]))
+        before = pieces[-1] if pieces else None
+        if before is not None and before[:2] == piece[:2] and piece.start_ns - before.end_ns <= lasting_ns + 2 * step:
+            pieces[-1] = before._replace(end_ns=piece.end_ns)
+        else:
+            pieces.append(piece)
+    changes = [
+        Change(after.start_ns, after.who, before.track, after.track)
+        for before, after in pairwise(pieces)
+        if before.who == after.who and before.track != after.track
+    ]
+    passing = int(np.count_nonzero(_changed(who, track))) - len(changes)
+    return Followed(tuple(pieces), tuple(sorted(changes)), max(passing, 0))
+
+
+def _gap(t_ns: Ints, frame: Ints) -> Ints:
+    """(n - 1,) time between rows that are not of neighbouring frames, else 0."""
+    return np.where(np.diff(frame) > 1, np.diff(t_ns), 0)
+
+
+def _changed(who: Ints, track: Ints) -> Bools:
+    """(n - 1,) whether a row's track is another one than that of the row before, of the same one."""
+    return np.asarray((np.diff(who) == 0) & (np.diff(track) != 0))
+
+
+def without_counterpart(own: Followed, other: Followed, within_ns: int) -> tuple[Change, ...]:
+    """Changes of one run for which the other run has none of the same person at about the same time."""
+    known: dict[int, list[int]] = {}
+    for change in other.changes:
+        known.setdefault(change.who, []).append(change.t_ns)
+    return tuple(c for c in own.changes if all(abs(c.t_ns - t) > within_ns for t in known.get(c.who, [])))

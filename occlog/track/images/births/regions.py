@@ -1,15 +1,32 @@
-"""Regions of a detector as ellipses, moment by moment, from tables of boxes or of clusters."""
+"""Regions of a detector as ellipses, moment by moment, from tables of boxes or of clusters.
+
+Regions of what moves in a recording's images, for trackers to begin from.
+
+Background subtraction, [Qu] Sec. 4.2: masks of what is not the empty scene, in which colours of targets count.
+"""
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.errors import InputError
+from occlog.measure.clusters.person_size import SizeMap, constant_sizes
+from occlog.measure.detect.by_background.learning import learn
+from occlog.measure.detect.by_background.one_camera import known_sizes, plain_image
+from occlog.measure.detect.by_background.stage import detect
+from occlog.measure.detect.config import DetectConfig
+from occlog.measure.epipolar.views import View
+from occlog.measure.regions.background import DIFFERENCE, Subtractor, difference, foreground, make_subtractor
+from occlog.measure.regions.regions import shrink
+from occlog.records.frames import Frame, Image
+from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Boxes, Views
 
 
@@ -18,7 +35,7 @@ class Regions(NamedTuple):
 
     t_ns: Ints  # (N,)
     sensor: Strings  # (N,)
-    ellipse: Floats  # (N, 5) see `occlog.core.image.ellipse`
+    ellipse: Floats  # (N, 5) see `occlog.core.image`
     there: Bools  # (N,) false: the row is no region, and says only that the detector looked at the frame
 
 
@@ -98,3 +115,152 @@ class RegionStream:
             return None
         self.met += len(rows)
         return np.array(rows).reshape(-1, 5)
+
+
+SAMPLES = 40
+"""First frames of each camera in which the size of what moves is measured, where it is not known."""
+LEAST_AREA = 5e-4
+"""Least area of a blob that counts in that, as a share of the image."""
+
+
+def moving_regions(
+    frames: Callable[[], Iterable[Frame]], scene: Scene | None, views: Sequence[View], workers: int = 1
+) -> Iterator[Regions]:
+    """Find people-sized regions in all frames as `occlog detect` does with its defaults, in the order of time.
+
+    Where neither the cameras' poses nor the people seen give a size, the regions are connected
+    blobs of the usual size of what moves.
+
+    Args:
+        frames: makes all frames of the views, in the order of time; called two or three times.
+        scene: may lack cameras.
+        views: V views.
+        workers: threads.
+    """
+    whole = with_cameras(scene, views)
+    config = DetectConfig()
+    learned, _ = learn(frames(), whole, config, (), workers)
+    unknown = [v for v in views if v.name not in learned.sizes and _size(whole, v, config) is None]
+    if unknown:
+        config = replace(config, method="components")
+        sizes = blob_sizes(frames(), learned.empty, unknown)
+        learned = replace(learned, sizes={**learned.sizes, **sizes})
+    yield from regions_of_views(part.views for part in detect(frames(), whole, config, workers, learned))
+
+
+def _size(scene: Scene, view: View, config: DetectConfig) -> SizeMap | None:
+    """Sizes of people that follow from the camera's pose; None: unknown."""
+    return known_sizes(scene.camera(view.name), scene, (view.width, view.height), config)
+
+
+def with_cameras(scene: Scene | None, views: Sequence[View]) -> Scene:
+    """Add the views that the scene lacks to it, as cameras without a pose."""
+    scene = Scene() if scene is None else scene
+    known = [camera.name for camera in scene.cameras]
+    new = [
+        Camera(v.name, np.zeros(3), np.eye(3), np.ones(2), np.zeros(2), placed=False)
+        for v in views
+        if v.name not in known
+    ]
+    return replace(scene, cameras=(*scene.cameras, *new))
+
+
+def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Sequence[View]) -> dict[str, SizeMap]:
+    """Measure the median size of the blobs that differ from the empty scene, the same all over the image.
+
+    Args:
+        frames: in the order of time.
+        empty: images of the empty scene, may be shrunk.
+        views: whose sizes are wanted; a view without blobs gets none.
+    """
+    heights: dict[str, list[float]] = {view.name: [] for view in views}
+    looked = dict.fromkeys(heights, 0)
+    for frame in frames:
+        if frame.sensor not in heights or looked[frame.sensor] == SAMPLES:
+            continue
+        looked[frame.sensor] += 1
+        try:
+            image = plain_image(frame.decode(), None)
+        except InputError:
+            continue
+        heights[frame.sensor] += _heights(image, empty[frame.sensor])
+        if all(n == SAMPLES for n in looked.values()):
+            break
+    return {
+        view.name: constant_sizes((view.width, view.height), float(np.median(heights[view.name])))
+        for view in views
+        if heights[view.name]
+    }
+
+
+def _heights(image: Image, empty: Image) -> list[float]:
+    """Heights [px] of blobs away from the edge of the image."""
+    factor = max(1, image.shape[0] // empty.shape[0])
+    small = shrink(image, factor)
+    if small.shape != empty.shape:
+        return []
+    mask = cv2.medianBlur((difference(small, empty) > DIFFERENCE).astype(np.uint8), 5)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    left, top, width, height, area = stats[1:].T
+    rows, columns = mask.shape
+    inside = (left > 0) & (top > 0) & (left + width < columns) & (top + height < rows)
+    return [float(h) * factor for h in height[inside & (area >= LEAST_AREA * mask.size)]]
+
+
+HISTORY = 5_000
+"""Memory of the model [frames]; a person who stands still for a tenth of it becomes background."""
+MOST = 0.6
+"""Share of foreground in an image above which the light has changed or the camera has moved: nothing is masked."""
+
+
+class BackgroundModel(NamedTuple):
+    """Background model of one camera; `foreground_mask` advances it."""
+
+    subtractor: Subtractor
+    shape: tuple[int, int]  # of the empty scene's image
+
+
+def background_models(
+    frames: Iterable[Frame], scene: Scene, views: Sequence[View], workers: int = 1
+) -> tuple[BackgroundModel | None, ...]:
+    """Learn the empty scene of each view and make a background model of it; None for a view without images.
+
+    Args:
+        frames: of all views, in the order of time.
+        scene: with all views as cameras.
+        views: V views.
+        workers: threads.
+    """
+    config = DetectConfig()
+    learned, _ = learn(frames, scene, config, (), workers)
+    out: list[BackgroundModel | None] = []
+    for view in views:
+        empty = learned.empty.get(view.name)
+        if empty is None:
+            out.append(None)
+            continue
+        model = make_subtractor("mog2", HISTORY, None, True, empty)
+        out.append(BackgroundModel(model, (empty.shape[0], empty.shape[1])))
+    return tuple(out)
+
+
+def foreground_mask(model: BackgroundModel | None, image: Image, number: int) -> Image | None:
+    """(H, W) 255 on what is not background, 0 elsewhere; None without a model, or where it does not fit the image.
+
+    Args:
+        model: of the camera, whose frames must come in order; None: no model.
+        image: (H, W, 3) BGR or (H, W) grey.
+        number: of the frame.
+    """
+    if model is None:
+        return None
+    small = shrink(image, max(1, image.shape[0] // model.shape[0]))
+    if small.shape[:2] != model.shape:
+        return None
+    found = foreground(model.subtractor, small, number, 5)
+    if np.count_nonzero(found) > MOST * found.size:
+        return None
+    if small.shape[:2] == image.shape[:2]:
+        return found
+    height, width = image.shape[:2]
+    return cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST)  # type: ignore[no-any-return]

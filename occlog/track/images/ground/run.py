@@ -15,8 +15,7 @@ from occlog.settings import configure
 
 from .config import STARTS, GroundConfig, in_scene
 from .request import GroundRequest
-from .stage import GroundPart, ground_tracks
-from .verdict import Verdict
+from .stage import GroundPart, Verdict, ground_tracks
 
 if TYPE_CHECKING:
     from occlog.io.files.provenance import Provenance

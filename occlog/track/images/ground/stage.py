@@ -1,6 +1,15 @@
 """Tracks in the world, with covariance, from tracks in the images of several calibrated views.
 
 [Qu] Sec. 5 names this step, and leaves open how.
+
+Targets that may have taken each other's identities.
+
+Trackers that are on another target together agree with each other, so that one time alone does
+not show it.  But they mostly get there one by one, through times at which views contradict each
+other or at which all but one have lost the target.  While that lasts, a target is exchanged at a
+constant rate; from then on it may be where any of the other targets is.
+
+Verdict on tracks in the world: what doubts their rows have, and which targets one view alone supports.
 """
 
 from __future__ import annotations
@@ -11,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.measure.epipolar.of_scene import ideal_pixels_anywhere
 from occlog.records.declared.views import ViewTracks
@@ -19,9 +28,84 @@ from occlog.records.scene import Camera, Scene
 from occlog.records.tables import FusedTracks
 
 from .config import GroundConfig, in_scene
-from .contest import Contest, Odds, contest_places
-from .exchange import CONTESTED, Exchanges, among_others
-from .place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Meeting, Rig, Sights, meet_in_space
+from .place import (
+    APART,
+    BEHIND,
+    MET,
+    NEAR_PARALLEL,
+    TOO_FEW,
+    Contest,
+    Height,
+    Meeting,
+    Odds,
+    Rig,
+    Sights,
+    contest_places,
+    meet_in_space,
+)
+
+CONTESTED = 0.5
+"""Views contradict each other if one of them is on something else with at least this probability."""
+LONGEST_S = 1.0
+"""Longer times without a row count as this long [s]."""
+
+
+class Known(NamedTuple):
+    """What was known of a target when it had its last row."""
+
+    t_ns: int
+    exchanged: float  # probability
+    together: bool  # several views have shown it at once
+
+
+class Exchanges:
+    """Probability that each target was exchanged, carried from time to time."""
+
+    def __init__(self, rate: float, alone: float, start: float) -> None:
+        """No target was seen yet.
+
+        Args:
+            rate: of exchanges where views contradict each other [1/s].
+            alone: share of it where one view alone shows a target that several have shown before.
+            start: probability that the trackers of a target begin on different ones.
+        """
+        self._rate, self._alone, self._start = rate, alone, start
+        self._known: dict[int, Known] = {}
+
+    def update(self, t_ns: int, targets: Ints, contested: Floats, views: Ints) -> Floats:
+        """(K,) probabilities that the targets of one time have been exchanged.
+
+        Args:
+            t_ns: the time.
+            targets: (K,) identities, each once.
+            contested: (K,) probability that a view is on something else.
+            views: (K,) number of views that show them.
+        """
+        out = np.zeros(len(targets))
+        rows = zip(targets.tolist(), contested.tolist(), views.tolist(), strict=True)
+        for k, (target, doubt, several) in enumerate(rows):
+            last = self._known.get(target, Known(t_ns, self._start, False))
+            seconds = min((t_ns - last.t_ns) / NS, LONGEST_S)
+            contradiction = doubt if doubt >= CONTESTED else 0.0
+            left_alone = self._alone if last.together else 0.0
+            strength = contradiction if several > 1 else left_alone
+            out[k] = 1.0 - (1.0 - last.exchanged) * np.exp(-self._rate * strength * seconds)
+            self._known[target] = Known(t_ns, float(out[k]), last.together or several > 1)
+        return out
+
+
+def among_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Floats:
+    """(K, 3, 3) second moments about the places of one time, of targets that may be where the others are.
+
+    Args:
+        xyz: (K, 3) places.
+        covariance: (K, 3, 3) of them.
+        exchanged: (K,) probability that a target is at one of the other places, each as likely.
+    """
+    off = xyz[None, :, :] - xyz[:, None, :]
+    spread = np.einsum("kni,knj->kij", off, off) / max(len(xyz) - 1, 1)
+    return np.asarray(covariance + exchanged[:, None, None] * spread)
+
 
 WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", APART: "contradict"}
 """Names in `GroundPart.counts` of the reasons why a target has no place at a time."""
@@ -273,3 +357,68 @@ def _counts(met: Meeting, sights: Sights) -> Counter[str]:
     for status, why in WHY.items():
         counts[why] = int((met.status == status).sum())
     return counts
+
+
+ALONE = 0.9
+"""One view alone supports a target if it alone made this share of its rows."""
+MANY = 0.1
+"""A line warns of doubts that so large a share of the rows has."""
+TOO_FAR = 1.5
+"""A line warns where squared standardised residuals are so many times as large as stated."""
+WORDS = {
+    ONE_VIEW: "one view alone made the place, at the height of a person's middle",
+    CONTRADICTION: "a view is on something else; covariances are widened by where the others would have it",
+    EXCHANGE: "the target may have taken another one's identity; its covariance reaches to the other targets",
+}
+"""What each doubt means."""
+
+
+class Verdict:
+    """Counts doubts while parts stream by."""
+
+    def __init__(self) -> None:
+        """Nothing was seen yet."""
+        self._doubts: Counter[str] = Counter()
+        self._rows: Counter[int] = Counter()
+        self._alone: Counter[int] = Counter()
+        self._nis, self._freedom = 0.0, 0
+
+    def add(self, part: GroundPart) -> None:
+        """Count some more rows."""
+        self._nis += part.nis
+        self._freedom += part.freedom
+        for target, doubt in zip(part.tracks.target_id.tolist(), part.tracks.doubt.tolist(), strict=True):
+            words = doubt.split(",") if doubt else []
+            self._doubts.update(words)
+            self._rows[target] += 1
+            self._alone[target] += ONE_VIEW in words
+
+    def figures(self) -> dict[str, object]:
+        """Rows by doubt, targets that one view supports, and the mean of the squared standardised residuals."""
+        return {
+            "doubts": {word: self._doubts[word] for word in WORDS if self._doubts[word]},
+            "one_view_targets": self._one_view(),
+            **({"nis_per_freedom": self._nis / self._freedom} if self._freedom else {}),
+        }
+
+    def warnings(self) -> list[str]:
+        """Lines on what makes the places doubtful."""
+        total = sum(self._rows.values())
+        lines = [
+            f"{self._doubts[word]} of {total} places: {word}: {text}"
+            for word, text in WORDS.items()
+            if self._doubts[word] > MANY * total
+        ]
+        if alone := self._one_view():
+            names = ", ".join(str(target) for target in alone)
+            lines.append(f"targets that one view alone supports, which may be nobody: {names}")
+        if self._freedom and self._nis > TOO_FAR * self._freedom:
+            lines.append(
+                f"views are {(self._nis / self._freedom) ** 0.5:.1f} times as far from agreeing as their covariances "
+                "say; check the calibration and the clocks, or give a larger model_share to `occlog ground`"
+            )
+        return lines
+
+    def _one_view(self) -> list[int]:
+        """Targets that one view alone supports."""
+        return [target for target, rows in sorted(self._rows.items()) if self._alone[target] > ALONE * rows]

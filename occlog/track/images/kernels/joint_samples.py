@@ -26,7 +26,7 @@ def overlap(one: Floats, two: Floats) -> float:
     """Overlap of two ellipses (5,), 0 (apart) to 1 (the smaller one is covered).
 
     It is the area common to two discs, over that of the smaller one.  Their radii are the support
-    radii of the ellipses along the line between the centres, as for `occlog.core.image.ellipse.touching`.
+    radii of the ellipses along the line between the centres, as for `occlog.core.image.touching`.
     """
     dx, dy = two[0] - one[0], two[1] - one[1]
     d, theta = math.hypot(dx, dy), math.atan2(dy, dx)

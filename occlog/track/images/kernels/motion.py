@@ -1,7 +1,7 @@
 """Particles of ellipses, [Qu] Sec. 3: their motion, weights, means and resampling.
 
 Arrays hold n trackers of N particles each; an ellipse is (cx, cy, a, b, rho) as in
-`occlog.core.image.ellipse`, the state of [Qu] Sec. 3.1.
+`occlog.core.image`, the state of [Qu] Sec. 3.1.
 """
 
 from __future__ import annotations

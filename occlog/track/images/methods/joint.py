@@ -22,16 +22,15 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
-from occlog.core.image.ellipse import touching
+from occlog.core.image import touching
 from occlog.filtering.particles import effective_size, normalise, systematic_ancestors
 from occlog.track.images.interface import MODES, FrameSet
 from occlog.track.images.kernels.joint_samples import crowding_of_samples, distinct_size, run_chain
 from occlog.track.images.kernels.motion import boxes_of, covariance_and_ess, moved, weights_and_means
 
 from .config import McmcConfig
-from .local import Arrival, local_likelihood, motion_of
 from .state import VisualState
-from .weigh import Samples
+from .weigh import Arrival, Samples, local_likelihood, motion_of
 
 MCMC = MODES.index("mcmc")
 

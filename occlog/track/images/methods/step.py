@@ -21,12 +21,9 @@ from occlog.track.images.interface import LEFT, LOST, Birth, FrameSet, Outlines
 
 from .config import BmctConfig, CmctConfig, IdmotConfig, LoopCheckConfig, McmcConfig, MipfConfig
 from .joint import joint_samples
-from .lines import adapt_colours
-from .local import Arrival, arrival_of, likeness_of_estimates, local_weights
-from .loop_check import check_loops, check_new_pairs, counterpart_status
-from .restart import restart_one
+from .restart import adapt_colours, check_loops, check_new_pairs, counterpart_status, restart_one
 from .state import Trackers, VisualState, add_trackers, advance_clock, keep_trackers
-from .weigh import Samples, weigh
+from .weigh import Arrival, Samples, arrival_of, likeness_of_estimates, local_weights, weigh
 
 
 def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:

@@ -22,7 +22,7 @@ from occlog.measure.detect.by_background.one_camera import check_size, plain_ima
 from occlog.measure.epipolar.views import View
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera
-from occlog.track.images.births.background import BackgroundModel, foreground_mask
+from occlog.track.images.births.regions import BackgroundModel, foreground_mask
 from occlog.track.images.interface import FrameSet
 
 STAMPS = 64

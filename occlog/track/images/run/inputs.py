@@ -1,4 +1,7 @@
-"""Inputs of tracking in images: frames, first ellipses, detections, epipolar geometry."""
+"""Inputs of tracking in images: frames, first ellipses, detections, epipolar geometry.
+
+Provenance of tracks made from video: where their trackers came from, and from which recording.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,11 @@ from itertools import pairwise
 from pathlib import Path
 
 from occlog import console
-from occlog.console.details import threads_by_default
+from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError
+from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.models.ellipses import FIRST, GivenEllipse, read_ellipses
-from occlog.io.models.losses_of_models import lost_in_models
+from occlog.io.models.motion_models import lost_in_models
 from occlog.io.open import Opened, load_scene, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
@@ -19,10 +23,17 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, TruthBoxes, Views
 from occlog.scans.grouping import nearest
-from occlog.track.images.births.background import BackgroundModel, background_models
 from occlog.track.images.births.config import ViewsConfig
-from occlog.track.images.births.moving import moving_regions, with_cameras
-from occlog.track.images.births.regions import Regions, RegionStream, regions_of_boxes, regions_of_views
+from occlog.track.images.births.regions import (
+    BackgroundModel,
+    Regions,
+    RegionStream,
+    background_models,
+    moving_regions,
+    regions_of_boxes,
+    regions_of_views,
+    with_cameras,
+)
 from occlog.track.images.ground.config import STARTS, GroundConfig
 from occlog.track.images.ground.stage import GroundPart, ground_tracks
 from occlog.track.request import ViewsRequest
@@ -202,3 +213,63 @@ def choose_views(recording: Recording, only: tuple[str, ...], without: tuple[str
     if not names:
         raise UsageError("no camera is left to track in; leave out fewer of them")
     return names
+
+
+FROM_DETECTIONS = "trackers were born from detections, so that their numbers are not those of targets"
+
+
+def video_provenance(tracks: Path | None) -> Provenance | None:
+    """How `occlog track` made a table from video; None for anything else."""
+    opened = None if tracks is None else open_if_ours(tracks)
+    if opened is None or opened.recording is not None:
+        return None
+    made = opened.provenance
+    return made if made.command == "track" and "births" in made.parameters else None
+
+
+def born_from_detections(tracks: Path | None) -> bool:
+    """Whether trackers came from detections, perhaps beside those that were given."""
+    made = video_provenance(tracks)
+    return made is not None and made.parameters["births"] != "initial"
+
+
+def own_notes(tracks: Path | None, own: str, asked: str | None) -> list[str]:
+    """A line on which target is a tracker's own where trackers came from detections.
+
+    Args:
+        tracks: the tracks.
+        own: how it is found.
+        asked: value of --own; None: not given.
+    """
+    if not born_from_detections(tracks) or asked not in (None, "label"):
+        return []
+    how = f"--own {own} is used" if asked is None else "FR needs --own start"
+    return [f"{tracks}: {FROM_DETECTIONS}; {how}"]
+
+
+def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[str]:
+    """A line for each recording with video that is not what the tracks were made from.
+
+    Two recordings may have the same times and cameras, so that nothing else tells them apart; but a
+    copy is another file too, so that this is no error.
+
+    Args:
+        tracks: the tracks; tables that `occlog track` did not make from video are not judged.
+        recordings: files that belong to the tracks, as the user says; those without video are passed over.
+    """
+    made = video_provenance(tracks)
+    if made is None or not made.inputs:
+        return []
+    used = {digest for _, digest in made.inputs}
+    names = ", ".join(name for name, _ in made.inputs if name.lower().endswith(".mcap")) or made.inputs[0][0]
+    return [
+        f"{path}: {tracks} was made from another file ({names}); right only if both are of the same video"
+        for path in dict.fromkeys(recordings)
+        if path is not None and _has_video(path) and hash_file(path) not in used
+    ]
+
+
+def _has_video(path: Path) -> bool:
+    """Whether a file is a recording with images."""
+    opened = open_if_ours(path)
+    return opened is not None and opened.recording is not None and bool(opened.recording.cameras)

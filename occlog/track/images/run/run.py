@@ -13,9 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
-from occlog.consistency.particles import FEW, Particles
+from occlog.consistency.estimates import FEW, Particles
 from occlog.consistency.verdict import DEPLETED, beyond
-from occlog.console.details import threads_by_default
+from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError, option
 from occlog.measure.detect.by_background.one_camera import stretches
 from occlog.records.declared.views import ViewTracks
@@ -26,14 +26,13 @@ from occlog.runner import Job, Tables
 from occlog.settings import configure
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream
-from occlog.track.images.ground.verdict import Verdict
+from occlog.track.images.ground.stage import Verdict
 from occlog.track.images.methods.config import CONFIGS, LoopCheckConfig, MipfConfig
 from occlog.track.request import ViewsRequest
 
 from .frames_in_step import in_step
 from .inputs import ViewsInput
-from .loop_checks import Checks
-from .stage import TrackingSetup, ViewsPart, track_views
+from .stage import Checks, TrackingSetup, ViewsPart, track_views
 
 NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets at a time", "effective number of particles"
 FIRST, SHARED, ENDS = "first ellipses", "views that help one another", "ends of the views"

@@ -12,8 +12,7 @@ from occlog.array_types import Floats, Ints
 
 from ..config import JipdaConfig
 from ..cues import Law
-from ..people import BENT_HEIGHT, BENT_WIDTH, CALM, GROWTH
-from ..place_map import CELL, PlaceMap, leaving_at
+from ..people import BENT_HEIGHT, BENT_WIDTH, CALM, CELL, GROWTH, PlaceMap, leaving_at
 from .appearance import Alike, no_sums, together
 from .association import Found
 from .chains import (
@@ -30,7 +29,7 @@ from .chains import (
     sweep,
 )
 from .places import about
-from .waiting import waiting
+from .states import waiting
 
 SPEEDS = 3.0
 """Nobody walks faster than so many standard deviations of a new person's velocity."""

@@ -19,8 +19,7 @@ from occlog.array_types import Floats
 
 from .parameters import SMALLEST, Shape, build, expected, limits, names, regression, slope, start
 from .report import Fit, Optimum, at_limit, information, report
-from .smoother import CV, Sums, smooth
-from .steps import Nodes, Path, make_nodes, split, transitions_by_differences
+from .smoother import CV, Nodes, Path, Sums, make_nodes, smooth, split, transitions_by_differences
 
 EM_STEPS = 25
 CLOSE = 1e-3

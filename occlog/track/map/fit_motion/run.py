@@ -20,7 +20,7 @@ from .em import fit_differences, fit_em
 from .parameters import Shape
 from .report import Fit
 from .request import FitMotionRequest
-from .steps import Path, median_step
+from .smoother import Path, median_step
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss

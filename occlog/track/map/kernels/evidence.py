@@ -18,7 +18,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from .interior_point.newton_search import covariance
+from .interior_point import covariance
 from .problem import Problem, SightLines, Steps
 from .terms import chain_cost, leaning, leverages, loss_slopes, residuals
 

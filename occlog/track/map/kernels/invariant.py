@@ -20,8 +20,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-from .interior_point.feasible import move_inside
-from .interior_point.newton_search import Options, Solution, covariance, minimise
+from .interior_point import Options, Solution, covariance, minimise, move_inside
 from .problem import Problem
 from .terms import in_front, leverages
 

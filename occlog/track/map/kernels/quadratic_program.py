@@ -15,7 +15,7 @@ from scipy import sparse
 
 from occlog.array_types import Floats
 
-from .interior_point.newton_search import ARMIJO, SHORTEST, Iterate, Options, Solution, cost, derivatives
+from .interior_point import ARMIJO, SHORTEST, Iterate, Options, Solution, cost, derivatives
 from .problem import Problem, slack
 
 

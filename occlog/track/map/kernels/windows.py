@@ -14,8 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-from .interior_point.newton_search import Solution, derivatives
-from .interior_point.newton_system import factor_rows, solve
+from .interior_point import Solution, derivatives, factor_rows, solve
 from .problem import Problem, Steps, some_hints, some_lines, some_planes
 
 

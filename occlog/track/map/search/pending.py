@@ -10,12 +10,11 @@ from occlog.array_types import NS, Bools, Floats
 from occlog.core.sight.visibility import Sensors
 from occlog.errors import InputError
 from occlog.records.scene import Scene
-from occlog.track.apf.sensing import pack_sensors
+from occlog.track.apf.model import pack_sensors
 from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
-from occlog.track.map.kernels.interior_point.feasible import move_inside
-from occlog.track.map.kernels.problem import CAUCHY, HUBER, MIXTURE, SQUARE, Problem, chain
-from occlog.track.map.kernels.start import start_on_axes
+from occlog.track.map.kernels.interior_point import move_inside
+from occlog.track.map.kernels.problem import CAUCHY, HUBER, MIXTURE, SQUARE, Problem, chain, start_on_axes
 from occlog.track.map.kernels.windows import Knowledge
 from occlog.track.map.measurements import Stations, constraints, sight_lines, stations
 from occlog.track.map.record import EMPTY, Record

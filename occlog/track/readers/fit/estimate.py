@@ -10,9 +10,8 @@ from scipy.optimize import minimize
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.path_loss import NEAREST_M
-from occlog.track.readers.coverage import virtual_sensors
-from occlog.track.readers.path_loss import PathLoss, no_shadowing, predict_shadowing, update_shadowing
-from occlog.track.readers.virtual import locate
+from occlog.track.readers.rssi import PathLoss, no_shadowing, predict_shadowing, update_shadowing
+from occlog.track.readers.virtual import locate, virtual_sensors
 
 SEARCH = 120
 """Steps of the search for the shadowing."""

@@ -10,15 +10,14 @@ import numpy as np
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError, UsageError
-from occlog.io.models.path_losses import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
+from occlog.io.models.motion_models import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
 from occlog.io.open import Opened, load_scene, losses_of, open_input
 from occlog.records.scene import Reader, Scene
 from occlog.records.tables import Reads, Truth
 from occlog.runner import Job
 from occlog.settings import configure
-from occlog.track.readers.inputs import metre_of
-from occlog.track.readers.path_loss import PathLoss
-from occlog.track.readers.windows import windows_of
+from occlog.track.readers.inputs import metre_of, windows_of
+from occlog.track.readers.rssi import PathLoss
 
 from .config import FitReadersConfig
 from .estimate import Stretch, choose_range, fit_losses, fit_shadowing, usual_ranges

@@ -7,12 +7,10 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from occlog.core.metrics.mot import couples
-from occlog.core.metrics.mot.couples import Couples
-from occlog.core.metrics.mot.frame_pairs import Objects, of_points
-from occlog.core.metrics.mot.hota import hota
-from occlog.core.metrics.mot.idf1 import identity
-from occlog.core.metrics.mot.ospa2 import ospa2, ospa2_over_time
+from occlog.core.metrics.mot import frame_pairs as couples
+from occlog.core.metrics.mot.frame_pairs import Couples, Objects, of_points
+from occlog.core.metrics.mot.gospa import ospa2, ospa2_over_time
+from occlog.core.metrics.mot.hota import hota, identity
 
 
 @pytest.mark.parametrize("dense", [0, couples.DENSE])

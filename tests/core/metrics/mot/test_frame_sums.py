@@ -8,8 +8,7 @@ import pytest
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
 from occlog.core.metrics.mot.frame_sums import FIGURES, PLACE, frame_sums, hota_of, idf1
-from occlog.core.metrics.mot.hota import hota
-from occlog.core.metrics.mot.idf1 import identity
+from occlog.core.metrics.mot.hota import hota, identity
 
 
 def scene(seed: int, frames: int = 40, people: int = 5) -> Frames:

@@ -10,8 +10,7 @@ from mot_published import PUBLISHED
 
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes
-from occlog.core.metrics.mot.hota import hota
-from occlog.core.metrics.mot.idf1 import identity
+from occlog.core.metrics.mot.hota import hota, identity
 
 
 def side(path: Path) -> Objects:

@@ -14,8 +14,7 @@ from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, cle
 from occlog.core.metrics.mot.failure_rates import failures
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes, of_points
 from occlog.core.metrics.mot.gospa import gospa
-from occlog.core.metrics.mot.hota import ALPHAS, hota
-from occlog.core.metrics.mot.idf1 import identity
+from occlog.core.metrics.mot.hota import ALPHAS, hota, identity
 
 LIMIT = 0.8
 KINDS = [(seed, boxes) for seed in range(12) for boxes in (False, True)]

@@ -10,9 +10,14 @@ import pytest
 from scipy.optimize import linprog
 
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
-from occlog.core.metrics.mot.ospa2 import Ospa2Sums, Ospa2Windows, ospa2, ospa2_over_time
-from occlog.core.metrics.mot.trajectory_gospa.cuts import pieces_of, sure_stretches
-from occlog.core.metrics.mot.trajectory_gospa.distance import TrajectoryCosts, meetings, trajectory_gospa
+from occlog.core.metrics.mot.gospa import Ospa2Sums, Ospa2Windows, ospa2, ospa2_over_time
+from occlog.core.metrics.mot.trajectory_gospa import (
+    TrajectoryCosts,
+    meetings,
+    pieces_of,
+    sure_stretches,
+    trajectory_gospa,
+)
 
 
 def rows(*values: tuple[float, ...]) -> Objects:

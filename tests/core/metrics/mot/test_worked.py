@@ -12,8 +12,7 @@ from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, cle
 from occlog.core.metrics.mot.failure_rates import NONE, failures
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes, of_points, reaches
 from occlog.core.metrics.mot.gospa import gospa
-from occlog.core.metrics.mot.hota import hota
-from occlog.core.metrics.mot.idf1 import identity
+from occlog.core.metrics.mot.hota import hota, identity
 
 
 def rows(*values: tuple[float, ...]) -> Objects:

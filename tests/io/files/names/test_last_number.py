@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from occlog.io.files.names.last_number import last_number
+from occlog.io.files.names import last_number
 
 
 @pytest.mark.parametrize(

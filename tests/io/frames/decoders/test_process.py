@@ -20,7 +20,7 @@ from occlog.errors import InputError
 from occlog.io.frames.camera_source import video_source
 from occlog.io.frames.decode import decode, examine
 from occlog.io.frames.decoders.process import Decoder, start_decoder
-from occlog.io.frames.video_stream import video_times
+from occlog.io.frames.streams import video_times
 from occlog.io.video.container import MAX_FRAMES
 from occlog.records.losses import Loss
 

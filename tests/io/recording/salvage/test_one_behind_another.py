@@ -16,7 +16,7 @@ from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.messages.mcap_file import McapFile
 from occlog.io.recording.mcap_errors import open_mcap
-from occlog.io.recording.salvage.one_behind_another import Part
+from occlog.io.recording.salvage.ends import Part
 from occlog.io.recording.salvage.recover import Recovered, recover_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_from_yaml

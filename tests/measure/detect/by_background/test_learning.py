@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from detect_scenes import BLUE, RED, SIZE, STEP_NS, background, broken, camera, frames, replaced, scene, walk
 
-from occlog.core.image.histogram_bins import pixel_bin
+from occlog.core.image import pixel_bin
 from occlog.errors import InputError
 from occlog.measure.detect.by_background.learning import Samples, TargetBox, appearance_in_box, learn, sample_limit
 from occlog.measure.detect.by_background.stage import detect
 from occlog.measure.detect.config import DetectConfig
-from occlog.measure.regions.appearance import likeness
+from occlog.measure.regions.regions import likeness
 from occlog.records.frames import Frame
 from occlog.records.tables import Bearings
 

@@ -9,11 +9,11 @@ from detect_scenes import BLUE, RED, SIZE, STEP_NS, background, broken, camera, 
 
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError, UsageError
+from occlog.measure.detect.by_background.one_camera import Target, check_targets
 from occlog.measure.detect.by_background.stage import Learned, batches, detect
-from occlog.measure.detect.by_background.target import Target, check_targets
 from occlog.measure.detect.config import BATCH, DetectConfig
 from occlog.measure.detections import Detections
-from occlog.measure.regions.appearance import histogram
+from occlog.measure.regions.regions import histogram
 from occlog.records.columns import Table
 from occlog.records.frames import Frame
 from occlog.records.scene import Scene

@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.detect.by_background.target import Target, TargetMemory, choose, likenesses
-from occlog.measure.regions.appearance import normalised
-from occlog.measure.regions.regions import Regions
+from occlog.measure.detect.by_background.one_camera import Target, TargetMemory, choose, likenesses
+from occlog.measure.regions.regions import Regions, normalised
 
 SECOND = 1_000_000_000
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.array_types import Bools, Floats
-from occlog.measure.fuse.kernels.decision_rule import (
+from occlog.measure.fuse.kernels import (
     CAUSES,
     KEPT,
     NOT_LOOKING,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.fuse.tracks.intersect import intersect, weights
+from occlog.measure.fuse.tracks.match import intersect, weights
 
 
 def random_covariances(n: int, k: int, seed: int) -> np.ndarray:

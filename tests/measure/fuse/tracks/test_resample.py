@@ -7,7 +7,7 @@ import pytest
 from people_in_groups import walk
 
 from occlog.array_types import NS
-from occlog.measure.fuse.tracks.resample import at_moments, default_window, moments_of
+from occlog.measure.fuse.tracks.stage import at_moments, default_window, moments_of
 from occlog.records.tables import PeopleTracks
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
-from occlog.papers.ercan.formulas.blocking import QUADRATURE, blocking_all
-from occlog.papers.ercan.formulas.eta import (
+from occlog.papers.ercan.formulas.blocking import (
+    QUADRATURE,
+    blocking_all,
     exact,
     independent,
     pattern,

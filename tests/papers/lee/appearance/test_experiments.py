@@ -10,8 +10,7 @@ import pytest
 from occlog.papers.lee.appearance.coefficient import BINS, COEFFICIENT, coefficient_trial
 from occlog.papers.lee.appearance.faces import FACES, KNOWN, equal_error, faces_trial, likeness
 from occlog.papers.lee.appearance.motion import DIRECTIONS, MOTION, camera_of, seen_motion
-from occlog.papers.verdicts.model import Row, Size
-from occlog.papers.verdicts.verdicts import IN_PART, NOT, REPRODUCED, UNDECIDED
+from occlog.papers.verdicts import IN_PART, NOT, REPRODUCED, UNDECIDED, Row, Size
 
 
 def run(experiment, runs, steps):

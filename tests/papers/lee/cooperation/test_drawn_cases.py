@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from occlog.papers.lee.cooperation import drawn_cases as drawn
-from occlog.papers.verdicts.model import Row, Size
+from occlog.papers.verdicts import Row, Size
 
 
 def sketch(case, run):

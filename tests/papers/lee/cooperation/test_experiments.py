@@ -12,7 +12,7 @@ from occlog.papers.lee.cooperation.environments import environment
 from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS, OPEN_EXPERIMENTS
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.cooperation.trial import cooperation_spec, cooperation_trial
-from occlog.papers.verdicts.model import Row, Size
+from occlog.papers.verdicts import Row, Size
 
 EXPERIMENTS = (*OPEN_EXPERIMENTS, *FIELD_EXPERIMENTS, *ROOM_EXPERIMENTS)
 

@@ -6,9 +6,8 @@ import pytest
 from occlog.papers.lee.cooperation.environments import environment
 from occlog.papers.lee.cooperation.parallel_projection import judge_errors
 from occlog.papers.lee.cooperation.projected_places import PROJECTIONS, crossed, projected, relocated, sights_of
-from occlog.papers.verdicts.model import Row
-from occlog.track.imm.ask_cameras import CameraRequest
-from occlog.track.imm.when_to_ask import Answer, Ask
+from occlog.papers.verdicts import Row
+from occlog.track.imm.ask_cameras import Answer, Ask, CameraRequest
 
 
 def seen(cameras, xy):

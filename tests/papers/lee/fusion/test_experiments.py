@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from occlog.papers.catalogue import PAPERS
-from occlog.papers.ercan.scenes import names, square_room
+from occlog.papers.ercan.trial import names, square_room
 from occlog.papers.lee.fusion.cases import (
     CASES,
     DECISION_EXPERIMENTS,
@@ -21,8 +21,7 @@ from occlog.papers.lee.fusion.cases import (
     declaration_trial,
 )
 from occlog.papers.lee.fusion.detection_rates import FUSION_EXPERIMENTS, fusion_trial
-from occlog.papers.verdicts.model import Size
-from occlog.papers.verdicts.verdicts import find
+from occlog.papers.verdicts import Size, find
 
 EXPERIMENTS = (*DECISION_EXPERIMENTS, *FUSION_EXPERIMENTS)
 

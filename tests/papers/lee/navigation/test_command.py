@@ -12,8 +12,7 @@ from places import EXAMPLES
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.tables.header import describe, read_provenance
-from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import RobotPath, Tracks, Truth

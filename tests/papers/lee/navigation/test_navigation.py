@@ -10,10 +10,8 @@ import pytest
 
 from occlog.papers.catalogue import PAPERS
 from occlog.papers.lee.navigation.escapes import ESCAPE_EXPERIMENTS
-from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS
-from occlog.papers.lee.navigation.robots import always
-from occlog.papers.verdicts.model import Experiment, Row, Size, Verdict
-from occlog.papers.verdicts.verdicts import find
+from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS, always
+from occlog.papers.verdicts import Experiment, Row, Size, Verdict, find
 
 EXPERIMENTS = {e.item: e for e in (*FORCE_EXPERIMENTS, *ESCAPE_EXPERIMENTS)}
 SMALL = Size(2, 40, quick=True)

@@ -11,11 +11,11 @@ from occlog.core.navigation.steering import State
 from occlog.errors import InputError
 from occlog.papers.lee.navigation.config import NavigateConfig
 from occlog.papers.lee.navigation.course import Disc, course_of, people_of
+from occlog.papers.lee.navigation.run import Verdict
 from occlog.papers.lee.navigation.stage import Drive, End, drive
-from occlog.papers.lee.navigation.verdict import Verdict
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Tracks, Truth
-from occlog.scans.moving_people import obstacles_of
+from occlog.scans.occluder_priors import obstacles_of
 from occlog.settings import configure
 
 PLANE = Scene(length_unit="unit")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from occlog.papers.lee.readers.coarse_and_refined import READER_EXPERIMENTS, SETTINGS, name_of
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Size
+from occlog.papers import verdicts as v
+from occlog.papers.lee.readers import READER_EXPERIMENTS, SETTINGS, name_of
+from occlog.papers.verdicts import Size
 
 COUNTS, ERRORS = READER_EXPERIMENTS
 

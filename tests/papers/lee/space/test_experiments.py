@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from occlog.papers import catalogue
+from occlog.papers import verdicts as v
 from occlog.papers.lee.space import scenarios, tables, variances, worlds
 from occlog.papers.lee.space.worlds import AXIS_NAMES, TABLE, bounds, space_spec, space_trial, world
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Row, Size
+from occlog.papers.verdicts import Row, Size
 
 SMALL = Size(2, 10, quick=True)
 

@@ -9,7 +9,7 @@ import pytest
 
 from occlog.papers.lee.space.weight_sums import PARTICLES, VARIANCES, judge_sums, sums, weight_trial
 from occlog.papers.lee.space.worlds import world
-from occlog.papers.verdicts.model import Size
+from occlog.papers.verdicts import Size
 
 
 def test_sums_in_space_are_those_of_the_products_of_two_densities() -> None:

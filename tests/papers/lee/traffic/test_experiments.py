@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from occlog.papers.lee.traffic.delays import TRAFFIC_EXPERIMENTS
-from occlog.papers.verdicts.model import Size
+from occlog.papers.verdicts import Size
 
 
 def test_orderings_hold_where_links_share_the_channel() -> None:

@@ -8,9 +8,16 @@ from itertools import pairwise
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.papers.lee.traffic.events import Simulation
-from occlog.papers.lee.traffic.network import CameraNode, Network, SensorNode, Sizes
-from occlog.papers.lee.traffic.protocols import FINAL, VISUAL, simulate_cycle
+from occlog.papers.lee.traffic.network import (
+    FINAL,
+    VISUAL,
+    CameraNode,
+    Network,
+    SensorNode,
+    Simulation,
+    Sizes,
+    simulate_cycle,
+)
 
 # 8000 bit/s: a byte takes 1 ms; packets of 100 bytes, acknowledgements of 10
 TWO = Network(

@@ -18,8 +18,7 @@ from occlog.papers.qu.experiments.failures import (
     total,
 )
 from occlog.papers.qu.trial import run_views_trial
-from occlog.papers.verdicts.measures import bootstrapped
-from occlog.papers.verdicts.model import Row, Size
+from occlog.papers.verdicts import Row, Size, bootstrapped
 
 TOTALS = np.array([50.0, 100.0, 200.0, 400.0])
 

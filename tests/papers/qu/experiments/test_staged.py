@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from occlog.papers import verdicts as v
 from occlog.papers.qu.experiments import decoys, mechanisms, rooms, unseen
 from occlog.papers.qu.rooms import rooms_spec, run_rooms_trial
 from occlog.papers.qu.staged import staged_paths
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Size
+from occlog.papers.verdicts import Size
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 

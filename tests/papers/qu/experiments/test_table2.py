@@ -13,7 +13,7 @@ from occlog.papers.qu.experiments.table2 import (
     needed,
 )
 from occlog.papers.qu.trial import run_views_trial
-from occlog.papers.verdicts.model import Row, Size
+from occlog.papers.verdicts import Row, Size
 
 COUNTS = (2, 3, 4, 5, 6, 8)
 

@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from occlog.papers import verdicts as v
 from occlog.papers.qu import variants
 from occlog.papers.qu.common import METHODS, PARTS, everywhere, ordered, seed_of, spec_of
-from occlog.papers.qu.experiments import fig7, loop, motion, sweeps, table1, table3
+from occlog.papers.qu.experiments import fig7, loop, motion, table1, table3
+from occlog.papers.qu.experiments import loop as sweeps
 from occlog.papers.qu.experiments.fig7 import fig7_shots
 from occlog.papers.qu.experiments.table3 import RATES
-from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Row, Size
+from occlog.papers.verdicts import Row, Size
 
 RATE = {"mipf": 0.30, "cmct": 0.20, "idmot": 0.10, "bmct": 0.008}
 MS = {"mipf": 3.0, "cmct": 6.0, "idmot": 3.5, "bmct": 4.0}

@@ -7,7 +7,7 @@ import pytest
 from two_runs import STEP, lost, tracks
 
 from occlog.errors import InputError
-from occlog.report.beside.comparison.frames import common_times, laid
+from occlog.report.beside.comparison.pairs import common_times, laid
 
 
 def test_frames_are_the_times_of_both_while_both_last() -> None:

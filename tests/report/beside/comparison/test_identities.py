@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from occlog.report.beside.comparison.identities import Change, Followed, Piece, pieces_of, without_counterpart
+from occlog.report.beside.comparison.pairs import Change, Followed, Piece, pieces_of, without_counterpart
 
 SECOND = 10**9
 TIMES = np.arange(200) * SECOND

@@ -8,9 +8,7 @@ from two_runs import PEOPLE, STEP, Change, exchanged_at, lost, moved, tracks
 
 from occlog.array_types import NS
 from occlog.records.tables import PeopleTracks
-from occlog.report.beside.comparison.frames import common_times, laid
-from occlog.report.beside.comparison.identities import by_each_other
-from occlog.report.beside.comparison.pairs import Pairs, Person, pairs_of
+from occlog.report.beside.comparison.pairs import Pairs, Person, by_each_other, common_times, laid, pairs_of
 from occlog.report.beside.comparison.partings import APART, ONLY_A, ONLY_B, OTHER, Partings, partings_of
 
 

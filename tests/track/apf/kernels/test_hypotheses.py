@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.plane.floor import make_floor
+from occlog.core.plane import make_floor
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, Particles, WaypointModel
 

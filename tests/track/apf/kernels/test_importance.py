@@ -11,13 +11,12 @@ from tracker_scenes import SECOND, room100, scan, true_u, with_array
 
 from occlog.filtering.likelihood import distances
 from occlog.filtering.likelihood.directions import factors
-from occlog.filtering.likelihood.distance_errors import log_density
-from occlog.scans.scan import Scan
+from occlog.filtering.likelihood.distances import log_density
+from occlog.scans.grouping import Scan
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.kernels import importance
 from occlog.track.apf.kernels.importance import linearise
-from occlog.track.apf.model import make_model
-from occlog.track.apf.sensing import pack_scan
+from occlog.track.apf.model import make_model, pack_scan
 
 PLACE = np.array([31.0, 46.0])
 

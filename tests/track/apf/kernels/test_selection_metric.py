@@ -18,7 +18,7 @@ from occlog.track.apf.kernels.selection_metric import (
     views,
     weak_moments,
 )
-from occlog.track.apf.sensing import pack_noise, pack_sensors, read_noise
+from occlog.track.apf.model import pack_noise, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 SCENE = room100()

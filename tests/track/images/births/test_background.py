@@ -8,8 +8,7 @@ import pytest
 from occlog.measure.epipolar.views import View
 from occlog.measure.regions.background import make_subtractor
 from occlog.records.frames import Frame
-from occlog.track.images.births.background import MOST, BackgroundModel, background_models, foreground_mask
-from occlog.track.images.births.moving import with_cameras
+from occlog.track.images.births.regions import MOST, BackgroundModel, background_models, foreground_mask, with_cameras
 from occlog.track.images.run.frames_in_step import in_step
 
 VIEWS = (View("a", 80, 60),)

@@ -7,9 +7,8 @@ import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.records.tables import Boxes
-from occlog.track.images.births.births import births_and_ends, no_candidates
+from occlog.track.images.births.births import anchors, births_and_ends, loop_distances, no_candidates
 from occlog.track.images.births.config import ViewsConfig
-from occlog.track.images.births.loop_distances import anchors, loop_distances
 from occlog.track.images.births.regions import Regions, RegionStream, regions_of_boxes
 
 VIEWS = (View("a", 320, 240), View("b", 320, 240))

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from ellipse_reference import pixels_inside
 
-from occlog.core.image.ellipse import support_radius
-from occlog.core.image.histogram_bins import N_BINS
+from occlog.core.image import N_BINS, support_radius
 from occlog.core.sight import fundamental
-from occlog.track.images.kernels.collaboration import neighbours
-from occlog.track.images.kernels.ellipse_colour import WIDTH, colour_likeness, colours_in
+from occlog.track.images.kernels.appearance import WIDTH, colour_likeness, colours_in
+from occlog.track.images.kernels.collaboration import Interaction, neighbours, repel_into
 from occlog.track.images.kernels.epipolar_lines import (
     APART,
     TOGETHER,
@@ -29,7 +28,6 @@ from occlog.track.images.kernels.motion import (
     resampled,
     weights_and_means,
 )
-from occlog.track.images.kernels.repulsion import Interaction, repel_into
 
 SAME = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 MOTION = EllipseMotion(3.0, 0.9, 0.3, 0.15, 0.05, 0.8)

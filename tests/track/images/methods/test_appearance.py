@@ -5,10 +5,9 @@ import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.interface import Birth, FrameSet
-from occlog.track.images.kernels.patch_pca import disc_points, learn_target, patch_log_likelihood
-from occlog.track.images.methods.appearance import COMPONENTS, PATCHES, learn_appearance, log_patches
+from occlog.track.images.kernels.appearance import disc_points, learn_target, patch_log_likelihood
 from occlog.track.images.methods.config import CONFIGS, MipfConfig
-from occlog.track.images.methods.state import initial_state
+from occlog.track.images.methods.state import COMPONENTS, PATCHES, initial_state, learn_appearance, log_patches
 from occlog.track.images.methods.step import advance, initiate_trackers
 
 W, H = 100, 80

@@ -8,11 +8,9 @@ from view_states import BLIND, BLUE, RED, ROWS, changed, disc, frames_at, painte
 
 from occlog.track.images.interface import MODES
 from occlog.track.images.methods.config import CmctConfig
-from occlog.track.images.methods.lines import adapt_colours, propose_on_lines
-from occlog.track.images.methods.local import arrival_of, local_weights
-from occlog.track.images.methods.loop_check import APART
+from occlog.track.images.methods.restart import APART, adapt_colours, propose_on_lines
 from occlog.track.images.methods.step import advance
-from occlog.track.images.methods.weigh import weigh
+from occlog.track.images.methods.weigh import arrival_of, local_weights, weigh
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))

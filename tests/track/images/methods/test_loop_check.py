@@ -8,7 +8,7 @@ from view_states import BLIND, BLUE, RED, ROWS, changed, disc, painted, state_of
 
 from occlog.track.images.interface import BAD, GOOD, NONE
 from occlog.track.images.methods.config import BmctConfig, CmctConfig
-from occlog.track.images.methods.loop_check import check_loops, check_new_pairs, counterpart_status, helpers
+from occlog.track.images.methods.restart import check_loops, check_new_pairs, counterpart_status, helpers
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))

@@ -5,7 +5,7 @@ import pytest
 import view_reference as ref
 from view_films import begun, film, frame_set, geometry_of
 
-from occlog.core.image.histogram_bins import update_bins
+from occlog.core.image import update_bins
 from occlog.simulate.balls.config import BallsConfig
 from occlog.track.images.methods.step import advance
 

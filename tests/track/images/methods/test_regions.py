@@ -7,16 +7,16 @@ import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.interface import Birth, FrameSet
-from occlog.track.images.kernels.ellipse_colour import colours_in
+from occlog.track.images.kernels.appearance import colours_in
 from occlog.track.images.methods.config import CONFIGS, MipfConfig
-from occlog.track.images.methods.regions import (
+from occlog.track.images.methods.state import (
     OUTSIDE,
     drawn_at_regions,
+    initial_state,
     log_region_likelihood,
     mask_outside,
     own_regions,
 )
-from occlog.track.images.methods.state import initial_state
 from occlog.track.images.methods.step import advance, initiate_trackers
 
 SIZE = (120, 90)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from view_states import BLUE, RED, ROWS, H, W, changed, disc, frames_at, painted, state_of
 
-from occlog.core.image.ellipse import nearness
+from occlog.core.image import nearness
 from occlog.track.images.methods.config import BmctConfig
 from occlog.track.images.methods.restart import APART, CLEAR, EVERY, nearest, restart_one
 

@@ -20,7 +20,7 @@ from view_states import (
 
 from occlog.measure.epipolar.views import Geometry
 from occlog.track.images.interface import Birth
-from occlog.track.images.kernels.ellipse_colour import colour_likeness
+from occlog.track.images.kernels.appearance import colour_likeness
 from occlog.track.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
 from occlog.track.images.methods.state import (
     INTERVALS,

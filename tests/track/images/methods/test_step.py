@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from view_states import BLUE, PERIOD_NS, RED, H, W, changed, disc, frames_at, painted, state_of
 
-from occlog.core.image.ellipse import nearness
+from occlog.core.image import nearness
 from occlog.track.images.interface import GOOD, LEFT, LOST, NONE
 from occlog.track.images.methods.config import BmctConfig, CmctConfig, IdmotConfig, MipfConfig
-from occlog.track.images.methods.local import arrival_of, local_weights
 from occlog.track.images.methods.state import LONGEST
 from occlog.track.images.methods.step import advance, advance_with, end_events
-from occlog.track.images.methods.weigh import weigh
+from occlog.track.images.methods.weigh import arrival_of, local_weights, weigh
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))

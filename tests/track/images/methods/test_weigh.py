@@ -6,9 +6,8 @@ from view_states import BLUE, RED, W, changed, disc, painted, state_of
 
 from occlog.track.images.interface import MODES
 from occlog.track.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
-from occlog.track.images.methods.local import Arrival, LocalWeights
-from occlog.track.images.methods.regions import OwnRegions
-from occlog.track.images.methods.weigh import weigh, weighing_model
+from occlog.track.images.methods.state import OwnRegions
+from occlog.track.images.methods.weigh import Arrival, LocalWeights, weigh, weighing_model
 
 MIPF, IDMOT, BMCT = (MODES.index(name) for name in ("mipf", "idmot", "bmct"))
 COUNT = 25

@@ -11,8 +11,7 @@ from occlog.core.bounds import in_space as bounds3d
 from occlog.core.numerics.special_functions import fast_atan2
 from occlog.core.sight import projected_planes
 from occlog.core.sight.camera import array_rotation, wrap_angle
-from occlog.filtering.backward_simulation import best_width
-from occlog.filtering.kernel_density import moments, redraw, weigh
+from occlog.filtering.kernel_density import best_width, moments, redraw, weigh
 from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
 from occlog.filtering.motion.white_acceleration import AccelerationModel, known_jump, moved, turn_jump
 from occlog.filtering.particles import effective_size, normalise

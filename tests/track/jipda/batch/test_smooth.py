@@ -9,9 +9,17 @@ from crowds import crowd
 from scipy.optimize import linear_sum_assignment
 
 from occlog.settings import configure
-from occlog.track.jipda.batch.smooth import at_moments, extent, looks_between, moments_apart, smooth
+from occlog.track.jipda.batch.smooth import (
+    Window,
+    add,
+    at_moments,
+    extent,
+    finish,
+    looks_between,
+    moments_apart,
+    smooth,
+)
 from occlog.track.jipda.batch.tracks import Span
-from occlog.track.jipda.batch.window import Window, add, finish
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.filter import begin, step
 

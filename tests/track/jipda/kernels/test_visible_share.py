@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.plane.polygons import inside_polygon
+from occlog.core.plane import inside_polygon
 from occlog.records.scene import Camera, camera_rotation
 from occlog.track.jipda.kernels.body_box import pack_views
 from occlog.track.jipda.kernels.visible_share import COLUMNS, ROWS, below, clear_cells, hide_behind, inside_image

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from occlog.track.map.fit_motion.em import e_step, em, fit_differences, fit_em, m_step, prepare
 from occlog.track.map.fit_motion.parameters import Shape, build, expected, limits, names, regression, slope, start
-from occlog.track.map.fit_motion.steps import Path, make_nodes, median_step, split, transitions_by_differences
+from occlog.track.map.fit_motion.smoother import Path, make_nodes, median_step, split, transitions_by_differences
 from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
 
 SHAPES = [

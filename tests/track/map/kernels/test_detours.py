@@ -13,11 +13,10 @@ from scipy.optimize import minimize
 from shapely.geometry import LineString, Point, Polygon
 from trajectory_reference import dense_chain, make_steps
 
-from occlog.core.plane.convexity import convex_pieces
-from occlog.track.map.kernels.detours import Detours, find_detours, settle
+from occlog.core.plane import convex_pieces
+from occlog.track.map.kernels.detours import Detours, Obstacle, find_detours, settle
 from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.interior_point.newton_search import Options, derivatives, minimise
-from occlog.track.map.kernels.obstacles import Obstacle
+from occlog.track.map.kernels.interior_point import Options, derivatives, minimise
 from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack
 
 EXTENT = 12.0

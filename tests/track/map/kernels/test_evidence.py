@@ -9,7 +9,7 @@ from trajectory_reference import dense_hessian, random_lines, random_steps
 
 from occlog.track.map.kernels.evidence import WORTH, Evidence, between, evidence, rescaled, sandwich
 from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.interior_point.newton_search import Options, covariance, derivatives, minimise
+from occlog.track.map.kernels.interior_point import Options, covariance, derivatives, minimise
 from occlog.track.map.kernels.problem import NO_PLANES, Problem, SightLines, chain
 from occlog.track.map.kernels.terms import residuals
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, make_steps, plain_cost, random_lines, random_steps
 
 from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.interior_point.newton_search import Options, cost, covariance, derivatives, minimise
+from occlog.track.map.kernels.interior_point import Options, cost, covariance, derivatives, minimise
 from occlog.track.map.kernels.invariant import invariant, second_moment
 from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack, some_lines
 from occlog.track.map.kernels.terms import in_front, leverages

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, plain_cost, plain_loss, random_lines, random_planes, random_steps
 
-from occlog.track.map.kernels.interior_point.newton_search import cost, derivatives
+from occlog.track.map.kernels.interior_point import cost, derivatives
 from occlog.track.map.kernels.problem import MIXTURE, NO_PLANES, Problem
 from occlog.track.map.kernels.terms import add_planes, barrier_cost, belief, loss_slopes, loss_value, residuals
 

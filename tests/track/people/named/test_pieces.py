@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.appearance.identities import Evidence
+from occlog.measure.appearance.stage import Evidence
 from occlog.records.tables import Events, PeopleTracks
-from occlog.track.people.named.pieces import (
+from occlog.track.people.named import (
     Cut,
     Names,
     begun,

@@ -8,7 +8,7 @@ from crowds import crowd
 
 from occlog.settings import configure
 from occlog.track.jipda.batch.smooth import smooth
-from occlog.track.jipda.batch.uncertainty.long_run import long_run_variance
+from occlog.track.jipda.batch.uncertainty import long_run_variance
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.filter import begin, step
 

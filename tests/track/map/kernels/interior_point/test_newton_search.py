@@ -11,16 +11,17 @@ from scipy.optimize import minimize
 from sparse_example import WALKER, example
 from trajectory_reference import PAPER, dense_hessian, plain_cost, random_lines, random_planes, random_steps
 
-from occlog.track.map.kernels.interior_point.feasible import move_inside
-from occlog.track.map.kernels.interior_point.newton_search import (
+from occlog.track.map.kernels.interior_point import (
     MU_LAST,
     Options,
     cost,
     covariance,
     derivatives,
+    factor_rows,
     minimise,
+    move_inside,
+    solve,
 )
-from occlog.track.map.kernels.interior_point.newton_system import factor_rows, solve
 from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, join_planes, slack, some_planes
 from occlog.track.map.kernels.terms import barrier_cost
 

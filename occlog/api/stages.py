@@ -1,0 +1,687 @@
+"""`detect`, `fuse` and `label` in Python: from images to bearings, and who is in them.
+
+`evaluate` in Python: tracks against truth, bound and bearings.
+
+`ingest` in Python: one recording of video, boxes, directions, tags, truth, calibration and bags.
+
+`simulate` in Python: a recording with ground truth from a scene.
+
+`track` in Python: bearings, boxes, reads or video to tracks.
+
+`report` in Python: a run as one page, or tracks drawn over the images.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from occlog.errors import UsageError
+from occlog.evaluate.request import EvaluateRequest
+from occlog.ingest.plan import is_name
+from occlog.ingest.request import IngestRequest
+from occlog.io.open import open_input, scene_in
+from occlog.measure.detect.request import NETWORK
+from occlog.measure.detect.request import VERB as DETECT_VERB
+from occlog.measure.fuse.request import FuseRequest, TrackFusionRequest
+from occlog.measure.label.request import LabelRequest
+from occlog.records.scene import Scene
+from occlog.report.request import OverlayRequest, PageRequest, Report
+from occlog.request import Form, Request
+from occlog.simulate.request import VERB as SIMULATE_VERB
+from occlog.track.catalogue import form_of
+from occlog.track.request import Tracking
+
+from .call import Setting, call, check_taken, names_of, record
+from .recordings import Recording, SceneSource, Source
+from .results import DetectResult, EvaluateResult, OverlayResult, ReportResult, TrackResult
+
+
+def detect(
+    recording: Source,
+    *,
+    scene: SceneSource | None = None,
+    cameras: str | Sequence[str] = (),
+    target: Source | None = None,
+    target_boxes: Sequence[str] = (),
+    near: Source | None = None,
+    learn: bool = True,
+    fuse: Mapping[str, Setting] | bool = False,
+    onnx: str | os.PathLike[str] | None = None,
+    classes: Sequence[str] = (),
+    names: str | os.PathLike[str] | None = None,
+    embed: str | os.PathLike[str] | None = None,
+    bearings: bool = False,
+    method: str | None = None,
+    workers: int | None = None,
+    progress: bool = False,
+    **settings: Setting,
+) -> DetectResult:
+    """Reduce the frames of a recording to bearings of its targets, as `occlog detect` does.
+
+    With `onnx` a network finds boxes, with `method="NAME"` a detector of a plug-in: the result has their views.
+
+    Args:
+        recording: with video, with boxes of a detector, or with simulated bearings.
+        scene: where the cameras are; None: the recording holds it.
+        cameras: only these; empty: all.
+        target: file with the appearances of targets; None: those attached to the recording.
+        target_boxes: boxes around targets from which their appearance is learnt, each `[ID:]CAM:FRAME:X,Y,W,H` [px].
+        near: tracks around which targets are looked for.
+        learn: look through the recording first, for what it shows when nobody is there.
+        fuse: fuse the detections of the cameras; settings of the fusion, or True for its defaults.
+        onnx: detect with this network (ONNX).
+        classes: with `onnx`: what to look for, by name or number; empty: people, or the only class.
+        names: with `onnx`: file with the names of its classes, one a line.
+        embed: with `onnx`: describe who is in each box with this network (ONNX).
+        bearings: with `onnx` or a plug-in: also a candidate bearing for each box.
+        method: how regions are found before the background (em, outlines, components), or the name of a plug-in's
+            detector; None: em.
+        workers: threads; None: one a processor. The result is the same.
+        progress: show a bar on standard error, if it is a terminal.
+        **settings: of detection, of networks or of the plug-in, by their names in docs/reference/settings.md, in their
+            units.
+
+    Returns:
+        Bearings of the targets, and every region of the size of a person; of a network or plug-in the boxes as views.
+
+    Raises:
+        UsageError: a setting that there is not, or arguments that contradict each other.
+        InputError: an input is missing, damaged, or says something that cannot be.
+        PluginError: a plug-in fails.
+
+    Warns:
+        OcclogWarning: frames were lost, or the world seems not to be upright.
+    """
+    arguments = dict(locals())
+    arguments |= {"bearings": bearings or None, "fuse": fuse is not False}
+    kind = NETWORK if onnx is not None else method or DETECT_VERB.default
+    form = DETECT_VERB.form(kind)
+    own = {name: value for name, value in arguments.items() if name not in ("settings", "progress")}
+    check_taken(form, {**own, "learn": not learn}, (), f"detector {kind}", DETECT_VERB, settings)
+    return call(form, {**arguments, "fusion": fuse}, DetectResult)
+
+
+def fuse(
+    bearings: Source,
+    *,
+    views: Source | None = None,
+    scene: SceneSource | None = None,
+    **settings: Setting,
+) -> DetectResult:
+    """Fuse the detections of several cameras, as `occlog fuse` does: remove false ones, recover missed ones.
+
+    Args:
+        bearings: detections of targets, or candidates.
+        views: regions that the bearings are of.
+        scene: where the cameras are; None: the input holds it.
+        **settings: of the fusion, by their names in docs/reference/settings.md.
+
+    Raises:
+        UsageError: a setting that there is not.
+        InputError: an input is missing, damaged, or cannot be fused.
+
+    Warns:
+        OcclogWarning: input was lost, or the fusion cannot be believed.
+    """
+    return call(Form(FuseRequest), locals(), DetectResult)
+
+
+def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> TrackResult:
+    """Fuse the tracks of several groups of cameras, as `occlog fuse --with` does: one track, one identity a person.
+
+    Args:
+        tracks: of each group, two or more, in one world.
+        **settings: of the fusion of tracks, by their names in docs/reference/settings.md.
+
+    Returns:
+        The fused tracks; `events` are births, deaths and doubtful identities.
+
+    Raises:
+        UsageError: a setting that there is not, or fewer than two groups.
+        InputError: an input is missing, damaged, or in another unit.
+
+    Warns:
+        OcclogWarning: input was lost, or groups do not agree.
+    """
+    if isinstance(tracks, str | os.PathLike) or len(tracks) < 2:
+        raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list")
+    first, *others = (each.tracks if isinstance(each, TrackResult) else each for each in tracks)
+    arguments = {"bearings": first, "others": others, "settings": settings}
+    names = {f"others[{place - 1}]" if place else "bearings": f"tracks[{place}]" for place in range(len(tracks))}
+    found = call(Form(TrackFusionRequest), arguments, TrackResult, names)
+    known = [Path(t).name if isinstance(t, str | os.PathLike) else f"tracks[{k}]" for k, t in enumerate(tracks)]
+    if len(set(known)) < len(known):
+        return found
+    groups = dict(zip(known, found.summary["groups"].values(), strict=True))
+    return replace(found, summary={**found.summary, "groups": groups})
+
+
+def label(
+    bearings: Source,
+    tracks: Source,
+    *,
+    scene: SceneSource | None = None,
+    doa: Source | None = None,
+    doa_labels: bool = False,
+    cameras: str | Sequence[str] = (),
+    without: str | Sequence[str] = (),
+    **settings: Setting,
+) -> DetectResult:
+    """Give candidates the identity of the track that they agree with, as `occlog label` does.
+
+    Args:
+        bearings: candidates, or a recording that holds them.
+        tracks: whose identities are given.
+        scene: where the sensors are; None: the recording holds it.
+        doa: directions of arrival to label too.
+        doa_labels: identities in the log of directions are those of targets.
+        cameras: only these sensors; empty: all.
+        without: leave these sensors out.
+        **settings: by their names in docs/reference/settings.md.
+
+    Raises:
+        UsageError: a setting that there is not.
+        InputError: an input is missing or damaged, or no track is there at the time of any frame.
+
+    Warns:
+        OcclogWarning: input was lost.
+    """
+    return call(Form(LabelRequest), locals(), DetectResult)
+
+
+JUDGED = ("plausible", "warnings")
+"""Of a summary what is no figure."""
+
+
+def evaluate(
+    tracks: Source | TrackResult | None = None,
+    truth: Source | None = None,
+    *,
+    bearings: Source | None = None,
+    doa: Source | None = None,
+    doa_labels: bool = False,
+    truth_azimuths: Source | None = None,
+    doa_gate_deg: float | None = None,
+    measurements: Source | None = None,
+    views: Source | None = None,
+    cooperation: Source | None = None,
+    diagnostics: Source | None = None,
+    scene: SceneSource | None = None,
+    frames: tuple[int, int] | None = None,
+    also: tuple[str, ...] = (),
+    metrics: Sequence[str] | Mapping[str, Mapping[str, Setting]] = (),
+    **settings: Setting,
+) -> EvaluateResult:
+    """Compare tracks with the truth, with the Cramer-Rao bound, and with their bearings, as `occlog evaluate` does.
+
+    What the given inputs allow is computed.
+
+    Args:
+        tracks: tracks in the world or in images; a result of `track` brings its diagnostics along.
+        truth: true positions or boxes.
+        bearings: for detections, bound and sight lines.
+        doa: directions of arrival to use along with the bearings.
+        doa_labels: identities in the log of directions are those of targets.
+        truth_azimuths: true directions, to compare `doa` with and nothing else.
+        doa_gate_deg: a direction further from the true one is false, and the true one missed; None: 10.
+        measurements: ranges, signal strengths and time differences: for the bound.
+        views: to compare with true boxes; with `held_out` views or boxes of all people.
+        cooperation: what cameras were asked.
+        diagnostics: how the filter fared.
+        scene: where the sensors are; None: that of the recording with the truth or the bearings.
+        frames: only frames first <= number < stop.
+        also: more tables, of many targets: failures, counts (on the ground).
+        metrics: names of metrics of plug-ins, or their settings by these names; for tracks on the ground with truth.
+        **settings: by the names of the options: `match`, `held_out`, `sigma_v`, `match_distance` and the others.
+
+    Returns:
+        The figures, and the tables `errors` and `bound` where there are any.
+
+    Raises:
+        UsageError: an argument or a setting that there is not, or that these inputs do not have.
+        InputError: an input is missing, damaged, or says something that cannot be.
+
+    Warns:
+        OcclogWarning: the tracks are not plausible.
+    """
+    if isinstance(tracks, TrackResult):
+        diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics
+        tracks = tracks.tracks
+    arguments = dict(locals())
+    form = Form(EvaluateRequest)
+    check_taken(form, {}, also, "evaluate")
+    result = call(form, arguments, EvaluateResult)
+    figures = {name: value for name, value in result.summary.items() if name not in JUDGED}
+    tables = {name: table for name, table in result.tables.items() if len(table)}
+    return replace(result, tables=tables, metrics=figures)
+
+
+File: TypeAlias = "str | os.PathLike[str]"
+Files: TypeAlias = "File | Sequence[File] | Mapping[str, File]"
+"""A file or folder, several, or those of each camera or array by its name."""
+Times: TypeAlias = "float | str | Mapping[str, float | str]"
+"""One for all, or that of each camera or array by its name."""
+
+
+def ingest(
+    *bags: File,
+    topic: Mapping[str, str | Sequence[str]] | None = None,
+    topics: File | Sequence[File] = (),
+    video: Mapping[str, File] | None = None,
+    images: Mapping[str, File] | None = None,
+    boxes: Files = (),
+    mot: Mapping[str, File] | None = None,
+    doa: Files = (),
+    reads: File | Sequence[File] = (),
+    truth: Files = (),
+    timestamps: Files = (),
+    calibration: File | Sequence[File] = (),
+    image_size: tuple[int, int] | None = None,
+    scene: SceneSource | None = None,
+    arrays: Files = (),
+    readers: File | None = None,
+    start_time: Times | None = None,
+    offset: Mapping[str, float | str] | None = None,
+    fps: Times | None = None,
+    frames: tuple[int, int] | None = None,
+    output: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
+    progress: bool = False,
+    **settings: Setting,
+) -> Recording:
+    """Gather what cameras, microphone arrays and readers of tags have recorded, as `occlog ingest` does.
+
+    Files of cameras and arrays are a path, several, or a dict with the path of each by its name.
+
+    Args:
+        *bags: bags of ROS 2 or MCAP files of other programs, parts of one; or WILDTRACK's folder.
+        topic: topics of a bag by the name of the camera, array or target that each is of.
+        topics: the same in YAML files.
+        video: video of each camera.
+        images: folder of images of each camera.
+        boxes: boxes of a detector.
+        mot: boxes in MOTChallenge text; the same as `boxes`.
+        doa: logs of directions of arrival.
+        reads: logs of tags that readers read.
+        truth: true positions or boxes.
+        timestamps: times of the frames.
+        calibration: calibration of the cameras.
+        image_size: width and height [px], for calibrations that do not state it.
+        scene: room, occluders, arrays, and cameras that the calibration lacks.
+        arrays: places of direction finders, or microphones of one array.
+        readers: places and ranges of the readers of tags.
+        start_time: date and time (ISO 8601) or seconds since 1970 of the origin of the times; None: 0.
+        offset: added to the times of a sensor whose clock is off [s], or text with a unit: {"cam2": "-400ms"}.
+        fps: frame rate, where nothing else gives times.
+        frames: only frames first <= number < stop.
+        output: where the recording is written; None: a folder that goes with the last reference to it.
+        overwrite: an output that is there may be replaced.
+        progress: show a bar on standard error, if it is a terminal.
+        **settings: by the names of the options: `calibration_unit`, `up`, `store`, `classes`, `allow_uncalibrated` and
+            the others.
+
+    Returns:
+        The recording. Its `summary` has `notes`: what calibration and tables were understood to say.
+
+    Raises:
+        UsageError: a setting that there is not, or arguments that contradict each other.
+        InputError: an input is missing, damaged, or says something that cannot be.
+        OutputExistsError: the output is there, and may not be replaced.
+
+    Warns:
+        OcclogWarning: input was lost, or seems to be other than it says.
+    """
+    if isinstance(settings.get("classes"), str | Sequence):
+        settings["classes"] = names_of(settings["classes"])  # type: ignore[arg-type]
+    of_sensors: dict[str, object] = {"video": video, "images": images, "boxes": boxes, "mot": mot, "doa": doa}
+    of_sensors |= {"truth": truth, "timestamps": timestamps, "arrays": arrays}
+    of_sensors |= {"start_time": start_time, "offset": offset, "fps": fps}
+    of_topics = {n: [t] if isinstance(t, str) else t for n, t in (topic or {}).items()}
+    arguments = {
+        "bags": _paths(bags),
+        "topics": _paths(topics),
+        "reads": _paths(reads),
+        "calibration": _paths(calibration),
+        "image_size": _pair(image_size, "image_size", image_size is None or min(image_size) > 0),
+        "scene": scene,
+        "readers": readers,
+        "frames": _pair(frames, "frames", frames is None or 0 <= frames[0] < frames[1]),
+        "topic": tuple(text for n, each in of_topics.items() for t in each for text in _named({n: t}, "topic")),
+        **{name: _named(value, name) for name, value in of_sensors.items()},
+        "settings": settings,
+        "output": output,
+        "overwrite": overwrite,
+        "progress": progress,
+    }
+    return record(Form(IngestRequest), arguments)
+
+
+def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
+    """One path or several."""
+    return (Path(value),) if isinstance(value, str | os.PathLike) else tuple(Path(each) for each in value)
+
+
+def _named(value: object, argument: str) -> tuple[str, ...]:
+    """What the command takes: `VALUE` or `NAME=VALUE`; UsageError for a name that no sensor can have."""
+    if value is None:
+        return ()
+    if isinstance(value, Mapping):
+        wrong = next((name for name in value if not is_name(str(name))), None)
+        if wrong is not None:
+            raise UsageError(f"{argument}: {wrong!r} is no name: up to 64 characters without space, comma, / = and :")
+        return tuple(f"{name}={_text(each, argument)}" for name, each in value.items())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return tuple(_text(each, argument) for each in value)
+    return (_text(value, argument),)
+
+
+def _text(value: object, argument: str) -> str:
+    """As it is typed: 10.0 is 10; UsageError for a table in memory."""
+    if isinstance(value, float):
+        return f"{value:.15g}"
+    if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
+        raise UsageError(f"{argument}: a {type(value).__name__} in memory; a path was expected, or give it to track")
+    return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
+
+
+def _pair(value: tuple[int, int] | None, name: str, fits: bool) -> tuple[int, int] | None:
+    """Two whole numbers, or None; UsageError for anything else."""
+    if value is None:
+        return None
+    if len(value) != 2 or not fits:
+        raise UsageError(f"{name}: {value}: want two numbers; (first, stop) of frames, (width, height) of images")
+    return int(value[0]), int(value[1])
+
+
+NOT_OF_REQUESTS = ("settings", "output", "overwrite", "progress")
+
+
+def simulate(
+    scene: SceneSource | None = None,
+    *,
+    kind: Literal["balls", "people"] | None = None,
+    seed: int = 0,
+    seconds: float | None = None,
+    rate_hz: float | None = None,
+    fps: float | None = None,
+    paths: Source | None = None,
+    avoid: Source | None = None,
+    bearings: bool | None = None,
+    render: bool = False,
+    workers: int | None = None,
+    output: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
+    progress: bool = False,
+    **settings: Setting,
+) -> Recording:
+    """Make a recording with ground truth, as `occlog simulate` does.
+
+    Args:
+        scene: room and sensors; None with a `kind` that needs none.
+        kind: `balls` or `people`: a video to track in, instead of a scene.
+        seed: of all random numbers.
+        seconds: length of the recording, instead of `steps`.
+        rate_hz: steps a second.
+        fps: frames a second of every camera.
+        paths: file of scripted targets (YAML) instead of random walkers.
+        avoid: people whom walkers avoid.
+        bearings: simulate what cameras measure; None: unless there is video.
+        render: add video of every camera.
+        workers: threads; None: one a processor. The result is the same.
+        output: where the recording is written; None: a folder that goes with the last reference to it.
+        overwrite: an output that is there may be replaced.
+        progress: show a bar on standard error, if it is a terminal.
+        **settings: of walkers, cameras, arrays, readers and storage, by their names in docs/reference/settings.md;
+            those of the video with `render_` before them.
+
+    Raises:
+        UsageError: a setting that there is not, or arguments that contradict each other.
+        InputError: the scene is missing, damaged, or says something that cannot be.
+        OutputExistsError: the output is there, and may not be replaced.
+    """
+    if kind is not None and scene is not None:
+        raise UsageError(f"kind {kind!r} makes its own scene; leave the scene out")
+    if kind is None and scene is None:
+        raise UsageError("no scene: give one, or kind='balls' or 'people'")
+    arguments = dict(locals())
+    chosen = kind or ("walkers" if paths is None else "paths")
+    form = SIMULATE_VERB.form(chosen)
+    own = {name: value for name, value in arguments.items() if name not in NOT_OF_REQUESTS}
+    check_taken(form, own, (), f"kind {chosen}" if kind else "a scene", SIMULATE_VERB)
+    return record(form, arguments)
+
+
+def track(
+    bearings: Source,
+    scene: SceneSource | None = None,
+    *,
+    method: str = "apf",
+    seed: int = 0,
+    cameras: str | Sequence[str] = (),
+    without: str | Sequence[str] = (),
+    window: float | None = None,
+    targets: Sequence[int] = (),
+    starts: Sequence[Sequence[float]] = (),
+    labelled_only: bool = False,
+    use_recovered: bool = False,
+    in_turn: float | None = None,
+    measurements: Source | None = None,
+    doa: Source | None = None,
+    doa_labels: bool = False,
+    occluders: Source | None = None,
+    motion: Source | None = None,
+    answer_delay: float | Source | None = None,
+    select: Mapping[str, Setting] | None = None,
+    initial: Source | None = None,
+    detections: Source | None = None,
+    fundamental: Source | None = None,
+    path_loss: Source | None = None,
+    sights: Source | None = None,
+    gallery: Source | None = None,
+    also: Sequence[str] = (),
+    progress: bool = False,
+    **settings: Setting,
+) -> TrackResult:
+    """Estimate tracks of targets, as `occlog track` does.
+
+    Args:
+        bearings: bearings, or what else the method takes: boxes, reads of tags, a recording with video.
+        scene: where the sensors are; None: the recording holds it.
+        method: name of the tracking method.
+        seed: of all random numbers; the same inputs, settings and seed give the same tracks.
+        cameras: use only these sensors; empty: all.
+        without: leave these sensors out.
+        window: measurements this close together in time [s] make one scan; None: equal times; frames: below half the
+            shortest frame period; reads: 1 s.
+        targets: track only these; empty: all.
+        starts: where targets are at first, each x, y and perhaps sigma.
+        labelled_only: do not use candidates that are not assigned to a target.
+        use_recovered: use what the fusion of detections recovered as if it had been measured.
+        in_turn: use one sensor at a time, each for so long [s]; None: all at once.
+        measurements: ranges, signal strengths and time differences to use too.
+        doa: directions of arrival to use too; None: those of the recording.
+        doa_labels: identities in the log of directions are those of targets.
+        occluders: where moving occluders may be.
+        motion: how targets move, a file of `occlog fit-motion`.
+        answer_delay: cameras' answers take so long [s], or as the delays of `occlog traffic` say.
+        select: choose cameras: `{"policy": "greedy", "count": 3}` and the other settings of the selection.
+        initial: where targets are in each view at first, for methods in images.
+        detections: boxes that trackers in images begin from.
+        fundamental: file of fundamental matrices.
+        path_loss: file of `occlog fit-readers`.
+        sights: bearings of cameras that refine the tracks of tags.
+        gallery: how people look, for the tracks of everybody: a table or a file of `occlog appearance learn`.
+        also: more tables of the method: calibration, cloud (its particles), cooperation, view_tracks, virtual_sensors,
+            world.
+        progress: show a bar on standard error, if it is a terminal.
+        **settings: of the method and of measurements of distances, by the names that `--set` takes or of options, in
+            their units (angles in radians).
+
+    Returns:
+        The tracks, with diagnostics and the other tables that the method makes.
+
+    Raises:
+        UsageError: an argument or a setting that the method does not have, or arguments that contradict each other.
+        SettingError: a setting out of its range.
+        InputError: an input is missing, damaged, or says something that cannot be.
+
+    Warns:
+        OcclogWarning: the estimates are not plausible, or input was lost.
+    """
+    arguments = dict(locals())
+    form = form_of(method)
+    own = {name: value for name, value in arguments.items() if name not in ("settings", "also", "progress")}
+    check_taken(form, own, also, f"method {method}")
+    return call(form, arguments, TrackResult, scene=_scene_of)
+
+
+def _scene_of(request: Request) -> Scene | None:
+    """Where the targets are; None: no input says it."""
+    assert isinstance(request, Tracking)
+    return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
+
+
+BESIDE = {"png": ".png", "markdown": ".md"}
+"""How files end that are made beside a page."""
+
+
+def report(
+    tracks: Source | TrackResult | None = None,
+    *,
+    scene: SceneSource | None = None,
+    truth: Source | None = None,
+    bearings: Source | None = None,
+    errors: Source | None = None,
+    bound: Source | None = None,
+    diagnostics: Source | None = None,
+    events: Source | None = None,
+    occluders: Source | None = None,
+    metrics: str | os.PathLike[str] | None = None,
+    images: Source | None = None,
+    images_limit: float = 5.0,
+    title: str = "Tracking report",
+    png: bool = False,
+    markdown: bool = False,
+    output: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
+) -> ReportResult:
+    """Show tracks and what else is given as one page, as `occlog report` does.
+
+    Args:
+        tracks: tracks; a result of `track` brings diagnostics and events along. None: the scene alone is drawn.
+        scene: room and sensors; None: that of the recording with the truth or the bearings.
+        truth: true positions.
+        bearings: what each sensor saw.
+        errors: of `evaluate`.
+        bound: of `evaluate`.
+        diagnostics: of `track`.
+        events: births, deaths and doubtful identities of everybody, of `track`.
+        occluders: moving occluders as the tracker was told.
+        metrics: figures written by `occlog evaluate` (JSON).
+        images: a recording whose images are shown small beside the plan, with the tracks drawn over them.
+        images_limit: how much of the page they may take [MB]; more of them are left out.
+        title: heading of the page.
+        png: also make the picture of the main figures.
+        markdown: also make words and figures as Markdown.
+        output: where the page is written (HTML), with picture and Markdown beside it; None: nowhere, see `html`.
+        overwrite: files that are there may be replaced.
+
+    Raises:
+        UsageError: there is nothing to show.
+        InputError: an input is missing, damaged, or of another scene.
+
+    Warns:
+        OcclogWarning: the tracks are not plausible, or input was lost.
+    """
+    if isinstance(tracks, TrackResult):
+        diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics
+        events = tracks.tables.get("events") if events is None else events
+        scene = tracks.scene if scene is None else scene
+        tracks = tracks.tracks
+    arguments: dict[str, Any] = dict(locals())
+    if output is not None:
+        arguments |= {name: Path(output).with_suffix(end) for name, end in BESIDE.items() if arguments[name]}
+    return call(Form(PageRequest), arguments, ReportResult, html=_page, png=_picture, markdown=_words)
+
+
+def _page(request: Request) -> str:
+    assert isinstance(request, PageRequest)
+    assert request.output is not None
+    return request.output.read_text(encoding="utf-8")
+
+
+def _words(request: Request) -> str | None:
+    assert isinstance(request, PageRequest)
+    return None if request.markdown is None else request.markdown.read_text(encoding="utf-8")
+
+
+def _picture(request: Request) -> bytes | None:
+    assert isinstance(request, Report)
+    return None if request.png is None else request.png.read_bytes()
+
+
+def overlay(
+    tracks: Source | TrackResult | None = None,
+    *,
+    recording: Source,
+    truth: Source | None = None,
+    failures: Source | None = None,
+    fundamental: Source | None = None,
+    scene: SceneSource | None = None,
+    video: str | os.PathLike[str] | None = None,
+    frame: int | None = None,
+    frames: tuple[int, int] | None = None,
+    cameras: str | Sequence[str] = (),
+    scale: float | None = None,
+    fps: float | None = None,
+    world: Source | None = None,
+    diagnostics: Source | None = None,
+    plan: bool = True,
+    trail: float = 2.0,
+    overwrite: bool = False,
+    progress: bool = False,
+) -> OverlayResult:
+    """Draw tracks and true boxes over the frames of a recording, as `occlog report --recording` does.
+
+    Args:
+        tracks: in images, or of the world; None: the truth alone is drawn.
+        recording: with video.
+        truth: true boxes.
+        failures: of `evaluate`, drawn in red.
+        fundamental: geometry of the views as the tracker had it; None: that of the recording.
+        scene: where the cameras are; None: the recording holds it.
+        video: file of the video to make (.webm, .mp4, .avi).
+        frame: number, in the first camera, of the frame whose picture is made.
+        frames: video of frames first <= number < stop of the first camera only.
+        cameras: only these, the first of which counts the frames; empty: all.
+        scale: images are enlarged by this, 0.05 to 16; None: to a height of about 360 px, and at
+            most 3840 x 2160 px in all.
+        fps: frames a second of the video, 0.1 to 1000; None: those of the recording.
+        world: tracks of the world, for the plan; None: `tracks`, if they are of the world.
+        diagnostics: of `track`: which cameras see a target of the world, where its tracks do not say.
+        plan: whether tracks of the world get the plan beside the images.
+        trail: seconds of the way behind each target, 0 to 3600.
+        overwrite: a video that is there may be replaced.
+        progress: show a bar on standard error, if it is a terminal.
+
+    Returns:
+        The picture of `frame`, which a notebook shows, and what was drawn.
+
+    Raises:
+        UsageError: there is nothing to draw, or neither `video` nor `frame` is given.
+        SettingError: a number out of its range.
+        InputError: an input is missing, damaged, or of another recording.
+        OutputExistsError: the video is there, and may not be replaced.
+
+    Warns:
+        OcclogWarning: the tracks are of another recording's video.
+    """
+    if isinstance(tracks, TrackResult):
+        tracks = tracks.tracks
+    if video is None and frame is None:
+        raise UsageError("no output: give video (a file to make), frame (a number), or both")
+    return call(Form(OverlayRequest), dict(locals()), OverlayResult, png=_picture)

@@ -1,0 +1,68 @@
+"""A line on standard error where a first run compiles for long, so that nobody takes it for stuck.
+
+How many files this process may have open: each decoding process takes four, and there is one for each video.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import click
+
+from occlog.console.notes import COMPILING
+
+QUIET = "occlog.quiet"
+"""Key of `--quiet` in the metadata of click's context."""
+KEPT = "once for this command and its method; later runs start at once"
+NOT_KEPT = (
+    "in every run, since neither the folder of the program nor the user's cache folder can be written; set "
+    "NUMBA_CACHE_DIR to a folder that can"
+)
+
+
+@contextmanager
+def announced(root: click.Context) -> Iterator[None]:
+    """Say once that kernels are compiled, if that takes long meanwhile and the command of this context is not quiet."""
+
+    def say(kept: bool) -> None:
+        if not root.meta.get(QUIET):
+            click.echo(f"occlog: compiling, {KEPT if kept else NOT_KEPT}", err=True)
+
+    COMPILING.append(say)
+    try:
+        yield
+    finally:
+        if say in COMPILING:
+            COMPILING.remove(say)
+
+
+def note_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:  # noqa: ARG001
+    """Remember `--quiet`; the quiet stages of a run have contexts of their own."""
+    ctx.find_root().meta[QUIET] = given
+    return given
+
+
+with suppress(ImportError):  # no such limits on Windows
+    import resource
+
+WANTED = 65_536
+"""Open files that are enough for some thousands of cameras."""
+
+
+def allow_open_files() -> None:
+    """Raise the limit that may be raised, which is often 1024, as far as is wanted and allowed."""
+    if "resource" in globals():
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        most = WANTED if hard == resource.RLIM_INFINITY else min(hard, WANTED)
+        if soft != resource.RLIM_INFINITY and soft < most:
+            with suppress(ValueError, OSError):
+                resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+def open_files_limit() -> int | None:
+    """The limit as it is now; None where there is none."""
+    if "resource" not in globals():
+        return None
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return None if soft == resource.RLIM_INFINITY else soft

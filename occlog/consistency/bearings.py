@@ -1,0 +1,596 @@
+"""How bearings agree with the estimates: shares that are not believed, and normalised squared residuals (NIS).
+
+NIS is the sum of squared residuals of bearings, by their probability of being true, over what it is expected to be:
+1 if standard deviations are right.
+
+Bearings that no other sensor can confirm: whether sensors see a target one at a time, and what is not believed then.
+
+Where several sensors see a target at once, a false bearing disagrees with the others.  Where one sees it at a time,
+the motion alone speaks against it: some false bearings agree with a motion that is about as probable as the true one,
+and no residual shows it.  Bearings that are found to be false there say that others, which are believed, may be false.
+
+Whether bearings look like those of a compass: clockwise from north, and not from +x towards +y.
+
+Sight lines of one moment meet near one place if their angles mean what they are taken for.  Taken for the others,
+pi / 2 - b, lines of stations in general places do not meet, or behind the stations.  Both are tried, and a user is told
+where the others fit much better; nothing is changed.
+
+Bearings whose stated noise is smaller than any sensor's: many filters can make no use of them.
+
+Bearings at the estimates: residuals with the variance they should have, and candidates that no track explains.
+
+The residual of a bearing that an estimate has used is smaller than the bearing's own error, since the estimate follows
+it.  With the standard deviation sigma of the bearing, the gradient g of its angle by the position and the covariance P
+of the estimate, a residual in units of sigma has the variance 1 - g'Pg / sigma^2, if both are right.  That holds for
+filters, smoothers and least squares alike, as far as they are linear.
+
+Candidates that cannot be one target: several people offered to a filter that follows one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints, Strings
+from occlog.core.metrics.consistency import BatchMeans, Ratio
+from occlog.core.metrics.errors import ratio
+from occlog.core.sight.camera import noise_variance, planar_offsets, wrap_angle
+from occlog.records.scene import Camera, MicrophoneArray, Scene
+from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Residuals, Tracks
+from occlog.records.verdicts import Check, finding, outcome
+
+from .estimates import covariances
+
+TOGETHER_S = 1.0
+"""Sensors see a target at about the same time if they do within so many seconds."""
+OVERLAP = 0.5
+"""Sensors see a target one at a time if fewer of its bearings are near one of another sensor."""
+
+
+def near_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
+    """(N,) whether another sensor has a bearing within `TOGETHER_S` of each.
+
+    Args:
+        sensor: (N,) which one each bearing of a target is of.
+        seconds: (N,) times, rising.
+    """
+    near = np.zeros(len(sensor), dtype=np.bool_)
+    for s in np.unique(sensor).tolist():
+        own, others = seconds[sensor == s], seconds[sensor != s]
+        if len(others):
+            after = np.minimum(np.searchsorted(others, own), len(others) - 1)
+            away = np.minimum(np.abs(others[after] - own), np.abs(others[np.maximum(after - 1, 0)] - own))
+            near[sensor == s] = away <= TOGETHER_S
+    return near
+
+
+@dataclass
+class Alone:
+    """Counts bearings, those near one of another sensor, and those not believed.
+
+    Attributes:
+        bearings: how many there were.
+        confirmed: near to how many of them another sensor has one.
+        doubted: how many are not believed.
+    """
+
+    bearings: int = 0
+    confirmed: int = 0
+    doubted: int = 0
+
+    def add(self, part: Residuals) -> None:
+        """Count some more rows, in the order of time."""
+        for target in np.unique(part.target_id).tolist():
+            own = part.take(part.target_id == target)
+            self.bearings += len(own)
+            self.confirmed += int(np.count_nonzero(near_another(own.sensor, (own.t_ns - own.t_ns[0]) / NS)))
+            self.doubted += int(np.count_nonzero(own.believed < 0.5))
+
+    @property
+    def one_at_a_time(self) -> bool:
+        """Whether sensors see targets one at a time, most of the time."""
+        return self.confirmed < OVERLAP * self.bearings
+
+    @property
+    def share(self) -> float:
+        """Share of the bearings that are not believed; NaN without any."""
+        return ratio(self.doubted, self.bearings)
+
+
+FEWEST, MOST = 10, 500
+"""Fewest moments that tell, and how many are looked at."""
+BETTER, OFF = 0.1, 0.05
+"""A median square misfit [rad^2] below this share of the other one's, where that is above `OFF`, is much better."""
+CONVENTION = "convention of angles"
+"""Name of the check."""
+WORST = 1.0
+"""Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
+
+
+class Compass:
+    """Tries both meanings of the bearings of stations that stream by; cameras' bearings are never of a compass."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Nothing was seen yet."""
+        self._places = {a.name: np.asarray(a.position[:2], dtype=np.float64) for a in scene.arrays}
+        self._misfits: list[tuple[float, float]] = []
+
+    def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
+        """The same chunks."""
+        for chunk in chunks:
+            if len(self._places) > 1 and len(self._misfits) < MOST:
+                self._look(chunk)
+            yield chunk
+
+    def checks(self) -> tuple[Check, ...]:
+        """Whether they fit one another as angles of this program."""
+        if len(self._misfits) < FEWEST:
+            return outcome(CONVENTION, (), unless=f"fewer than {FEWEST} moments have bearings of several stations")
+        plain, other = np.median(self._misfits, axis=0).tolist()
+        if plain <= OFF or other > BETTER * plain:
+            return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
+        return (
+            finding(
+                CONVENTION,
+                "warning",
+                "compass",
+                "the bearings fit one another much better as those of a compass, clockwise from north (+y): then the "
+                f"lines of a moment miss one place by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
+                f"{len(self._misfits)} moments), and by {np.degrees(np.sqrt(plain)):.2g} as they are, from +x towards "
+                "+y; name the column compass_deg, or ingest with the convention compass",
+            ),
+        )
+
+    def _look(self, chunk: Bearings) -> None:
+        use = chunk.seen & np.isfinite(chunk.bearing) & np.isin(chunk.sensor, list(self._places))
+        own = chunk.take(use)
+        order = np.lexsort((own.target_id, own.t_ns))
+        t_ns, target = own.t_ns[order], own.target_id[order]
+        cuts = np.flatnonzero((np.diff(t_ns) != 0) | (np.diff(target) != 0)) + 1
+        for rows in np.split(order, cuts):
+            names = own.sensor[rows].tolist()
+            if len(names) > 1 and len(set(names)) == len(names) and len(self._misfits) < MOST:
+                places = np.array([self._places[name] for name in names])
+                bearings = own.bearing[rows]
+                self._misfits.append((misfit(places, bearings), misfit(places, 0.5 * np.pi - bearings)))
+
+
+def misfit(places: Floats, bearings: Floats) -> float:
+    """Mean square angle [rad^2] by which n lines miss the place that is nearest to all of them, at most `WORST` each.
+
+    Args:
+        places: (n, 2) where the lines begin, n >= 2.
+        bearings: (n,) [rad].
+    """
+    across = np.column_stack([-np.sin(bearings), np.cos(bearings)])
+    normal, right = across.T @ across, across.T @ np.sum(across * places, axis=1)
+    away = np.linalg.pinv(normal) @ right - places
+    off = (bearings - np.arctan2(away[:, 1], away[:, 0]) + np.pi) % (2.0 * np.pi) - np.pi
+    return float(np.minimum(off**2, WORST).mean())
+
+
+STATED = "stated noise of the bearings"
+"""Name of the check."""
+LEAST_RAD = 1e-7
+"""Smallest standard deviation that is believed: 0.02 seconds of arc."""
+
+
+class Sharp:
+    """Counts the bearings that pass by with so small a standard deviation."""
+
+    def __init__(self) -> None:
+        """None passed yet."""
+        self._found: Counter[str] = Counter()
+        self._least = np.inf
+
+    def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
+        """The same chunks."""
+        for chunk in chunks:
+            # Of those with pixels the noise is that of the reading
+            small = chunk.seen & (chunk.sigma < LEAST_RAD) & ~np.isfinite(chunk.u_px)
+            if small.any():
+                self._found.update(chunk.sensor[small].tolist())
+                self._least = min(self._least, float(chunk.sigma[small].min()))
+            yield chunk
+
+    def checks(self) -> tuple[Check, ...]:
+        """Whether their noise can be."""
+        if not self._found:
+            return outcome(STATED, ())
+        return (
+            finding(
+                STATED,
+                "note",
+                "noise-tiny",
+                f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
+                f"deviation down to {self._least:.2g} rad (allowed: {LEAST_RAD:g}): no sensor is so exact, and "
+                "filters by particles find no place that fits them: estimates may be as wide as if nothing was seen; "
+                "state the noise that they have",
+                sensors=sorted(self._found),
+                least_rad=self._least,
+                allowed=LEAST_RAD,
+            ),
+        )
+
+
+GATE = 4.0
+"""A bearing further from the estimate than so many standard deviations of both together is not believed."""
+SURE = 0.1
+"""Bearings whose residuals should have a smaller variance say nothing of their noise: estimates go through them."""
+
+
+class Angles(NamedTuple):
+    """What N bearings of one sensor leave at estimates."""
+
+    residual: Floats  # (N,) in standard deviations as stated
+    spread: Floats  # (N,) variance of the bearing that the estimate leads one to expect, in the same units
+
+
+class Frames(NamedTuple):
+    """What the candidates of one sensor leave unexplained; F frames, in the order of time."""
+
+    sensor: str
+    t_ns: Ints  # (F,)
+    candidates: Ints  # (F,) how many there were
+    unexplained: Ints  # (F,) how many of them are near no track
+    again: Bools  # (F,) whether one of these was there in the frame before, too
+
+
+def at_estimates(rows: Bearings, sensor: Camera | MicrophoneArray, xy: Floats, covariance: Floats) -> Angles:
+    """N bearings of a sensor against estimates.
+
+    Args:
+        rows: N bearings.  Those with pixels have the variance of [Ercan] Eq. 2 at the estimate, the others their own.
+        sensor: which one.
+        xy: (N, 2) estimates at their times.
+        covariance: (N, 2, 2) of them.
+    """
+    away = xy - sensor.position[:2]
+    r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
+    variance = rows.sigma**2
+    if isinstance(sensor, Camera):
+        h, d = planar_offsets(xy, sensor.position[:2], sensor.yaw)
+        pixels, before = np.isfinite(rows.u_px), d > 1e-9
+        h, d = np.where(before, h, 0.0), np.where(before, d, 1.0)
+        read = np.where(np.isfinite(rows.sigma_px), rows.sigma_px, sensor.sigma_read_px)
+        f = float(sensor.focal_px[0])
+        px = noise_variance(
+            h, d, focal_px=f, sigma_position=sensor.sigma_position, sigma_yaw=sensor.sigma_yaw, sigma_read_px=read
+        )
+        variance = np.where(pixels & before, px / (f * (1.0 + (h / d) ** 2)) ** 2, variance)
+    variance = np.maximum(variance, 1e-24)
+    g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
+    told = np.einsum("ni,nij,nj->n", g, covariance, g) / variance
+    off = wrap_angle(rows.bearing - np.arctan2(away[:, 1], away[:, 0]))
+    return Angles(off / np.sqrt(variance), np.maximum(told, 0.0))
+
+
+class Sight:
+    """Compares bearings with tracks, chunk by chunk."""
+
+    def __init__(self, scene: Scene, window_ns: int = 0) -> None:
+        """Nothing was seen yet.
+
+        Args:
+            scene: its sensors; arrays that are not upright are left out, as their azimuths have errors of elevations.
+            window_ns: an estimate holds for bearings so long before it, at most.
+        """
+        self._sensors: dict[str, Camera | MicrophoneArray] = {c.name: c for c in scene.cameras if c.placed}
+        self._sensors |= {a.name: a for a in scene.arrays if a.upright}
+        self._window_ns = window_ns
+        self._last: dict[str, tuple[int, Floats]] = {}  # the frame before, and what was unexplained in it
+
+    def compare(
+        self, tracks: Tracks, bearings: Bearings, diagnostics: Diagnostics | None = None
+    ) -> tuple[Residuals, tuple[Frames, ...]]:
+        """Residuals of the bearings of the tracks, and what candidates are left; times of all tracks, once each.
+
+        Of candidates without a label the one nearest to the estimate counts, if it is within `GATE`.
+
+        Args:
+            tracks: estimates in the order of time.
+            bearings: in the order of time; those without an estimate at their time are left out, and those at an
+                estimate whose covariance is not known: nothing says how large their residuals should be.
+            diagnostics: of the same estimates, say which sensors were used; None: all.
+        """
+        seen = bearings.take(bearings.seen)
+        paths = list(self._paths(tracks, diagnostics))
+        parts: list[Residuals] = []
+        frames: list[Frames] = []
+        for name, sensor in self._sensors.items():
+            own = seen.take(seen.sensor == name)
+            if not len(own):
+                continue
+            free = own.target_id == UNLABELLED
+            near = np.zeros(len(own), dtype=np.bool_)
+            met = np.zeros(len(own), dtype=np.bool_)
+            for path in paths:
+                at, found = path.at(own.t_ns, self._window_ns, name)
+                labelled = ~free & (own.target_id == path.target)
+                rows = found & (labelled | (free & ~np.isin(own.t_ns, own.t_ns[labelled])))
+                met |= found & free
+                n, i = np.flatnonzero(rows), at[rows]
+                told = at_estimates(own.take(n), sensor, path.xy[i], path.covariance[i])
+                far = np.abs(told.residual) / np.sqrt(1.0 + told.spread)
+                near[n] |= far <= GATE
+                keep = labelled[n] | _nearest(i, np.where(labelled[n], np.inf, far))
+                parts.append(_table(path, name, i[keep], told, far, keep))
+            if met.any():
+                frames.append(self._left(name, own.take(met), near[met]))
+        return Residuals.merge(parts), tuple(frames)
+
+    def _paths(self, tracks: Tracks, diagnostics: Diagnostics | None) -> Iterator[Path]:
+        """Each target's estimates."""
+        xy, covariance = np.column_stack([tracks.x, tracks.y]), covariances(tracks)
+        used = None if diagnostics is None or len(diagnostics) != len(tracks) else _commas(diagnostics.cameras)
+        for target in np.unique(tracks.target_id).tolist():
+            own = tracks.target_id == target
+            yield Path(target, tracks.t_ns[own], xy[own], covariance[own], None if used is None else used[own])
+
+    def _left(self, name: str, rows: Bearings, near: Bools) -> Frames:
+        """What a sensor's candidates leave, frame by frame."""
+        times, first = np.unique(rows.t_ns, return_index=True)
+        left, again = np.add.reduceat(~near, first, dtype=np.int64), np.zeros(len(times), dtype=np.bool_)
+        ends = [*first[1:].tolist(), len(rows)]
+        for n, (t_ns, a, b) in enumerate(zip(times.tolist(), first.tolist(), ends, strict=True)):
+            bearing, sigma = rows.bearing[a:b][~near[a:b]], rows.sigma[a:b][~near[a:b]]
+            before_ns, before = self._last.get(name, (t_ns, np.empty(0)))
+            if len(bearing) and len(before):
+                reach = 3.0 * np.sqrt(2.0) * sigma + TURN_RATE * (t_ns - before_ns) * 1e-9
+                again[n] = bool(np.any(np.abs(wrap_angle(bearing[:, None] - before[None, :])) <= reach[:, None]))
+            self._last[name] = (t_ns, bearing)
+        return Frames(name, times, np.diff([*first.tolist(), len(rows)]), left, again)
+
+
+TURN_RATE = 0.25
+"""How fast a person's azimuth changes, at 1.2 m/s and a distance of 5 m [rad/s]."""
+
+
+class Path(NamedTuple):
+    """One target's estimates."""
+
+    target: int
+    t_ns: Ints  # (T,)
+    xy: Floats  # (T, 2)
+    covariance: Floats  # (T, 2, 2) NaN: not known
+    used: np.ndarray | None  # (T,) names of sensors between commas; None: not known
+
+    def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
+        """(N,) the estimate for each time, the next one not later than the window, and where it used the sensor.
+
+        One whose covariance is not known is none.
+        """
+        n = np.searchsorted(self.t_ns, t_ns)
+        i = np.minimum(n, len(self.t_ns) - 1)
+        found = (n < len(self.t_ns)) & (self.t_ns[i] - t_ns <= window_ns) & ~np.isnan(self.covariance[i, 0, 0])
+        if self.used is not None:
+            found &= (np.strings.find(self.used, f",{sensor},") >= 0)[i]
+        return i, np.asarray(found)
+
+
+def _commas(cameras: np.ndarray) -> np.ndarray:
+    """Lists of names with a comma before and after each name."""
+    return np.strings.add(np.strings.add(",", cameras), ",")
+
+
+def _nearest(estimate: Ints, far: Floats) -> Bools:
+    """(N,) the nearest of those of each estimate, if it is within the gate."""
+    order = np.lexsort([far, estimate])
+    first = np.ones(len(order), dtype=np.bool_)
+    first[1:] = np.diff(estimate[order]) != 0
+    out = np.zeros(len(order), dtype=np.bool_)
+    out[order[first]] = True
+    return np.asarray(out & (far <= GATE))
+
+
+def _table(path: Path, name: str, i: Ints, told: Angles, far: Floats, keep: Bools) -> Residuals:
+    """Rows of the bearings that count."""
+    return Residuals.of(
+        t_ns=path.t_ns[i],
+        target_id=np.full(len(i), path.target, dtype=np.int32),
+        sensor=np.full(len(i), name),
+        residual=told.residual[keep],
+        expected=np.maximum(1.0 - told.spread[keep], 0.0),
+        believed=(far[keep] <= GATE).astype(np.float64),
+    )
+
+
+class Compared(NamedTuple):
+    """Residuals of the bearings, and what candidates are left."""
+
+    residuals: Residuals
+    frames: tuple[Frames, ...]
+
+
+class Witness:
+    """Keeps bearings that pass by until their estimates come out, and compares both."""
+
+    def __init__(self, scene: Scene, window_ns: int, *, unlabelled: bool) -> None:
+        """Nothing passed yet.
+
+        Args:
+            scene: see `Sight`.
+            window_ns: see `Sight`.
+            unlabelled: candidates without a label are used.
+        """
+        self._sight, self._unlabelled = Sight(scene, window_ns), unlabelled
+        self._kept: list[Bearings] = []
+
+    def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
+        """The chunks as they are."""
+        for chunk in chunks:
+            self._kept.append(chunk if self._unlabelled else chunk.take(chunk.target_id != UNLABELLED))
+            yield chunk
+
+    def compare(self, tracks: Tracks, diagnostics: Diagnostics) -> Compared:
+        """The bearings up to the last of these estimates, which are then forgotten."""
+        kept = Bearings.concat(self._kept)
+        if not len(tracks):
+            return Compared(Residuals.empty(), ())
+        n = int(np.searchsorted(kept.t_ns, tracks.t_ns[-1], side="right"))
+        self._kept = [kept.take(slice(n, None))]
+        return Compared(*self._sight.compare(tracks, kept.take(slice(None, n)), diagnostics))
+
+
+@dataclass
+class Agreement:
+    """How the bearings of one sensor agree with the estimates.
+
+    Attributes:
+        bearings: how many were used.
+        believed: how many of them are more probably true than false.
+        means: squared residuals of those that an estimate does not just go through.
+        pose: what is expected of squares that errors of the sensor's pose make, which stay the same.
+    """
+
+    bearings: int = 0
+    believed: int = 0
+    means: BatchMeans = field(default_factory=BatchMeans)
+    pose: float = 0.0
+
+    @property
+    def doubted(self) -> float:
+        """Share of bearings that are not believed; NaN without any."""
+        return 1.0 - ratio(self.believed, self.bearings)
+
+    @property
+    def nis(self) -> Ratio:
+        """Normalised squared residual, with an error that knows of the pose's errors, one for all times."""
+        value, error = self.means.ratio
+        share = ratio(self.pose, self.means.expected)
+        return Ratio(value, math.hypot(error, math.sqrt(2.0) * share * value) if share > 0.0 else error)
+
+
+@dataclass
+class Agreements:
+    """Gathers residuals while they stream by.
+
+    Attributes:
+        sensors: agreement of the bearings of each sensor, by its name.
+        noise: of each target the largest factor by which its motion's variance exceeds what was stated.
+    """
+
+    sensors: dict[str, Agreement] = field(default_factory=dict)
+    noise: dict[int, float] = field(default_factory=dict)
+
+    def add(self, part: Residuals, poses: Mapping[str, float] | None = None) -> None:
+        """Count some more rows, in the order of time.
+
+        Args:
+            part: residuals.
+            poses: of each sensor the share of the stated variance that errors of its pose make; None: no share.
+        """
+        for name in np.unique(part.sensor).tolist():
+            own = part.take(part.sensor == name)
+            found = self.sensors.setdefault(name, Agreement())
+            found.bearings += len(own)
+            found.believed += int(np.count_nonzero(own.believed >= 0.5))
+            told = own.take(own.expected >= SURE)
+            expected = told.believed * told.expected
+            found.means.add(told.believed * told.residual**2, expected)
+            found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
+
+    def moves(self, target: int, factor: float) -> None:
+        """The variance of a target's motion is so many times what was stated."""
+        self.noise[target] = max(self.noise.get(target, 0.0), factor)
+
+    @property
+    def bearings(self) -> int:
+        """How many bearings were used."""
+        return sum(a.bearings for a in self.sensors.values())
+
+    @property
+    def doubted(self) -> float:
+        """Share of bearings that are not believed; NaN without any."""
+        return 1.0 - ratio(sum(a.believed for a in self.sensors.values()), self.bearings)
+
+    @property
+    def nis(self) -> Ratio:
+        """Normalised squared residual of all bearings; sensors are independent of one another."""
+        told = [a for a in self.sensors.values() if a.means.expected > 0.0]
+        expected = math.fsum(a.means.expected for a in told)
+        if not told:
+            return Ratio(math.nan, math.inf)
+        value = math.fsum(a.means.squares for a in told) / expected
+        return Ratio(value, math.sqrt(math.fsum((a.nis.error * a.means.expected) ** 2 for a in told)) / expected)
+
+    def figures(self) -> dict[str, float | int]:
+        """Figures for a summary; none if no bearing was judged."""
+        if not self.bearings:
+            return {}
+        whole = self.nis
+        return {
+            "bearings": self.bearings,
+            "bearings_not_believed": self.bearings - sum(a.believed for a in self.sensors.values()),
+            **({"nis": whole.value, "nis_error": whole.error} if math.isfinite(whole.value) else {}),
+        }
+
+
+def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
+    """Of each camera the share of a bearing's variance that errors of its pose make, at the median distance of tracks.
+
+    [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2 of it, beside the reading's.
+    """
+    out: dict[str, float] = {}
+    for c in scene.cameras:
+        if not len(tracks) or not (c.sigma_yaw > 0.0 or c.sigma_position > 0.0):
+            continue
+        out[c.name] = pose_share(c, float(np.median(np.hypot(tracks.x - c.position[0], tracks.y - c.position[1]))))
+    return out
+
+
+def pose_share(camera: Camera, distance: float) -> float:
+    """The same of one camera at one distance."""
+    pose = float(camera.focal_px[0]) ** 2 * (camera.sigma_yaw**2 + (camera.sigma_position / max(distance, 1e-9)) ** 2)
+    return pose / (pose + camera.sigma_read_px**2)
+
+
+@dataclass
+class Left:
+    """What candidates of one sensor were left unexplained."""
+
+    frames: int = 0
+    candidates: int = 0
+    unexplained: int = 0
+    crowded: int = 0  # frames with a candidate that no track explains and that was there in the frame before, too
+
+
+@dataclass
+class Crowd:
+    """Gathers what candidates are left unexplained by all tracks, by sensor."""
+
+    sensors: dict[str, Left] = field(default_factory=dict)
+
+    def add(self, parts: Iterable[Frames]) -> None:
+        """Count some more frames."""
+        for part in parts:
+            own = self.sensors.setdefault(part.sensor, Left())
+            own.frames += len(part.t_ns)
+            own.candidates += int(part.candidates.sum())
+            own.unexplained += int(part.unexplained.sum())
+            own.crowded += int(np.count_nonzero(part.again))
+
+    @property
+    def frames(self) -> int:
+        """Frames with candidates."""
+        return sum(s.frames for s in self.sensors.values())
+
+    @property
+    def candidates(self) -> float:
+        """Mean number of candidates in a frame that has any; NaN without frames."""
+        return ratio(sum(s.candidates for s in self.sensors.values()), self.frames)
+
+    @property
+    def unexplained(self) -> float:
+        """Mean number of candidates in a frame that are near no track; NaN without frames."""
+        return ratio(sum(s.unexplained for s in self.sensors.values()), self.frames)
+
+    def persistent(self, fewest: int) -> dict[str, float]:
+        """Share of frames with a candidate that stays and that no track explains, of sensors with enough frames."""
+        return {name: s.crowded / s.frames for name, s in sorted(self.sensors.items()) if s.frames >= fewest}

@@ -1,0 +1,459 @@
+"""Reasons not to believe an estimate, found from its row, the scene, and what was seen before.
+
+The checks stand alone: arrays in, booleans out.  `Doubts` applies them to the rows of a run.
+
+Doubts of rows while one sensor contradicts the estimate: most of what it measured lately is not believed.
+
+Its clock, pose or labels are wrong, or the track follows the others, which may be the wrong ones.
+
+Effective numbers of particles over a run, in bounded memory.
+
+Where bearings alone say that a target is, against what the scene says: walls in between, and the border of the room.
+
+A filter that knows walls draws its estimate to where no wall contradicts what was seen, and one that knows the room
+keeps it inside.  Wrong walls thus leave residuals that are small, and errors that are not.  The place at which the
+believed bearings of a moment meet, without motion, walls and room, does not hide them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.plane import inside_polygon
+from occlog.core.sight.camera import wrap_angle
+from occlog.core.sight.visibility import ViewPrior, behind_walls
+from occlog.records.scene import Camera, MicrophoneArray, Scene
+from occlog.records.tables import Diagnostics, Residuals, Tracks
+from occlog.scans.grouping import sensor_names
+
+EDGE, ONE_SENSOR, OUT_OF_VIEW, DISAGREES = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
+"""Values of the column `doubt`, in the order in which they stand there."""
+WORDS = {
+    EDGE: "the target may be at the edge of where targets can be, which was guessed from what the sensors see; "
+    "add `room` to the scene",
+    ONE_SENSOR: "one sensor alone saw the target for long, which says nothing of its distance; add another sensor, or "
+    "track in images and find the target on the ground (occlog ground)",
+    OUT_OF_VIEW: "the target is where sensors that are said to see it cannot see; check the calibration, the region "
+    "and the choice of the target",
+    DISAGREES: "most of what one sensor measured of the target in the last second is not believed; check the clock, "
+    "the pose and the labels of that sensor (the residuals say which), or leave it out",
+}
+"""What each means and what to do."""
+EDGE_SIGMAS = 2.0
+"""An estimate is at the edge if so many standard deviations reach it."""
+VIEW_SIGMAS = 3.0
+"""An estimate is out of view if so many standard deviations do not reach the view."""
+ALONE_S = 5.0
+"""So long after two sensors have seen a target at once, one of them alone tells its distance no more [s]."""
+TOGETHER_S = 1.0
+"""Two sensors see a target at once if they do within this time; so long a filter waits for a second one [s]."""
+NEW = ("restart", "gap")
+"""Values of `fallback` of rows in which a filter has begun anew."""
+
+
+def near_edge(xy: Floats, covariance: Floats, region: Floats) -> Bools:
+    """(N,) whether estimates are at the edge of a region, or outside of it.
+
+    Args:
+        xy: (N, 2) estimates.
+        covariance: (N, 2, 2) of them.
+        region: (K, 2) convex polygon, counter-clockwise.
+    """
+    edge = np.roll(region, -1, axis=0) - region
+    inwards = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.hypot(*edge.T)[:, None]
+    depth = np.einsum("nki,ki->nk", xy[:, None] - region, inwards)
+    sigma = np.sqrt(np.maximum(np.einsum("ki,nij,kj->nk", inwards, covariance, inwards), 0.0))
+    return np.asarray(np.any(depth < EDGE_SIGMAS * sigma, axis=1))
+
+
+def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov: float, reach: float) -> Bools:
+    """(N,) whether estimates are clearly outside of a sensor's field of view, or beyond its range.
+
+    Args:
+        xy: (N, 2) estimates.
+        covariance: (N, 2, 2) of them.
+        origin: (2,) where the sensor stands.
+        yaw: azimuth of its axis [rad].
+        fov: its full field of view [rad]; from 2 pi on it sees all around.
+        reach: greatest distance; may be infinite.
+    """
+    away = xy - origin
+    r = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-12)
+    e = away / r[:, None]
+    across = np.column_stack([-e[:, 1], e[:, 0]])
+    sigma_r, sigma_across = (np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", u, covariance, u), 0.0)) for u in (e, across))
+    off = np.abs(wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - yaw)) - 0.5 * fov
+    beside = (fov < 2.0 * np.pi) & (off > VIEW_SIGMAS * np.arctan2(sigma_across, r))
+    # Within its own uncertainty an estimate is at the sensor, in any direction
+    beside &= r > VIEW_SIGMAS * sigma_r
+    return np.asarray(beside | (r - reach > VIEW_SIGMAS * sigma_r))
+
+
+def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
+    """(2, 2) covariance of an estimate whose distance from a sensor is not known.
+
+    Along the sight line it is the second moment of the prior, which is even from the sensor to its far limit, about
+    the estimate: one sensor's bearings hardly say more, and a filter that believes them too much is sure of a
+    distance that its settings of motion and noise have made up.
+
+    Args:
+        xy: (2,) estimate.
+        covariance: (2, 2) of it; never made smaller.
+        origin: (2,) where the sensor stands.
+        far: how far it sees.
+    """
+    away = xy - origin
+    r = float(np.hypot(*away))
+    e = away / r if r > 0.0 else np.array([1.0, 0.0])
+    more = far**2 / 12.0 + (r - 0.5 * far) ** 2 - e @ covariance @ e
+    return covariance + max(float(more), 0.0) * np.outer(e, e)
+
+
+def covariances(tracks: Tracks) -> Floats:
+    """(N, 2, 2) covariances of the places of a table's rows."""
+    return np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)
+
+
+class Seen(NamedTuple):
+    """When a target was seen, and by which sensors."""
+
+    begun_ns: int  # when the filter began
+    last_ns: dict[str, int]  # by sensor, since two of them saw it at once
+    together_ns: int | None = None  # when two of them did; None: never since the filter began
+
+
+class Doubts:
+    """Finds the doubts of a run's rows, chunk by chunk; what was seen of each target is remembered."""
+
+    def __init__(self, scene: Scene, *, online: bool, started: bool, distances: bool = False) -> None:
+        """Nothing was seen yet.
+
+        Args:
+            scene: the sensors.
+            online: estimates do not know what comes after them: one sensor alone leaves a doubt, and so does a guessed
+                region.
+            started: the settings say where the target was at first.
+            distances: stations measure distances, too, so that one sensor alone may tell a place.
+        """
+        self._distances = distances
+        self._scene, self._online, self._started = scene, online, started
+        self._views: ViewPrior | None = scene.views
+        self._row = {name: i for i, name in enumerate(sensor_names(scene))}
+        self._sensors: tuple[Camera | MicrophoneArray, ...] = (*scene.cameras, *scene.arrays)
+        self._place = {s.name: (float(s.position[0]), float(s.position[1])) for s in self._sensors}
+        self._seen: dict[int, Seen] = {}
+
+    def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
+        """The rows with their doubts, and with covariances that hold where the distance is not known."""
+        if not len(tracks):
+            return tracks, diagnostics
+        by = [tuple(name for name in text.split(",") if name) for text in diagnostics.seen_by.tolist()]
+        xy, covariance = np.column_stack([tracks.x, tracks.y]), covariances(tracks)
+        edge = alone = np.zeros(len(by), dtype=np.bool_)
+        lone: dict[int, str] = {}
+        if self._online and not self._distances:
+            alone, lone = self._alone(diagnostics, by)
+            tracks, covariance = self._widened(tracks, xy, covariance, lone)
+        if self._online and self._views is not None:
+            # An unknown distance reaches the edge in any case
+            edge = near_edge(xy, covariance, self._scene.region)
+            edge[list(lone)] = False
+        outside = self._outside(xy, covariance, by)
+        doubt = [
+            ",".join(name for name, has in zip((EDGE, ONE_SENSOR, OUT_OF_VIEW), row, strict=True) if has)
+            for row in zip(edge.tolist(), alone.tolist(), outside.tolist(), strict=True)
+        ]
+        columns = {c.name: getattr(diagnostics, c.name) for c in Diagnostics.columns()}
+        return tracks, Diagnostics(**(columns | {"doubt": np.array(doubt, dtype=np.str_)}))
+
+    def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
+        """(N,) whether at least half of the sensors that saw the target cannot have done so; arrays by their range.
+
+        With fewer, their bearings are false, which is said of bearings and not of the estimate.
+        """
+        saw, cannot = np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.int64)
+        for c in self._sensors:
+            rows = np.array([c.name in names for names in by], dtype=np.bool_)
+            if rows.any():
+                fov = c.fov if isinstance(c, Camera) else 2.0 * np.pi
+                saw[rows] += 1
+                cannot[rows] += outside_view(xy[rows], covariance[rows], c.position[:2], c.yaw, fov, c.range)
+        return np.asarray((cannot > 0) & (2 * cannot >= saw))
+
+    def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
+        """The tracks, and (N, 2, 2) their covariances, with those rows widened whose distance was never known.
+
+        In a room the walls say how far the target can be, and the filter's own covariance stays.
+        """
+        if self._views is None or not lone:
+            return tracks, covariance
+        for n, name in lone.items():
+            i = self._row[name]
+            covariance[n] = without_distance(xy[n], covariance[n], self._views.origin[i], float(self._views.far[i]))
+        columns = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
+        columns |= {"cov_xx": covariance[:, 0, 0], "cov_xy": covariance[:, 0, 1], "cov_yy": covariance[:, 1, 1]}
+        return Tracks(**{name: np.ascontiguousarray(values) for name, values in columns.items()}), covariance
+
+    def _alone(self, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> tuple[Bools, dict[int, str]]:
+        """(N,) rows of targets that one sensor alone has seen for long; and those of which no distance was ever known.
+
+        The second are numbers of rows with the sensor's name.
+        """
+        alone = np.zeros(len(by), dtype=np.bool_)
+        lone: dict[int, str] = {}
+        rows = zip(
+            diagnostics.t_ns.tolist(), diagnostics.target_id.tolist(), diagnostics.fallback.tolist(), by, strict=True
+        )
+        for n, (t_ns, target, fallback, names) in enumerate(rows):
+            seen = self._seen.get(target)
+            if seen is None or fallback in NEW:
+                seen = Seen(t_ns, {}, t_ns if self._started and seen is None else None)
+            last = seen.last_ns | dict.fromkeys(names, t_ns)
+            # Two sensors at one place tell no more of the distance than one of them
+            here = {self._place[s] for s, at in last.items() if t_ns - at <= TOGETHER_S * NS}
+            seen = seen._replace(last_ns={}, together_ns=t_ns) if len(here) > 1 else seen._replace(last_ns=last)
+            self._seen[target] = seen
+            if seen.together_ns is None:
+                late = t_ns - seen.begun_ns > TOGETHER_S * NS
+            else:
+                late = t_ns - seen.together_ns > ALONE_S * NS
+            alone[n] = late and len({self._place[s] for s in seen.last_ns}) == 1
+            if alone[n] and seen.together_ns is None:
+                lone[n] = next(iter(seen.last_ns))
+        return alone, lone
+
+
+WINDOW_NS = NS
+"""How far back bearings count [ns]."""
+SHARE = 2.0 / 3.0
+"""Share of a sensor's bearings of a target in this time that are not believed, from which it contradicts."""
+FEWEST = 5
+"""So many bearings at least are not believed: single false ones contradict nothing."""
+
+
+class Disagreement:
+    """Adds these doubts to a run's rows, chunk by chunk; the last residuals are remembered."""
+
+    def __init__(self) -> None:
+        """Nothing was compared yet."""
+        self._kept: list[Residuals] = []
+
+    def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
+        """Diagnostics of the next rows with their doubts, by the residuals at these rows."""
+        known = Residuals.concat([*self._kept, residuals])
+        if not len(diagnostics):
+            self._kept = [known]
+            return diagnostics
+        self._kept = [known.take(known.t_ns > diagnostics.t_ns[-1] - WINDOW_NS)]
+        against = np.zeros(len(diagnostics), dtype=np.bool_)
+        if np.count_nonzero(known.believed < 0.5) >= FEWEST:
+            for target in np.unique(diagnostics.target_id).tolist():
+                rows = diagnostics.target_id == target
+                against[rows] = _against(diagnostics.t_ns[rows], known.take(known.target_id == target))
+        if not against.any():
+            return diagnostics
+        doubt = [",".join(filter(None, (old, DISAGREES))) for old in diagnostics.doubt[against].tolist()]
+        every = diagnostics.doubt.astype(object)
+        every[against] = doubt
+        return replace(diagnostics, doubt=every.astype(np.str_))
+
+
+def _against(t_ns: Ints, residuals: Residuals) -> Bools:
+    """(N,) whether any sensor contradicts the estimates of one target at these times."""
+    out = np.zeros(len(t_ns), dtype=np.bool_)
+    for name in np.unique(residuals.sensor).tolist():
+        own = residuals.take(residuals.sensor == name)
+        not_believed = np.concatenate([[0], np.cumsum(own.believed < 0.5)])
+        first, end = (np.searchsorted(own.t_ns, t, side="right") for t in (t_ns - WINDOW_NS, t_ns))
+        many = not_believed[end] - not_believed[first]
+        out |= (many >= FEWEST) & (many >= SHARE * (end - first))
+    return out
+
+
+FEW = 10.0
+"""An estimate of fewer effective particles does not say how uncertain it is."""
+BINS = 100
+"""A decade of effective numbers has so many bins: quantiles are right to 2 %."""
+DECADES = 8
+
+
+class Particles:
+    """Counts effective numbers of particles in bins of equal ratio."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.rows = self.few = 0
+        self._sum = 0.0
+        self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
+
+    def add(self, ess: Floats) -> None:
+        """Some more rows; those without particles (NaN) do not count."""
+        ess = ess[np.isfinite(ess)]
+        self.rows += len(ess)
+        self.few += int(np.count_nonzero(ess < FEW))
+        self._sum += float(ess.sum())
+        bins = np.clip(np.log10(np.maximum(ess, 1.0)) * BINS, 0, len(self._counts) - 1)
+        self._counts += np.bincount(bins.astype(np.int64), minlength=len(self._counts))
+
+    @property
+    def mean(self) -> float:
+        """Mean effective number; NaN without rows."""
+        return self._sum / self.rows if self.rows else math.nan
+
+    @property
+    def median(self) -> float:
+        """Median effective number, to 2 %; NaN without rows."""
+        if not self.rows:
+            return math.nan
+        middle = int(np.searchsorted(np.cumsum(self._counts), 0.5 * self.rows))
+        return 10.0 ** ((middle + 0.5) / BINS) if middle else 1.0
+
+
+CLEAR = 2.0
+"""A meeting place is clearly somewhere if all of the ellipse of so many standard deviations is there."""
+AROUND = 12
+"""Points of that ellipse that are tested."""
+STEPS = 3
+"""Gauss-Newton steps from the estimate to the meeting place."""
+FLAT = 1e-3
+"""Sight lines do not meet if their information has axes with a ratio below this, squared."""
+BLUNT = 0.2
+"""Bearings with a larger standard deviation [rad] do not count: sight lines of such errors are no straight lines."""
+NEARER = 0.5
+"""A meeting place counts if its ellipse is smaller than this share of the distance of each of its sensors."""
+SETTLED = 0.1
+"""A search has found the meeting place if its last step is below so many standard deviations."""
+LEAST_SHARE = 1e-9
+"""A residual whose variance is all the bearing's does not say what that is; see `_bearings`."""
+
+
+class Meeting(NamedTuple):
+    """Where the believed bearings of M rows meet."""
+
+    row: Ints  # (M,) rows of the tracks
+    xy: Floats  # (M, 2)
+    border: Floats  # (M, AROUND, 2) the ellipse of `CLEAR` standard deviations
+
+
+@dataclass
+class Places:
+    """Counts rows whose bearings meet where the scene says that the target cannot be.
+
+    Attributes:
+        rows: rows with bearings of two sensors or more that meet.
+        outside: rows that meet clearly outside the room.
+        hidden: by camera, rows in which it saw the target, and how many of them meet clearly behind a wall for it;
+            microphone arrays hear past walls.
+    """
+
+    rows: int = 0
+    outside: int = 0
+    hidden: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    def add(self, tracks: Tracks, residuals: Residuals, scene: Scene) -> None:
+        """Count some more rows; scenes without a room and without walls say nothing."""
+        sensors: dict[str, Floats] = {c.name: c.position[:2] for c in scene.cameras}
+        sensors |= {a.name: a.position[:2] for a in scene.arrays}
+        walls = {c.name: scene.blockers(c.ground) for c in scene.cameras}
+        if not len(residuals) or (scene.room is None and not any(walls.values())):
+            return
+        used = residuals.take(residuals.believed >= 0.5)
+        row = _rows(tracks, used)
+        met = meetings(tracks, used, row, np.array([sensors[name] for name in used.sensor.tolist()]).reshape(-1, 2))
+        self.rows += len(met.row)
+        if (room := scene.room) is not None:
+            self.outside += int(np.count_nonzero(~_anywhere(met, partial(inside_polygon, polygon=room))))
+        for name, polygons in walls.items():
+            if polygons:
+                saw = np.isin(met.row, row[used.sensor == name])
+                own = Meeting(met.row[saw], met.xy[saw], met.border[saw])
+                behind = int(np.count_nonzero(~_anywhere(own, partial(_in_sight, sensors[name], polygons))))
+                before = self.hidden.get(name, (0, 0))
+                self.hidden[name] = before[0] + len(own.row), before[1] + behind
+
+
+def meetings(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> Meeting:
+    """Least squares of the bearings of each row of tracks that two sight lines or more determine.
+
+    Args:
+        tracks: estimates, from which the search begins.
+        used: N residuals at them.
+        row: (N,) their rows.
+        origin: (N, 2) places of their sensors.
+    """
+    start = np.column_stack([tracks.x, tracks.y])
+    bearing, sigma = _bearings(start[row], covariances(tracks)[row], origin, used)
+    count, xy = len(tracks), start.copy()
+    information = np.zeros((count, 2, 2))
+    told = sigma <= BLUNT
+    row, origin, bearing, sigma = row[told], origin[told], bearing[told], sigma[told]
+    good = np.zeros(count, dtype=np.bool_)
+    step = np.zeros((count, 2))
+    for _ in range(STEPS):
+        away = xy[row] - origin
+        r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
+        g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None] / sigma[:, None]
+        off = wrap_angle(bearing - np.arctan2(away[:, 1], away[:, 0])) / sigma
+        information, pull = np.zeros((count, 2, 2)), np.zeros((count, 2))
+        np.add.at(information, row, g[:, :, None] * g[:, None, :])
+        np.add.at(pull, row, g * off[:, None])
+        trace = information[:, 0, 0] + information[:, 1, 1]
+        good = np.linalg.det(information) > FLAT * np.maximum(trace, 1e-300) ** 2
+        step[good] = np.linalg.solve(information[good], pull[good][:, :, None])[:, :, 0]
+        xy[good] += step[good]
+    # Where sight lines are nearly parallel, or the sensors near, the place is no linear function of the bearings
+    good &= np.einsum("ni,nij,nj->n", step, information, step) < SETTLED**2
+    nearest = np.full(count, np.inf)
+    np.minimum.at(nearest, row, np.hypot(*(xy[row] - origin).T))
+    least = np.linalg.eigvalsh(np.where(good[:, None, None], information, np.eye(2)))[:, 0]
+    good &= NEARER * nearest * np.sqrt(np.maximum(least, 0.0)) > CLEAR
+    found = np.flatnonzero(good)
+    root = np.linalg.cholesky(np.linalg.inv(information[found]))
+    angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    circle = CLEAR * np.column_stack([np.cos(angle), np.sin(angle)])
+    return Meeting(found, xy[found], xy[found][:, None] + np.einsum("mij,aj->mai", root, circle))
+
+
+def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -> tuple[Floats, Floats]:
+    """Bearings (N,) and their standard deviations (N,) from what residuals are in units of these.
+
+    The variance that is expected of a residual is 1 - g'Pg / sigma^2; where it says nothing of sigma (no uncertainty
+    of the estimate, or more than the bearing's), the standard deviation is NaN.
+    """
+    away = xy - origin
+    r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
+    g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
+    share = 1.0 - used.expected
+    told = (share > LEAST_SHARE) & (used.expected > 0.0)
+    square = np.einsum("ni,nij,nj->n", g, covariance, g)
+    sigma = np.sqrt(np.divide(square, share, out=np.full(len(used), np.nan), where=told))
+    return np.arctan2(away[:, 1], away[:, 0]) + used.residual * sigma, sigma
+
+
+def _rows(tracks: Tracks, used: Residuals) -> Ints:
+    """(N,) the row of the tracks of each residual."""
+    order = np.lexsort((tracks.t_ns, tracks.target_id))
+    row = np.empty(len(used), dtype=np.int64)
+    for target in np.unique(used.target_id).tolist():
+        of = order[tracks.target_id[order] == target]
+        own = used.target_id == target
+        row[own] = of[np.searchsorted(tracks.t_ns[of], used.t_ns[own])]
+    return row
+
+
+def _in_sight(origin: Floats, walls: Sequence[Floats], xy: Floats) -> Bools:
+    """(N,) which of the (N, 2) places no wall hides from the (2,) origin."""
+    return np.asarray(~behind_walls(origin, xy, walls))
+
+
+def _anywhere(met: Meeting, test: Callable[[Floats], Bools]) -> Bools:
+    """(M,) whether a test of (N, 2) places holds for the meeting place or for any point of its ellipse."""
+    points = np.concatenate([met.xy[:, None], met.border], axis=1)
+    return np.asarray(test(np.ascontiguousarray(points.reshape(-1, 2))).reshape(points.shape[:2]).any(axis=1))

@@ -1,1 +1,0 @@
-"""Ellipses in images and histograms of their colours."""

@@ -1,0 +1,142 @@
+"""Potentials of a goal and of obstacles, and the forces that they exert on a robot ([Lee] Sec. 5.2.2).
+
+Places are (..., 2); arrays of places broadcast against each other.
+
+Collisions by aligned robot, obstacle and goal (CAROG), and the force that prevents them ([Lee] Sec. 5.2.2).
+
+A robot whose way to the goal leads straight through an obstacle is pulled and pushed along one line.  If the pull is
+the stronger one up to the last step before the obstacle, the robot drives into it: a constant step does not shrink.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+
+LEAST = 1e-12
+"""Distances count as at least this much, so that a robot on an obstacle's point has a finite force."""
+
+
+class Field(NamedTuple):
+    """Constants of the potentials ([Lee] Eqs. 5.9 and 5.10)."""
+
+    attraction: float  # c_att, above 0
+    repulsion: float  # c_rep, at least 0
+    attraction_power: int  # m, at least 1
+    repulsion_power: int  # n, at least 1
+    influence: float  # rho_0: obstacles farther away exert no force
+
+
+def distance(p: Floats, q: Floats) -> Floats:
+    """(...) distances rho between places (..., 2)."""
+    return np.asarray(np.hypot(p[..., 0] - q[..., 0], p[..., 1] - q[..., 1]))
+
+
+def direction(p: Floats, q: Floats) -> Floats:
+    """(..., 2) unit vectors from q to p, the gradient of their distance ([Lee] Eqs. 5.13, 5.14); 0 where p is q."""
+    away = p - q
+    length = np.hypot(away[..., 0], away[..., 1])[..., None]
+    return np.asarray(np.where(length > 0.0, away / np.where(length > 0.0, length, 1.0), 0.0))
+
+
+def attractive_potential(p: Floats, goal: Floats, field: Field) -> Floats:
+    """(...) potential of the goal at places p ([Lee] Eq. 5.9)."""
+    return np.asarray(field.attraction * distance(p, goal) ** field.attraction_power)
+
+
+def repulsive_potential(p: Floats, obstacle: Floats, field: Field) -> Floats:
+    """(...) potential of obstacles at places p ([Lee] Eq. 5.10); 0 beyond the influence."""
+    rho = np.maximum(distance(p, obstacle), LEAST)
+    excess = np.maximum(1.0 / rho - 1.0 / field.influence, 0.0)
+    return np.asarray(field.repulsion * excess**field.repulsion_power)
+
+
+def attractive_force(p: Floats, goal: Floats, field: Field) -> Floats:
+    """(..., 2) force of the goal ([Lee] Eq. 5.11); it points to the goal, and is 0 on it."""
+    return -attraction_at(distance(p, goal), field)[..., None] * direction(p, goal)
+
+
+def repulsive_force(p: Floats, obstacle: Floats, field: Field) -> Floats:
+    """(..., 2) force of each obstacle ([Lee] Eq. 5.12); it points away from the obstacle."""
+    return repulsion_at(distance(p, obstacle), field)[..., None] * direction(p, obstacle)
+
+
+def attraction_at(rho: Floats, field: Field) -> Floats:
+    """(...) strength of the attractive force at distances from the goal."""
+    m = field.attraction_power
+    return np.asarray(m * field.attraction * rho ** (m - 1))
+
+
+def repulsion_at(rho: Floats, field: Field) -> Floats:
+    """(...) strength of the repulsive force at distances from an obstacle; 0 beyond the influence."""
+    n, inverse = field.repulsion_power, 1.0 / np.maximum(rho, LEAST)
+    excess = np.maximum(inverse - 1.0 / field.influence, 0.0)
+    return np.asarray(np.where(rho <= field.influence, n * field.repulsion * excess ** (n - 1) * inverse**2, 0.0))
+
+
+ROUNDING = 1e-9
+"""Distances count as equal to a limit within this share of it: the printed example has a robot on the limit."""
+HALVINGS = 80
+"""Steps of bisection: more than a double has bits."""
+
+
+def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bools:
+    """(...) whether an obstacle stands between a robot and its goal in one line ([Lee] Eq. 5.18).
+
+    The equation holds, too, for a goal between robot and obstacle, where nothing is in the way: the
+    goal must be the farther one of the two.
+
+    Args:
+        p: (..., 2) places of robots.
+        obstacle: (..., 2) places of obstacles.
+        goal: (..., 2) goals.
+        tolerance: largest length of the difference of the two unit vectors; 0: they must be equal.
+    """
+    apart = distance(direction(p, obstacle), direction(p, goal))
+    return np.asarray((apart <= tolerance) & (distance(p, goal) > distance(p, obstacle)))
+
+
+def within_reach(rho: Floats, reach: Floats) -> Bools:
+    """(...) whether obstacles at distances rho are within a step and the radii ([Lee] Eqs. 5.17 and 5.25)."""
+    return np.asarray(rho <= reach * (1.0 + ROUNDING))
+
+
+def zero_force_distance(behind: Floats, field: Field) -> Floats:
+    """(...) delta, the distance from an obstacle at which the two forces on an aligned robot cancel ([Lee] Eq. 5.23).
+
+    Args:
+        behind: (...) distance of the goal behind the obstacle, at least 0.
+        field: constants of the potentials.
+
+    Returns:
+        The distance, at most the influence: beyond it nothing pushes.  Between, the push falls and the pull does not,
+        so that there is one such distance.
+    """
+    low = np.zeros(np.shape(behind))
+    high = np.full(np.shape(behind), field.influence)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        pushed = repulsion_at(middle, field) > attraction_at(behind + middle, field)
+        low, high = np.where(pushed, middle, low), np.where(pushed, high, middle)
+    return np.asarray(0.5 * (low + high))
+
+
+def prevented(p: Floats, obstacle: Floats, goal: Floats, reach: Floats, field: Field, tolerance: float) -> Bools:
+    """(...) where the force is replaced by the unit vector away from the obstacle ([Lee] Eqs. 5.24 and 5.25).
+
+    Args:
+        p: (..., 2) places of robots.
+        obstacle: (..., 2) points of obstacles from which distances are measured.
+        goal: (..., 2) goals.
+        reach: (...) s_r T_s + r_r + r_o.
+        field: constants of the potentials.
+        tolerance: of `aligned`.
+    """
+    near = within_reach(distance(p, obstacle), reach) & aligned(p, obstacle, goal, tolerance)
+    if not near.any():
+        return near
+    # (5.25) replaces the force only if the two forces cancel within the reach
+    return near & (zero_force_distance(distance(obstacle, goal), field) < reach)

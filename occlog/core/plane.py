@@ -1,0 +1,473 @@
+"""Polygons, the floor of a room and what stands on it.
+
+Polygons on the ground: inside tests, sight lines through them, distances.
+
+A polygon is a (K, 2) array of the vertices of a simple closed polygon, in order, the
+last joined to the first; it need not be convex and its winding does not matter unless
+said otherwise.  The scalar kernels (`point_inside`, `segment_blocked`,
+`distance_to_boundary`) are for use in other kernels; lists of polygons go to kernels
+packed by `pack_polygons`.
+
+How simple polygons differ from convex ones: the convex pieces of one, the pockets between it and its convex hull.
+
+Lines that separate segments from convex polygons, and ways around a polygon.
+
+Where a target can stand: inside the room and outside all static occluders.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+
+from .numerics.jit import kernel
+
+
+@kernel
+def point_inside(x: float, y: float, polygon: Floats) -> bool:
+    """True if (x, y) lies inside the polygon (even-odd rule).
+
+    A point on the border counts as inside on lower and left edges only, so that
+    polygons that share an edge never both claim it.
+    """
+    inside = False
+    j = polygon.shape[0] - 1
+    for i in range(polygon.shape[0]):
+        yi, yj = polygon[i, 1], polygon[j, 1]
+        if (yi > y) != (yj > y):
+            # Which side of the edge the point is on, by the sign of the cross product.
+            cross = (polygon[j, 0] - polygon[i, 0]) * (y - yi) - (yj - yi) * (x - polygon[i, 0])
+            if (cross > 0.0) == (yj > yi):
+                inside = not inside
+        j = i
+    return inside
+
+
+@kernel
+def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Twice the signed area of triangle abc, set to 0 within rounding of its terms."""
+    left = (bx - ax) * (cy - ay)
+    right = (by - ay) * (cx - ax)
+    cross = left - right
+    if abs(cross) <= 1e-14 * (abs(left) + abs(right)):
+        return 0.0
+    return cross
+
+
+@kernel
+def segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats) -> bool:
+    """True if the open segment from a to b passes through the interior of the polygon.
+
+    Touching a corner or running along an edge does not block.
+    """
+    touches = False
+    n = polygon.shape[0]
+    j = n - 1
+    for i in range(n):
+        px, py, qx, qy = polygon[j, 0], polygon[j, 1], polygon[i, 0], polygon[i, 1]
+        j = i
+        p_side = _orientation(ax, ay, bx, by, px, py)
+        q_side = _orientation(ax, ay, bx, by, qx, qy)
+        if p_side * q_side > 0.0:
+            continue
+        a_side = _orientation(px, py, qx, qy, ax, ay)
+        b_side = _orientation(px, py, qx, qy, bx, by)
+        if a_side * b_side > 0.0:
+            continue
+        if p_side * q_side < 0.0 and a_side * b_side < 0.0:
+            return True  # crosses an edge from one side to the other
+        touches = True
+    if touches:
+        return _touching_segment_blocked(ax, ay, bx, by, polygon)
+    return point_inside(0.5 * (ax + bx), 0.5 * (ay + by), polygon)
+
+
+@kernel
+def _touching_segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats) -> bool:
+    """`segment_blocked` for a segment that meets the border only in corners, end points or along edges.
+
+    The segment is cut at every vertex and end point; it is inside somewhere if and only if
+    it is inside at the middle of one of the pieces (and not on the border there).
+    """
+    n = polygon.shape[0]
+    dx, dy = bx - ax, by - ay
+    length2 = dx * dx + dy * dy
+    cuts = np.empty(n + 2)
+    cuts[0], cuts[1] = 0.0, 1.0
+    m = 2
+    for i in range(n):
+        if length2 > 0.0 and _orientation(ax, ay, bx, by, polygon[i, 0], polygon[i, 1]) == 0.0:
+            s = ((polygon[i, 0] - ax) * dx + (polygon[i, 1] - ay) * dy) / length2
+            if 0.0 < s < 1.0:
+                cuts[m] = s
+                m += 1
+    cuts[:m].sort()
+    for k in range(m - 1):
+        s = 0.5 * (cuts[k] + cuts[k + 1])
+        x, y = ax + s * dx, ay + s * dy
+        if point_inside(x, y, polygon):
+            size2 = length2 + x * x + y * y
+            if distance_to_boundary(x, y, polygon) > 1e-12 * math.sqrt(size2):
+                return True
+    return False
+
+
+@kernel
+def distance_to_boundary(x: float, y: float, polygon: Floats) -> float:
+    """Distance from (x, y) to the nearest point of the polygon's border (also from inside)."""
+    best = np.inf
+    j = polygon.shape[0] - 1
+    for i in range(polygon.shape[0]):
+        px, py = polygon[j, 0], polygon[j, 1]
+        ex, ey = polygon[i, 0] - px, polygon[i, 1] - py
+        j = i
+        length2 = ex * ex + ey * ey
+        s = 0.0
+        if length2 > 0.0:
+            s = min(1.0, max(0.0, ((x - px) * ex + (y - py) * ey) / length2))
+        dx, dy = x - px - s * ex, y - py - s * ey
+        best = min(best, dx * dx + dy * dy)
+    return math.sqrt(best)
+
+
+@kernel
+def inside_polygon(xy: Floats, polygon: Floats) -> Bools:
+    """(N,) bool: which of the (N, 2) points lie inside the (K, 2) polygon; borders as in `point_inside`."""
+    inside = np.empty(xy.shape[0], dtype=np.bool_)
+    for i in range(xy.shape[0]):
+        inside[i] = point_inside(xy[i, 0], xy[i, 1], polygon)
+    return inside
+
+
+@kernel
+def sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
+    """(N,) bool: whether the polygon hides each point from the origin.
+
+    Args:
+        origin: (2,) where the sensor stands.
+        xy: (N, 2) points looked at.
+        polygon: (K, 2) vertices.
+
+    Returns:
+        True where the open segment from origin to the point passes through the interior;
+        a point inside is blocked, one on the near border is not.
+    """
+    blocked = np.empty(xy.shape[0], dtype=np.bool_)
+    for i in range(xy.shape[0]):
+        blocked[i] = segment_blocked(origin[0], origin[1], xy[i, 0], xy[i, 1], polygon)
+    return blocked
+
+
+def pack_polygons(polygons: Sequence[Floats]) -> tuple[Floats, Ints]:
+    """All vertices (S, 2) in a row, and starts (P + 1,): polygon p is `vertices[starts[p]:starts[p + 1]]`."""
+    starts = np.zeros(len(polygons) + 1, dtype=np.int64)
+    np.cumsum([len(p) for p in polygons], out=starts[1:])
+    if not polygons:
+        return np.empty((0, 2)), starts
+    return np.ascontiguousarray(np.concatenate(polygons), dtype=np.float64), starts
+
+
+def signed_area(polygon: Floats) -> float:
+    """Area of a simple (K, 2) polygon, positive when its vertices run counter-clockwise."""
+    x, y = (polygon - polygon[0]).T  # near the origin, so that large coordinates do not cancel
+    return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+
+
+def counter_clockwise(polygon: Floats) -> Floats:
+    """The same polygon with counter-clockwise winding."""
+    return polygon if signed_area(polygon) >= 0 else polygon[::-1].copy()
+
+
+FLAT = 1e-12
+"""Corners that turn by less, as a share of the polygon's area, are straight."""
+
+
+def convex_pieces(polygon: Floats) -> list[Floats]:
+    """Cut a simple polygon into convex counter-clockwise ones: itself if it is convex, else triangles (ear clipping).
+
+    Triangles are cut off at ears: corners whose triangle holds no other corner, nor has one on its border.
+    """
+    corners = counter_clockwise(polygon)
+    flat = FLAT * float(np.ptp(corners, axis=0).prod())
+    if np.all(_turns(corners) >= -flat):
+        return [corners]
+    left, pieces = list(range(len(corners))), []
+    while len(left) > 3:
+        # Corners on the border of every triangle are left over by rounding only.
+        ears = (k for border in (-flat, flat) for k in range(len(left)) if _is_ear(corners, left, k, flat, border))
+        ear = next(ears, None)
+        if ear is None:  # rounding left nothing but slivers
+            break
+        triangle = corners[[left[ear - 1], left[ear], left[(ear + 1) % len(left)]]]
+        if _turns(triangle)[0] > flat:
+            pieces.append(triangle)
+        left.pop(ear)
+    last = corners[left]
+    return [*pieces, last] if len(left) == 3 and _turns(last)[0] > flat else pieces
+
+
+def _turns(corners: Floats) -> Floats:
+    """(K,) cross product of the edges before and after each corner; > 0 turns left."""
+    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+
+
+def _is_ear(corners: Floats, left: list[int], k: int, flat: float, border: float) -> bool:
+    """Whether a corner can be cut off; straight ones can.  Others are in its triangle beyond `border`."""
+    own = [left[k - 1], left[k], left[(k + 1) % len(left)]]
+    a, b, c = corners[own]
+    turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
+    if turn < -flat:
+        return False
+    if turn <= flat:
+        return True
+    others = corners[[i for i in left if i not in own]]
+    signs = [
+        (q[0] - p[0]) * (others[:, 1] - p[1]) - (q[1] - p[1]) * (others[:, 0] - p[0])
+        for p, q in ((a, b), (b, c), (c, a))
+    ]
+    return not bool(np.any(np.min(signs, axis=0) > border))
+
+
+def pockets(polygon: Floats) -> list[Floats]:
+    """Polygons between a simple (K, 2) polygon and its convex hull; none for a convex one.
+
+    A segment between two points of the polygon leaves the polygon if and only if it
+    passes through the interior of a pocket.
+    """
+    corners = counter_clockwise(polygon)
+    hull = _hull_corners(corners)
+    found = []
+    for start, end in zip(hull, [*hull[1:], hull[0] + len(corners)], strict=True):
+        chain = corners[np.arange(start, end + 1) % len(corners)]
+        if abs(signed_area(chain)) > 1e-12 * abs(signed_area(corners)):
+            found.append(chain[::-1].copy())
+    return found
+
+
+def _hull_corners(corners: Floats) -> list[int]:
+    """Rising indices of the corners of a counter-clockwise simple polygon that are corners of its convex hull.
+
+    Andrew's monotone chain; corners on the sides of the hull are left out.
+    """
+    order = np.lexsort((corners[:, 1], corners[:, 0]))
+    lower, upper = _half_hull(corners, order), _half_hull(corners, order[::-1])
+    return sorted({*lower[:-1], *upper[:-1]})
+
+
+def _half_hull(corners: Floats, order: np.ndarray[tuple[int], np.dtype[np.intp]]) -> list[int]:
+    hull: list[int] = []
+    for i in order.tolist():
+        while len(hull) > 1:
+            (ax, ay), (bx, by) = corners[hull[-1]] - corners[hull[-2]], corners[i] - corners[hull[-1]]
+            if ax * by - ay * bx > 0:
+                break
+            hull.pop()
+        hull.append(i)
+    return hull
+
+
+class Separation(NamedTuple):
+    """The widest gaps between n segments and a convex polygon."""
+
+    gap: Floats  # (n,) distance between two parallel lines that hold them apart; negative: how deep they overlap
+    normal: Floats  # (n, 2) of these lines, away from the polygon
+    support: Floats  # (n,) largest normal . corner: the line through the polygon
+
+
+def separate(start: Floats, end: Floats, polygon: Floats) -> Separation:
+    """Find the separating lines, by the separating axis theorem: they run along an edge or along the segment.
+
+    Args:
+        start: (n, 2) one end of each segment.
+        end: (n, 2) the other one; equal to it for points.
+        polygon: (K, 2) convex, counter-clockwise.
+    """
+    n = len(start)
+    out = Separation(np.empty(n), np.empty((n, 2)), np.empty(n))
+    _separate(np.ascontiguousarray(start), np.ascontiguousarray(end), np.ascontiguousarray(polygon), out)
+    return out
+
+
+@kernel
+def _separate(start: Floats, end: Floats, polygon: Floats, out: Separation) -> None:
+    K = polygon.shape[0]
+    for i in range(start.shape[0]):
+        ax, ay, bx, by = start[i, 0], start[i, 1], end[i, 0], end[i, 1]
+        best = -math.inf
+        for c in range(K + 2):
+            if c < K:
+                d = (c + 1) % K
+                nx, ny = polygon[d, 1] - polygon[c, 1], polygon[c, 0] - polygon[d, 0]
+            elif c == K:
+                nx, ny = by - ay, ax - bx
+            else:
+                nx, ny = ay - by, bx - ax
+            length = math.hypot(nx, ny)
+            if length == 0.0:
+                continue
+            nx, ny = nx / length, ny / length
+            high = -math.inf
+            for k in range(K):
+                high = max(high, nx * polygon[k, 0] + ny * polygon[k, 1])
+            gap = min(nx * ax + ny * ay, nx * bx + ny * by) - high
+            if gap > best:
+                best = gap
+                out.gap[i], out.normal[i, 0], out.normal[i, 1], out.support[i] = gap, nx, ny, high
+
+
+def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> Floats:
+    """(m, 2) places that lead from near a around a polygon to near b, at a distance from it.
+
+    Args:
+        corners: (K, 2) simple polygon, counter-clockwise.
+        a: (2,) outside it.
+        b: (2,) outside it.
+        away: distance that is kept, > 0 and small against its edges.
+        ccw: around it counter-clockwise, else clockwise.
+    """
+    K = len(corners)
+    (i, from_a), (j, to_b) = nearest_edge(corners, a, away), nearest_edge(corners, b, away)
+    moved = offset(corners, away)
+    if ccw:  # along edge i to corner i + 1, ..., to the start of edge j
+        count = (j - i) % K
+        if count == 0 and _along(corners, i, to_b) < _along(corners, i, from_a):
+            count = K
+        chain: Ints = (i + 1 + np.arange(count)) % K
+    else:
+        count = (i - j) % K
+        if count == 0 and _along(corners, i, to_b) > _along(corners, i, from_a):
+            count = K
+        chain = (i - np.arange(count)) % K
+    return np.vstack([from_a[None], moved[chain], to_b[None]])
+
+
+def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]:
+    """The edge of a polygon nearest to a place, and the place beside it at a distance outside."""
+    ends = np.roll(corners, -1, axis=0)
+    edge = ends - corners
+    share = np.clip(np.einsum("ki,ki->k", xy - corners, edge) / np.einsum("ki,ki->k", edge, edge), 0.0, 1.0)
+    foot = corners + share[:, None] * edge
+    k = int(np.argmin(np.hypot(*(xy - foot).T)))
+    return k, beside(corners, k, foot[k], away)
+
+
+def beside(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
+    """A place outside edge k, at a distance from a point on it."""
+    edge = corners[(k + 1) % len(corners)] - corners[k]
+    return np.asarray(foot + away * np.array([edge[1], -edge[0]]) / np.hypot(*edge))
+
+
+def _along(corners: Floats, k: int, xy: Floats) -> float:
+    edge = corners[(k + 1) % len(corners)] - corners[k]
+    return float((xy - corners[k]) @ edge)
+
+
+def offset(corners: Floats, away: float) -> Floats:
+    """Corners moved outwards so that the edges move by a distance (very sharp corners by less than that takes)."""
+    edge = np.roll(corners, -1, axis=0) - corners
+    normal = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]
+    before = np.roll(normal, 1, axis=0)
+    both = normal + before
+    return np.asarray(corners + 2.0 * away * both / np.maximum(np.sum(both**2, axis=1), 0.1)[:, None])
+
+
+def spread_along(a: Floats, places: Floats, b: Floats, steps: int) -> Floats | None:
+    """(steps - 1, 2) places on the way from a by all of `places` to b, so that each of them is one; None: too few.
+
+    Args:
+        a: (2,)
+        places: (m, 2)
+        b: (2,)
+        steps: from a to b.
+    """
+    way = np.vstack([a[None], places, b[None]])
+    leg = np.hypot(*np.diff(way, axis=0).T)
+    if steps < len(leg):
+        return None
+    spare = steps - len(leg)
+    total = float(leg.sum())
+    wish = spare * (leg / total if total > 0.0 else np.full(len(leg), 1.0 / len(leg)))
+    each = np.floor(wish).astype(np.int64)
+    rest = np.argsort(each - wish, kind="stable")[: spare - int(each.sum())]
+    each[rest] += 1
+    each += 1
+    share = np.concatenate([(np.arange(n) + 1) / n for n in each])
+    first = np.repeat(np.arange(len(leg)), each)
+    return np.asarray(way[first] + share[:, None] * (way[first + 1] - way[first]))[:-1]
+
+
+ROUNDS = 200
+"""Rounds of random places tried before the floor is called full."""
+
+
+class Floor(NamedTuple):
+    """A room polygon minus the polygons in it."""
+
+    room: Floats  # (K, 2)
+    walls: Floats  # (S, 2) packed polygons (`pack_polygons`)
+    starts: Ints  # (P + 1,)
+
+
+def make_floor(room: Floats, walls: Sequence[Floats]) -> Floor:
+    """The floor inside `room` (K, 2) and outside the `walls`, each (K_p, 2)."""
+    return Floor(np.ascontiguousarray(room, dtype=np.float64), *pack_polygons(walls))
+
+
+@kernel
+def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
+    """(N,) bool: which of the (N, 2) points are on the floor."""
+    free = inside_polygon(xy, room)
+    for w in range(starts.shape[0] - 1):
+        wall = walls[starts[w] : starts[w + 1]]
+        for i in range(xy.shape[0]):
+            if free[i] and point_inside(xy[i, 0], xy[i, 1], wall):
+                free[i] = False
+    return free
+
+
+def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
+    """(n, 2) random places, uniform over the floor: rejection sampling from the room's bounding box.
+
+    Raises:
+        ValueError: so little of the box is free that `ROUNDS` rounds do not find n places.
+    """
+    low = floor.room.min(axis=0)
+    size = floor.room.max(axis=0) - low
+    found, count = [np.empty((0, 2))], 0
+    for _ in range(ROUNDS):
+        if count >= n:
+            break
+        # A quarter more than needed, so that one round is enough in a room with a few pillars.
+        places = low + size * rng.random((n - count + (n - count) // 4 + 4, 2))
+        places = places[on_floor(places, floor.room, floor.walls, floor.starts)]
+        found.append(places)
+        count += len(places)
+    if count < n:
+        raise ValueError(f"only {count} of {n} random places were free; static occluders fill the room")
+    return np.concatenate(found)[:n]
+
+
+def sample_near(xy: Floats, reach: float, floor: Floor, rng: np.random.Generator) -> Floats:
+    """(N, 2) random places on the floor, each uniform within a distance of one of the (N, 2) points.
+
+    For a point with hardly any floor around it the place is anywhere on the floor.
+
+    Raises:
+        ValueError: there is hardly any floor at all; see `sample_floor`.
+    """
+    out = np.array(xy, dtype=np.float64)
+    left = np.arange(len(out))
+    for _ in range(ROUNDS):
+        if not len(left):
+            return out
+        r, turn = reach * np.sqrt(rng.random(len(left))), 2.0 * np.pi * rng.random(len(left))
+        out[left] = xy[left] + r[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+        left = left[~on_floor(out[left], floor.room, floor.walls, floor.starts)]
+    out[left] = sample_floor(len(left), floor, rng)
+    return out

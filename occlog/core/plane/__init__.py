@@ -1,1 +1,0 @@
-"""Polygons, the floor of a room and what stands on it."""

@@ -1,0 +1,357 @@
+"""Bearings and measurements of distances against truth and tracks: detections, bound, meeting sight lines, noise.
+
+Tracks against where the sight lines of all sensors meet: a check that needs no ground truth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.consistency.verdict import Evidence
+from occlog.core.metrics.errors import Sum, ratio
+from occlog.core.sight import triangulate
+from occlog.evaluate.errors.bound import Bounds, Ways
+from occlog.evaluate.errors.information import DistancesOfTargets
+from occlog.evaluate.errors.sums import quantiles_of
+from occlog.evaluate.errors.survey import Beside, Stretch, Survey
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.matching.looks import SensorLooks, look_at
+from occlog.evaluate.matching.outline import NEAR_NS, OCCLUDER, TARGET, Outlines
+from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
+from occlog.evaluate.sources import Sources, rows_of
+from occlog.evaluate.verdict import SightEvidence, in_rows_of
+from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
+from occlog.records.columns import Table
+from occlog.records.declared.sensors import Measurements
+from occlog.records.scene import Scene
+from occlog.records.tables import LAST, Bearings, Diagnostics, Errors, Side
+
+from .detections import DetectionFigures
+from .held_out import HeldOutFigures
+from .noise import KnownPlaces, MeasuredNoise, NoiseFigures, ScanCuts, Scans, labelled
+
+Metrics = dict[str, float]
+
+
+class Meetings(NamedTuple):
+    """Where the sight lines to one target met, scan after scan; NaN where they were refused."""
+
+    t_ns: Ints  # (S,) mean time of the scan's lines
+    xy: Floats  # (S, 2)
+    covariance: Floats  # (S, 2, 2)
+    status: Ints  # (S,) see `core.triangulate.STATUS`
+    n_lines: Ints  # (S,)
+    residual: Floats  # (R,) of the lines of scans that met with more than two lines [rad]
+
+
+def meeting_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> dict[int, Meetings]:
+    """Meeting points for every target that labelled bearings name, by its identity.
+
+    Sensors held out are left out.  Scans with fewer than `lines_min_sensors` lines are not
+    in the result.
+    """
+    rows = labelled(bearings, config)
+    sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
+    return {scans.target: meet(scans, sensors, config) for scans in ScanCuts(config).update(rows, LAST)}
+
+
+def meet(scans: Scans, sensors: Mapping[str, Sensor], config: EvaluateConfig) -> Meetings:
+    """Meeting points of a target's scans, by sensors with these names."""
+    rows, starts = scans.rows, scans.starts
+    size = np.diff(starts)
+    keep = size >= config.lines_min_sensors
+    rows, size = rows.take(np.repeat(keep, size)), size[keep]
+    starts = np.concatenate([[0], np.cumsum(size)])
+    origins = np.array([sensors[name].ground for name in rows.sensor.tolist()]).reshape(-1, 2)
+    found = triangulate.sight_lines_meet(
+        origins, rows.bearing, rows.sigma, starts=starts, loss=config.lines_loss, min_crossing=config.lines_min_crossing
+    )
+    scan = np.repeat(np.arange(len(size)), size)
+    since = np.bincount(scan, weights=(rows.t_ns - rows.t_ns[starts[scan]]).astype(np.float64), minlength=len(size))
+    t_ns = rows.t_ns[starts[:-1]] + np.rint(since / np.maximum(size, 1)).astype(np.int64)
+    checked = (size > 2) & (found.status == triangulate.MET)
+    return Meetings(
+        t_ns=t_ns,
+        xy=found.xy,
+        covariance=found.covariance,
+        status=found.status,
+        n_lines=size,
+        residual=found.residual[checked[scan]],
+    )
+
+
+class MeetingFigures:
+    """Gathers distances of tracks from where sight lines meet, while scans stream by."""
+
+    def __init__(self, unit: str, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
+        """No scan yet.
+
+        Args:
+            unit: of lengths.
+            config: how sight lines meet, and how far apart samples of tracks may be.
+            in_memory: how many numbers of a kind are kept in memory.
+        """
+        self._unit, self._config = unit, config
+        self._total = self._met = self._within = self._residuals = 0
+        self._distance, self._spread = Spool(in_memory), Spool(in_memory)
+        self._squares, self._residual_squares = Sum(), Sum()
+
+    def update(self, scans: Scans, sensors: Mapping[str, Sensor], path: Path | None) -> None:
+        """Some more scans of a target, by sensors with these names, and its track, or the part of it about them."""
+        found = meet(scans, sensors, self._config)
+        met = found.status == triangulate.MET
+        self._total, self._met = self._total + len(met), self._met + int(np.count_nonzero(met))
+        spread = np.sqrt(found.covariance[:, 0, 0] + found.covariance[:, 1, 1])
+        self._spread.add(spread[np.isfinite(spread)])
+        self._residuals += len(found.residual)
+        self._residual_squares.add(float(np.square(found.residual).sum()))
+        if path is not None:
+            xy, good = path.at(found.t_ns, self._config.bridge_ns)
+            good &= met
+            distance = np.hypot(*(xy[good] - found.xy[good]).T)
+            self._distance.add(distance)
+            self._squares.add(float(np.square(distance).sum()))
+            if self._config.lines_limit is not None:
+                self._within += int(np.count_nonzero(distance <= self._config.lines_limit))
+
+    def result(self) -> Metrics:
+        """The figures; none without scans."""
+        if not self._total:
+            return {}
+        unit, compared = self._unit, self._distance.count
+        largest, high, middle = quantiles_of(self._distance, (1.0, 0.95, 0.5))
+        out: Metrics = {
+            "sight_lines_scans": self._total,
+            "sight_lines_refused": self._total - self._met,
+            "sight_lines_compared": compared,
+            f"sight_lines_distance_max_{unit}": largest,
+            f"sight_lines_distance_p95_{unit}": high,
+            f"sight_lines_distance_median_{unit}": middle,
+            f"sight_lines_distance_rms_{unit}": math.sqrt(ratio(self._squares.value, compared)),
+            f"sight_lines_sigma_median_{unit}": quantiles_of(self._spread, (0.5,))[0],
+            "sight_lines_residual_rms_mrad": 1e3 * math.sqrt(ratio(self._residual_squares.value, self._residuals)),
+        }
+        if self._config.lines_limit is not None:
+            out["sight_lines_share_within"] = ratio(self._within, compared)
+        return out
+
+
+class AgainstBearings:
+    """Figures of bearings and, with measurements of distances, of the bound."""
+
+    def __init__(
+        self,
+        sources: Sources,
+        known: Survey,
+        outlines: Outlines,
+        scene: Scene,
+        config: EvaluateConfig,
+        *,
+        places: bool = False,
+    ) -> None:
+        """Nothing came yet.
+
+        Args:
+            sources: what is compared; there are bearings and tracks, a truth or both, or measurements and a truth.
+            known: of tracks and truth.
+            outlines: of the truth.
+            scene: the sensors.
+            config: gates, limits, bound.
+            places: whether noise is measured at known places; there is a truth.
+        """
+        self._sources, self._known, self._outlines = sources, known, outlines
+        self._scene, self._config = scene, config
+        self._sensors: dict[str, Sensor] = {}
+        self._cuts, self._noise = ScanCuts(config), NoiseFigures(config)
+        sees = sources.bearings is not None
+        self._meeting = MeetingFigures(scene.length_unit, config) if sees and sources.tracks is not None else None
+        held_out = bool(config.held_out) and self._meeting is not None
+        self._held_out = HeldOutFigures(scene, sorted(known.tracks), config) if held_out else None
+        self._detections = DetectionFigures() if sees and sources.truth is not None else None
+        self._places = KnownPlaces(scene) if places else None
+        self._bound: Bounds | None = None
+        self._labels: dict[int, int] = {}
+        self._sight: SightEvidence | None = None
+        self._distances: DistancesOfTargets | None = None
+        self._unmatched = 0
+        self._labelled = False
+        self.rows = 0
+        """Bearings so far."""
+
+    def begin(self, pairs: Mapping[int, int], evidence: Evidence, *, high_tracks: bool) -> Beside:
+        """Open bearings and measurements; what is to be gone through beside tracks and truth.
+
+        Args:
+            pairs: which target each track is of.
+            evidence: takes what bearings say of the tracks.
+            high_tracks: whether any track has a height.
+        """
+        sources, config = self._sources, self._config
+        self._bearings = Side(rows_of(sources.bearings), Bearings)
+        self._measurements = Side(rows_of(None if sources.measured is None else sources.measured.rows), Measurements)
+        self._diagnostics: Side[Diagnostics] | None = None
+        margin_ns = 0
+        if self._meeting is not None:
+            self._sight = SightEvidence(evidence, self._scene, sources.made, config.held_out)
+            margin_ns = self._sight.margin_ns
+            if sources.diagnostics is not None and evidence.rows == self._known.estimates:
+                rows = in_rows_of(rows_of(sources.tracks), sources.diagnostics())
+                self._diagnostics = Side(rows, Diagnostics)
+        if sources.truth is not None:
+            taken = set(pairs.values())
+            targets = self._outlines.labels(TARGET)
+            # A number below 0 is no identity in bearings, though a track may have it
+            known = {track: target for track, target in pairs.items() if track >= 0}
+            self._labels = {k: k for k in targets if k >= 0 and k not in taken} | known
+            ways = Ways.of(config, high=high_tracks and bool(self._outlines.high))
+            self._bound = Bounds(self._scene, config, self._outlines.high, ways)
+            if sources.measured is not None:
+                how = sources.measured.config, sources.measured.radio
+                self._distances = DistancesOfTargets(self._labels, self._scene, *how)
+        sides: list[Side[Any]] = [self._bearings, *([] if self._diagnostics is None else [self._diagnostics])]
+        margins_ns = [margin_ns] * len(sides)
+        if self._distances is not None:
+            sides, margins_ns = [*sides, self._measurements], [*margins_ns, 0]
+        return Beside(
+            sides,
+            margins_ns,
+            tracks_ns=max(config.bridge_ns + self._cuts.window_ns + 1, margin_ns),
+            truth_ns=0 if sources.truth is None else self._around_ns,
+        )
+
+    @property
+    def _around_ns(self) -> int:
+        """How far about a stretch samples of the truth are wanted."""
+        gaps = self._outlines.gaps_ns(OCCLUDER, {})
+        return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
+
+    def update(self, part: Stretch, errors: Errors, late: Bools) -> None:
+        """Another stretch, with its errors, and which of them are after the transient."""
+        rows, config = part.limits.of(self._bearings), self._config
+        self.rows += len(rows)
+        new = set(np.unique(rows.sensor).tolist()) - set(self._sensors)
+        self._sensors |= sensors_of(self._scene, new) if new else {}
+        own = labelled(rows, config)
+        self._noise.see(own)
+        self._labelled = self._labelled or len(own) > 0
+        tracks = self._tracks_about(part)
+        for scans in self._cuts.update(own, part.limits.end):
+            self._noise.update(scans, self._sensors)
+            if self._meeting is not None:
+                self._meeting.update(scans, self._sensors, tracks.get(scans.target))
+        if self._held_out is not None:
+            self._held_out.update(rows, tracks)
+        if self._sight is not None:
+            self._sight.update(part.limits, part.sides[0], self._bearings, self._diagnostics)
+        if self._bound is not None:
+            targets, others = self._true_paths(part)
+            looks = self._looks(rows, targets, others)
+            if self._detections is not None:
+                self._detections.update(looks)
+            if self._places is not None:
+                self._places.update(looks)
+            known = np.isin(rows.target_id, list(self._labels))
+            self._unmatched += int(np.count_nonzero((rows.target_id >= 0) & ~known))
+            counted = {name: found for name, found in looks.items() if name not in config.held_out}
+            measured = None if self._distances is None else self._distances.add(part.limits.of(self._measurements))
+            self._bound.update(counted, self._sensors, errors, late, targets, measured)
+
+    def _tracks_about(self, part: Stretch) -> Mapping[int, Path]:
+        """Tracks about the scans that end in a stretch, which may have begun before it."""
+        if self._meeting is None:
+            return {}
+        return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
+
+    def _true_paths(self, part: Stretch) -> tuple[dict[int, Path], dict[int, Path]]:
+        """Paths of targets and of moving occluders, which tell rough places far away, too."""
+        around = self._around_ns
+        near = part.limits.about(part.sides[1], around)
+        limits = (part.limits.begin - around, LAST if part.limits.end == LAST else part.limits.end + around)
+        gaps = (self._outlines.gaps_ns(role, self._known.gaps_ns) for role in (TARGET, OCCLUDER))
+        targets, others = (
+            self._outlines.paths(near, limits, role, gap) for role, gap in zip((TARGET, OCCLUDER), gaps, strict=True)
+        )
+        return targets, others
+
+    def _looks(self, rows: Bearings, targets: Mapping[int, Path], others: Mapping[int, Path]) -> dict[str, SensorLooks]:
+        return {
+            name: look_at(
+                self._sensors[name], rows.take(rows.sensor == name), self._labels, targets, others, self._config
+            )
+            for name in np.unique(rows.sensor).tolist()
+        }
+
+    def finish(self, take: Callable[[Table], None]) -> None:
+        """Say that all stretches came; the bound is given away.
+
+        Raises:
+            InputError: as `Bounds.finish`, and of measurements that cannot be.
+        """
+        if self._distances is not None:
+            self._distances.finish()
+        if self._sight is not None:
+            self._sight.finish()
+        if self._bound is not None:
+            self._bound.finish(take)
+
+    @property
+    def bound_rows(self) -> int:
+        """Rows of the bound."""
+        return 0 if self._bound is None else self._bound.rows
+
+    def against_truth(self) -> Metrics:
+        """Figures of detections and of the bound; none without a truth."""
+        if self._bound is None:
+            return {}
+        told: Metrics = {}
+        if self._detections is not None:
+            told = {**self._detections.result(), "bearings_unmatched": self._unmatched}
+        return told | self._bound.result(self._scene.length_unit)
+
+    def settled_bound(self) -> Metrics:
+        """Figures of the bound after the transient; none without a bound."""
+        return self._bound.result(self._scene.length_unit, late=True) if self._bound and self._bound.rows else {}
+
+    def noise(self) -> Metrics:
+        """Figures of the noise of bearings."""
+        return self._noise.result()
+
+    def meeting(self) -> Metrics:
+        """Figures of where sight lines meet, and of sensors that were held out; none without tracks."""
+        found = {} if self._meeting is None else self._meeting.result()
+        return found if self._held_out is None else found | self._held_out.result()
+
+    def noise_at_known_places(self) -> dict[str, MeasuredNoise]:
+        """The noise of each camera; none where it is not asked for.
+
+        Raises:
+            InputError: no camera has enough readings.
+        """
+        return {} if self._places is None else self._places.noise()
+
+    def note(self) -> str:
+        """Why no track was compared with where sight lines meet, and what to do."""
+        return no_meeting(self._labelled, self._config)
+
+
+def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
+    """Why no track was compared with where sight lines meet, and what to do.
+
+    Args:
+        labelled: a bearing says which target it is of.
+        config: how far apart bearings of one scan may be.
+    """
+    if labelled:
+        return (
+            f"warning: at no time bearings of one target come from {config.lines_min_sensors} sensors within "
+            f"{config.lines_window_s:g} s, so that the tracks are compared with nothing; widen it (lines_window)"
+        )
+    return (
+        "warning: no bearing says which target it is of, so that the tracks are compared with nothing; label them with "
+        "`occlog label`, or take the numbers of sources for targets (doa_labels)"
+    )

@@ -1,0 +1,320 @@
+"""What does not move: the floor, walls, static occluders and what they hide, names of sensors.
+
+Where sensors are and how cameras see, as messages of Foxglove.
+
+What sensors look at: sight lines, which cameras were selected, and what people hide from cameras.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+
+from occlog.array_types import Floats
+from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
+
+from .people import Crowd, Palette, Person
+from .shapes import (
+    CHOSEN,
+    FLOOR,
+    GREY,
+    PILLAR,
+    SHADOW,
+    WALL,
+    Column,
+    Fill,
+    Line,
+    Text,
+    Thing,
+    at_height,
+    faded,
+    fan,
+    rim,
+    triangles,
+)
+
+if TYPE_CHECKING:
+    from shapely import Polygon
+
+
+WORLD = "world"
+MODELS = {"brown": ("plumb_bob", 5), "equidistant": ("kannala_brandt", 4)}
+"""Models of distortion by our names: the viewers' name, and how many coefficients it has."""
+
+
+def world_of(scene: Scene | None) -> str:
+    """Name of the world's frame of reference; those of sensors have their names."""
+    names = () if scene is None else [sensor.name for sensor in scene.sensors]
+    return WORLD if WORLD not in names else f"{WORLD}_"
+
+
+def placed(scene: Scene) -> list[Camera | MicrophoneArray]:
+    """The sensors whose poses are known."""
+    return [*(camera for camera in scene.cameras if camera.placed), *scene.arrays]
+
+
+def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
+    """A `foxglove.FrameTransforms` with the pose of each sensor in the world; lengths in metres, `metres` a unit."""
+    message = FrameTransforms()
+    for sensor in placed(scene):
+        entry = message.transforms.add(parent_frame_id=world_of(scene), child_frame_id=sensor.name)
+        entry.timestamp.FromNanoseconds(t_ns)
+        place, turn = entry.translation, entry.rotation
+        place.x, place.y, place.z = (metres * sensor.position).tolist()
+        turn.x, turn.y, turn.z, turn.w = quaternion(sensor.rotation).tolist()
+    data: bytes = message.SerializeToString(deterministic=True)
+    return data
+
+
+def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> bytes:
+    """A `foxglove.CameraCalibration` for images of `size` (width, height).
+
+    The model of distortion that viewers do not know (`tsai`) is left out: what they project themselves is then
+    off towards the edges of images.
+    """
+    fx, fy = camera.focal_px.tolist()
+    cx, cy = camera.principal_px.tolist()
+    model, count = MODELS.get(camera.distortion_model, ("", 0))
+    message = CameraCalibration(
+        frame_id=camera.name,
+        width=size[0],
+        height=size[1],
+        distortion_model=model,
+        D=camera.distortion[:count].tolist(),
+        K=[fx, 0, cx, 0, fy, cy, 0, 0, 1],
+        R=[1, 0, 0, 0, 1, 0, 0, 0, 1],
+        P=[fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0],
+    )
+    message.timestamp.FromNanoseconds(t_ns)
+    data: bytes = message.SerializeToString(deterministic=True)
+    return data
+
+
+def smaller_camera(camera: Camera, shrunk: float) -> Camera:
+    """The camera of images that are made smaller."""
+    return replace(
+        camera,
+        focal_px=shrunk * camera.focal_px,
+        principal_px=shrunk * (camera.principal_px + 0.5) - 0.5,
+        image_size=None,
+    )
+
+
+def quaternion(rotation: Floats) -> Floats:
+    """(4,) x, y, z, w >= 0 of a rotation (3, 3): the eigenvector of Bar-Itzhack's matrix, stable for all angles."""
+    r = rotation
+    k = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
+            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
+            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], 0],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
+        ]
+    )
+    q = np.asarray(np.linalg.eigh(k)[1][:, -1])
+    return q if q[3] >= 0 or math.isclose(q[3], 0.0) else -q
+
+
+NAME_SIZE = 0.25
+"""Height of the name of a sensor or an occluder [m]."""
+REACH = 60.0
+"""How far shadows go where no room ends them [m]."""
+LIFTED = 0.01
+"""Shadows lie this far above the floor, so that viewers draw them over it [m]."""
+
+
+def plan(scene: Scene, metres: float) -> list[Thing]:
+    """The plan [m]; `metres` is the length of the scene's unit."""
+    things: list[Thing] = []
+    if scene.room is not None:
+        room = metres * scene.room
+        things.append(Thing("room", lines=[_outline(room, 0.0)], fills=[Fill(triangles(room, 0.0), FLOOR)]))
+    things += [_prism(occluder, metres) for occluder in scene.occluders]
+    for sensor in placed(scene):
+        place = metres * sensor.position
+        foot = np.array([[*place[:2], 0.0], place])
+        lines = [Line(foot, GREY, 1.0, dashed=True)] if place[2] > 0 else []
+        name = Text(place + np.array([0.0, 0.0, NAME_SIZE]), sensor.name, NAME_SIZE, WALL)
+        things.append(Thing(f"sensor {sensor.name}", lines=lines, texts=[name]))
+    return things
+
+
+def _outline(polygon: Floats, z: float) -> Line:
+    return Line(at_height(np.vstack([polygon, polygon[:1]]), z), WALL, 2.0)
+
+
+def _prism(occluder: Occluder, metres: float) -> Thing:
+    base, height = metres * occluder.polygon, metres * occluder.height
+    ring = np.vstack([base, base[:1]])
+    walls = []
+    for a, b in itertools.pairwise(ring):
+        low, high = at_height(np.array([a, b]), 0.0), at_height(np.array([a, b]), height)
+        walls += [low[0], low[1], high[1], low[0], high[1], high[0]]
+    posts = [Line(np.array([[*corner, 0.0], [*corner, height]]), WALL, 1.0) for corner in base]
+    lines = [_outline(base, 0.0), _outline(base, height), *posts]
+    name = Text(np.array([*base.mean(axis=0), height + NAME_SIZE]), occluder.name, NAME_SIZE, WALL)
+    fills = [Fill(np.array(walls), PILLAR), Fill(triangles(base, height), PILLAR)]
+    return Thing(f"occluder {occluder.name}", lines, fills=fills, texts=[name])
+
+
+def static_shadows(scene: Scene, metres: float) -> list[Thing]:
+    """The parts of the floor behind static occluders, for each camera [m]."""
+    things = []
+    room = walls(scene, metres)
+    for camera in (c for c in scene.cameras if c.placed):
+        eye = (metres * camera.position)[None]
+        found = [shadows(eye, metres * o.polygon[None], metres * np.array([o.height]), room) for o in scene.occluders]
+        fills = [Fill(fan(shape, LIFTED), SHADOW) for (shape,) in found if shape is not None]
+        if fills:
+            things.append(Thing(f"static {camera.name}", fills=fills))
+    return things
+
+
+def walls(scene: Scene, metres: float) -> Polygon | None:
+    """What ends shadows: the convex hull of the room [m]; None where there is no room."""
+    import shapely
+
+    return None if scene.room is None else shapely.convex_hull(shapely.MultiPoint(metres * scene.room))
+
+
+def shadows(eyes: Floats, bases: Floats, heights: Floats, room: Polygon | None) -> list[Floats | None]:
+    """(k, 2) convex part of the floor that each upright prism hides from its eye, its own base with it [m].
+
+    A prism as high as the eye hides all behind it, up to the walls; a lower one as far as the floor is seen again
+    over its top. None where there is no such part.
+
+    Args:
+        eyes: (n, 3).
+        bases: (n, K, 2) polygons, of which the convex hulls count.
+        heights: (n,) of the prisms, > 0.
+        room: what ends the shadows (see `walls`).
+    """
+    import shapely
+
+    feet, polygon = eyes[:, None, :2], shapely.GeometryType.POLYGON
+    hulls = shapely.convex_hull(shapely.multipoints(shapely.points(bases)))
+    there = (shapely.get_type_id(hulls) == polygon) & ~shapely.contains(hulls, shapely.points(eyes[:, :2]))
+    away = bases - feet
+    grown = REACH / np.maximum(np.linalg.norm(away, axis=2), 1e-9)
+    over = eyes[:, 2] > heights
+    seen_again = eyes[over, 2] / (eyes[over, 2] - heights[over])
+    grown[over] = np.minimum(grown[over], seen_again[:, None])
+    both = np.concatenate([bases, feet + np.maximum(grown, 1.0)[:, :, None] * away], axis=1)
+    areas = shapely.convex_hull(shapely.multipoints(shapely.points(both)))
+    if room is not None:
+        areas = shapely.intersection(areas, room)
+    there &= (shapely.get_type_id(areas) == polygon) & ~shapely.is_empty(areas)
+    rings = shapely.get_exterior_ring(areas)
+    return [shapely.get_coordinates(ring)[:-1] if ok else None for ring, ok in zip(rings, there.tolist(), strict=True)]
+
+
+MIDDLE = 0.5
+"""Sight lines end at this share of a person's height."""
+UNKNOWN_REACH = 8.0
+"""Length of a sight line that is of no target whose place is known [m]."""
+MARK = 0.3
+"""Diameter of the mark of a camera that was selected [m]."""
+_TURNS = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+AROUND = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
+"""(8, 2) corners of a person that throws a shadow, of radius 1."""
+
+
+class Sight:
+    """Draws what the sensors of a scene saw."""
+
+    def __init__(self, scene: Scene, metres: float, palette: Palette, crowd: Crowd) -> None:
+        """Take the scene, the length of its unit [m], the colours, and where targets are."""
+        self._scene, self._metres, self._palette, self._crowd = scene, metres, palette, crowd
+        self._sensors: Mapping[str, Camera | MicrophoneArray] = {sensor.name: sensor for sensor in placed(scene)}
+        self._walls = walls(scene, metres)
+
+    def lines(self, sensor: str, targets: Sequence[int], azimuths: Sequence[float]) -> list[Thing] | None:
+        """Sight lines of one sensor and time.
+
+        They end at the target; a dashed grey one leads to a target that the sensor looked for and did not see.
+
+        Args:
+            sensor: its name.
+            targets: identities; -1: not known.
+            azimuths: in the world [rad]; NaN: the sensor looked and did not see the target.
+
+        Returns:
+            None: the sensor is not in the scene, or its pose is not known.
+        """
+        known = self._sensors.get(sensor)
+        if known is None:
+            return None
+        eye = self._metres * known.position
+        things = []
+        for n, (target, azimuth) in enumerate(zip(targets, azimuths, strict=True)):
+            person = self._crowd.find(target)
+            line = _missed(eye, person) if math.isnan(azimuth) else _seen(eye, azimuth, person, self._palette)
+            if line is not None:
+                things.append(Thing(f"{sensor} {n}", lines=[line]))
+        return things
+
+    def chosen(self, names: Iterable[str]) -> list[Thing]:
+        """A mark at each camera that was selected."""
+        things = []
+        for name in names:
+            if name in self._sensors:
+                foot = self._metres * self._sensors[name].position - [0, 0, 0.5 * MARK]
+                things.append(Thing(f"selected {name}", columns=[Column(foot, MARK, MARK, CHOSEN)]))
+        return things
+
+    def shadows(self, t_ns: int) -> list[Thing]:
+        """The parts of the floor that people hide from each camera."""
+        people = self._crowd.at(t_ns)
+        cameras = [c for c in self._scene.cameras if c.placed]
+        if not people or not cameras:
+            return []
+        middles = np.array([person.xy for person in people])
+        radii = 0.5 * np.array([person.width for person in people])
+        bases = middles[:, None] + radii[:, None, None] * AROUND
+        heights = np.array([person.height for person in people])
+        eyes = np.array([self._metres * camera.position for camera in cameras])
+        n, m = len(cameras), len(people)
+        shapes = shadows(np.repeat(eyes, m, axis=0), np.tile(bases, (n, 1, 1)), np.tile(heights, n), self._walls)
+        things = []
+        for k, camera in enumerate(cameras):
+            own = [shape for shape in shapes[k * m : (k + 1) * m] if shape is not None]
+            fills = [Fill(fan(shape, LIFTED), faded(SHADOW, 0.2)) for shape in own]
+            if fills:
+                things.append(Thing(f"behind people, from {camera.name}", fills=fills))
+        return things
+
+
+def _seen(eye: Floats, azimuth: float, person: Person | None, palette: Palette) -> Line:
+    reach = UNKNOWN_REACH if person is None else float(np.linalg.norm(person.xy - eye[:2]))
+    tip = eye[:2] + reach * np.array([np.cos(azimuth), np.sin(azimuth)])
+    height = float(eye[2]) if person is None else MIDDLE * person.height
+    colour = GREY if person is None else palette(person.target)
+    return Line(np.array([eye, [*tip, height]]), faded(colour, 0.8), 1.5)
+
+
+def _missed(eye: Floats, person: Person | None) -> Line | None:
+    if person is None:
+        return None
+    return Line(np.array([eye, [*person.xy, MIDDLE * person.height]]), faded(GREY, 0.6), 1.0, dashed=True)
+
+
+def moving_occluders(middles: Floats, covariances: Floats, metres: float) -> list[Thing]:
+    """Ellipses of moving occluders as the tracker was told.
+
+    Args:
+        middles: (n, 2).
+        covariances: (n, 2, 2).
+        metres: length of their unit.
+    """
+    things = []
+    for k, (middle, covariance) in enumerate(zip(middles, covariances, strict=True)):
+        ring = rim(metres * middle, metres**2 * covariance)
+        things.append(Thing(f"occluder {k}", lines=[Line(at_height(ring, 0.02), GREY, 1.5, dashed=True)]))
+    return things

@@ -1,0 +1,142 @@
+"""Whether true positions, true boxes and calibration agree: feet of people, projected, against their boxes.
+
+True positions and the frames that a recording has: those outside `frames` are left out, or told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import NS, Floats
+from occlog.errors import InputError
+from occlog.io.boxes.reader import BoxSurvey
+from occlog.io.files.times import FrameTimes
+from occlog.records.scene import Scene
+from occlog.records.tables import Truth, TruthBoxes
+
+from .plan import IngestPlan
+
+MAX_OFF = 0.5
+"""Feet may be so many heights of the box from the middle of its lower edge, in the median of a camera."""
+LEAST = 20
+"""Boxes of a camera from which a median is believed."""
+
+
+def checked(
+    tables: Iterator[Truth | TruthBoxes], scene: Scene, path: Path, note: Callable[[str], None]
+) -> Iterator[Truth | TruthBoxes]:
+    """The tables; at their end a note says how far feet are from boxes, in heights of the box.
+
+    Raises:
+        InputError: they are too far in a camera: the grid of positions, the unit or the camera is another.
+    """
+    places: list[Truth] = []
+    off: dict[str, list[Floats]] = {}
+    for table in tables:
+        if isinstance(table, Truth):
+            places.append(table)
+        elif places:
+            whole = Truth.merge(places)
+            for camera in (c for c in scene.cameras if c.placed):
+                mine = table.take((table.sensor == camera.name) & (table.box >= 0) & (table.target_id >= 0))
+                off.setdefault(camera.name, []).append(_off(whole, mine, camera.project))
+        yield table
+    medians = {}
+    for name, parts in off.items():
+        values = np.concatenate(parts)
+        if len(values) < LEAST:
+            continue
+        medians[name] = float(np.median(values))
+        if not medians[name] <= MAX_OFF:
+            raise InputError(
+                f"{path}: camera {name}: true positions are {medians[name]:.2g} people heights away from their boxes "
+                f"(median of {len(values)}; limit {MAX_OFF:g}): another camera, unit or grid of positions"
+            )
+    if medians:
+        told = ", ".join(f"{name} {value:.2g}" for name, value in medians.items())
+        note(f"true positions, projected, are beside the feet of true boxes by (median, in heights of the box): {told}")
+
+
+def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -> Floats:
+    """(n,) distances of projected feet from the middle of the lower edge, in heights; infinity behind the camera."""
+    where = {key: row for row, key in enumerate(zip(truth.t_ns.tolist(), truth.target_id.tolist(), strict=True))}
+    keys = zip(boxes.t_ns.tolist(), boxes.target_id.tolist(), strict=True)
+    pairs = [(row, where[key]) for row, key in enumerate(keys) if key in where]
+    if not pairs:
+        return np.zeros(0)
+    box, place = np.array(pairs, dtype=np.int64).T
+    feet = project(np.column_stack([truth.x[place], truth.y[place], np.zeros(len(place))]))
+    middle = boxes.left_px[box] + 0.5 * boxes.width_px[box]
+    lower = boxes.top_px[box] + boxes.height_px[box]
+    away = np.hypot(feet[:, 0] - middle, feet[:, 1] - lower) / boxes.height_px[box]
+    return np.where(np.isfinite(away), away, np.inf)
+
+
+TOLD_S = 1.0
+"""True positions that begin so long before the first frame, or end so long after the last one, are told."""
+
+
+def span_of(frames: tuple[int, int], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
+    """First and last time [ns] of the frames first <= number < stop of all cameras, half a frame wider at both ends.
+
+    None where no camera has such a frame.
+    """
+    ends: list[tuple[int, int]] = []
+    for each in times.values():
+        stop = frames[1] if each.count is None else min(frames[1], each.count)
+        if frames[0] >= stop:
+            continue
+        first, last = each.at(np.array([frames[0], stop - 1], dtype=np.int64)).tolist()
+        step = each.interval_ns()
+        half = int(step / 2) if math.isfinite(step) else 0
+        ends.append((first - half, last + half))
+    return (min(a for a, _ in ends), max(b for _, b in ends)) if ends else None
+
+
+def within_frames(
+    tables: Iterator[Truth | TruthBoxes],
+    plan: IngestPlan,
+    survey: BoxSurvey | None,
+    times: Mapping[str, FrameTimes],
+    note: Callable[[str], None],
+) -> Iterator[Truth | TruthBoxes]:
+    """The tables, true positions only of the frames that are chosen; a note says how many were left out.
+
+    Without a choice all are kept, and a note says by how much they go beyond the looks of a detector.
+    """
+    looked = None if survey is None or plan.video or plan.images else (survey.first, survey.stop)
+    frames = plan.frames or looked
+    span = None if frames is None else span_of(frames, times)
+    rows = out = 0
+    early = late = 0.0
+    for table in tables:
+        if span is None or not isinstance(table, Truth) or not len(table):
+            yield table
+            continue
+        inside = (table.t_ns >= span[0]) & (table.t_ns <= span[1])
+        rows, out = rows + len(table), out + int((~inside).sum())
+        early = max(early, (span[0] - int(table.t_ns.min())) / NS)
+        late = max(late, (int(table.t_ns.max()) - span[1]) / NS)
+        if plan.frames is None:
+            yield table
+        elif inside.any():
+            yield table.take(inside)
+    if out and plan.frames is not None:
+        tell_left_out(out, rows, plan, note)
+    elif max(early, late) > TOLD_S:
+        ends = [f"begin {early:.3g} s before the first"] if early > TOLD_S else []
+        ends += [f"go on {late:.3g} s after the last"] if late > TOLD_S else []
+        note(
+            f"truth: true positions {' and '.join(ends)} frame with boxes; people there count as missed: choose the "
+            "frames (frames), or cut the truth"
+        )
+
+
+def tell_left_out(out: int, rows: int, plan: IngestPlan, note: Callable[[str], None]) -> None:
+    """Note that so many of the rows of the truth are of other frames than those that are chosen."""
+    chosen = ":".join(map(str, plan.frames or ()))
+    note(f"truth: {out} of {rows} true positions are of other frames than {chosen}, and left out")

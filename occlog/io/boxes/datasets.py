@@ -1,0 +1,420 @@
+"""KITTI's text of tracked boxes in the images of one camera.
+
+A line is frame (from 0), identity, type, truncated, occluded, alpha, left, top, right, bottom, height, width and length
+of the object, its place and turn in the camera's frame, and perhaps a score.  What is not in the image is not used, nor
+are regions of the type `DontCare`, of which nobody said what they hold.
+
+Text of the annotation tool VATIC, as of the CAMPUS data set: boxes of one view, with identities.
+
+A line is identity, xmin, ymin, xmax, ymax, frame (from 0), lost, occluded, generated, and the label in quotes.  A box
+that is lost is outside the view and left out; one that is occluded or interpolated is there.
+
+WILDTRACK's annotations: a folder with one JSON file a frame, of people with a place and a box in each view.
+
+    [{"personID": 122, "positionID": 456826,
+      "views": [{"viewNum": 0, "xmin": 1510, "ymin": 139, "xmax": 1561, "ymax": 288}]}]
+
+The number in a file's name is that of the frame (00000000, 00000005, ...).  View 0 is camera C1; -1 stands for a view
+in which the person is not.  A position p is a point of a grid: x = -3 m + 2.5 cm (p mod 480), y = -9 m + 2.5 cm (p div
+480), on the floor.
+
+YOLO text: a folder with one file a frame, as detectors of the YOLO family write it (Ultralytics' `save_txt`).
+
+A line is a class, then the box's centre x, y, width and height in shares of the image, and perhaps a confidence and an
+identity: `0 0.51 0.43 0.08 0.31 0.92 7`.  The last number in a file's name is that of the frame.  No file is written
+for a frame in which nothing was found.  Where a line has a sixth number only, it is an identity if these are whole
+numbers in the whole folder, else a confidence.  Key points of a pose (17 with x, y, visibility) are passed over.
+
+A folder without such files stands for its subfolders: one a camera, the files in it or in `labels/`.  `classes.txt`
+names the classes, one a line from 0.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.limits import check_input
+from occlog.io.files.names import last_number, match_sensor, natural_sorted
+from occlog.io.files.texts.csv_rows import Rows, text_lines
+from occlog.io.files.texts.documents import parse_json
+from occlog.io.files.texts.formats import Probe, is_folder
+
+from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxSource, Wanted, rows_of
+
+ROWS_PER_CHUNK = 16_384
+COLUMNS = 17
+"""Without the score."""
+KITTI_COLUMNS = {0: "frame", 1: "id", 2: "class:label", 6: "left", 7: "top", 8: "right", 9: "bottom", 17: "confidence"}
+TYPE = 2
+DONT_CARE = "DontCare"
+
+
+def is_kitti(head: Sequence[str]) -> bool:
+    """Whether a first line is of this form: numbers, but for the type."""
+    if len(head) not in (COLUMNS, COLUMNS + 1) or not head[TYPE].isalpha():
+        return False
+    try:
+        [float(cell) for n, cell in enumerate(head) if n != TYPE]
+    except ValueError:
+        return False
+    return True
+
+
+def open_kitti(path: Path, wanted: Wanted) -> BoxSource:
+    """Boxes of one camera.
+
+    Raises:
+        InputError: the camera is not named.
+    """
+    if wanted.camera is None:
+        raise InputError(f"{path}: KITTI's text holds one camera and does not name it; give CAMERA={path.name}")
+    return BoxSource(_kitti(path), "KITTI text", first_number=0)
+
+
+def _kitti(path: Path) -> Iterator[Rows]:
+    records: list[tuple[int, dict[str, str]]] = []
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in text_lines(path, file):
+            cells = line.split()
+            if not cells or cells[TYPE : TYPE + 1] == [DONT_CARE]:
+                continue
+            if len(cells) not in (COLUMNS, COLUMNS + 1):
+                raise InputError(
+                    f"{path}: line {number}: {len(cells)} columns; KITTI's text of tracks has {COLUMNS}, and perhaps "
+                    "a score"
+                )
+            records.append((number, {name: cells[n] for n, name in KITTI_COLUMNS.items() if n < len(cells)}))
+            if len(records) == ROWS_PER_CHUNK:
+                yield rows_of(path, records, "line", ())
+                records = []
+    if records:
+        yield rows_of(path, records, "line", ())
+
+
+VATIC_COLUMNS = ("id", "left", "top", "right", "bottom", "frame")
+_LINE = re.compile(r'^\s*((?:-?\d+(?:\.\d+)?\s+){6})([01])\s+([01])\s+([01])\s+"([^"]*)"(.*)$')
+
+
+def is_vatic(head: Sequence[str]) -> bool:
+    """Whether the first line of a text is of this form."""
+    return _LINE.match(" ".join(head)) is not None
+
+
+def open_vatic(path: Path, wanted: Wanted) -> BoxSource:
+    """Boxes of one view.
+
+    Raises:
+        InputError: the camera is not named.
+    """
+    if wanted.camera is None:
+        raise InputError(f"{path}: VATIC text holds one camera and does not name it; give CAMERA={path.name}")
+    return BoxSource(_vatic_chunks(path), "VATIC text", first_number=0)
+
+
+def _vatic_chunks(path: Path) -> Iterator[Rows]:
+    records: list[tuple[int, dict[str, str]]] = []
+    # Lines are by identity: they are brought into the order of frames
+    for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
+        if not line.strip():
+            continue
+        found = _LINE.match(line)
+        if found is None:
+            raise InputError(
+                f'{path}: line {number}: want id xmin ymin xmax ymax frame lost occluded generated "label"'
+            )
+        if found[2] == "0":
+            cells = dict(zip(VATIC_COLUMNS, found[1].split(), strict=True))
+            records.append((number, {**cells, "class:label": found[5]}))
+    records.sort(key=lambda record: float(record[1]["frame"]))
+    for start in range(0, len(records), ROWS_PER_CHUNK):
+        yield rows_of(path, records[start : start + ROWS_PER_CHUNK], "line", ())
+
+
+ACROSS, ALONG = 480, 1440
+"""Points of the grid."""
+ORIGIN, STEP = (-3.0, -9.0), 0.025
+"""First point and spacing of the grid [m]."""
+EDGES = {"xmin": "left", "ymin": "top", "xmax": "right", "ymax": "bottom"}
+MAX_ANNOTATION_BYTES = 16 * 2**20
+FRAMES_PER_CHUNK = 256
+
+
+class Person(NamedTuple):
+    """A person in one frame: number in the file, identity, position on the grid, and edges by view."""
+
+    entry: int
+    identity: int
+    position: int
+    views: dict[int, dict[str, str]]
+
+
+def frame_files(folder: Path) -> dict[int, Path]:
+    """The file of each frame, by rising number; empty where the folder holds none."""
+    names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".json" and last_number(p.stem)]
+    found: dict[int, Path] = {}
+    for name in natural_sorted(names):
+        number = int(last_number(Path(name).stem) or 0)
+        if number in found:
+            raise InputError(f"{folder / name}: is frame {number}, as {found[number].name} is; keep one")
+        found[number] = folder / name
+    return dict(sorted(found.items()))
+
+
+def is_annotations(probe: Probe) -> bool:
+    """Whether a folder holds annotations."""
+    return is_folder(probe) and bool(frame_files(probe.path))
+
+
+def open_annotations(path: Path, wanted: Wanted) -> BoxSource:
+    """The boxes of the views of known cameras, of all if none is known; identities are those of the people."""
+    known = wanted.known
+    files = frame_files(path)
+    listed = np.array(list(files), dtype=np.int64)
+    first = read_people(next(iter(files.values())))
+    named = {view: f"C{view + 1}" for view in sorted({view for person in first for view in person.views})}
+    cameras = {view: name for view, name in named.items() if not known or _is_known(name, known)}
+    kind = "WILDTRACK's annotations"
+    return BoxSource(_wildtrack_chunks(path, files, cameras), kind, listed, tuple(cameras.values()))
+
+
+def _is_known(name: str, known: Sequence[str]) -> bool:
+    try:
+        match_sensor(name, known, "")
+    except InputError:
+        return False
+    return True
+
+
+def _wildtrack_chunks(path: Path, files: dict[int, Path], cameras: Mapping[int, str]) -> Iterator[Rows]:
+    numbers = list(files)
+    for start in range(0, len(numbers), FRAMES_PER_CHUNK):
+        records, sources = [], []
+        for frame in numbers[start : start + FRAMES_PER_CHUNK]:
+            for person in read_people(files[frame]):
+                for view, edges in person.views.items():
+                    if edges and view in cameras:
+                        cells = {"frame": str(frame), "camera": cameras[view], "id": str(person.identity), **edges}
+                        records.append((person.entry, cells))
+                        sources.append(files[frame])
+        if records:
+            yield rows_of(path, records, "person", sources)
+
+
+def read_people(file: Path) -> list[Person]:
+    """The people of a frame; a view in which a person is not has no edges.
+
+    Raises:
+        InputError: the file is not of this form.
+    """
+    check_input(file, "annotations of a frame")
+    if file.stat().st_size > MAX_ANNOTATION_BYTES:
+        raise InputError(
+            f"{file}: {file.stat().st_size} bytes; annotations of at most {MAX_ANNOTATION_BYTES} were expected"
+        )
+    value = parse_json(file.read_bytes(), file, "annotations of a frame")
+    if not isinstance(value, list):
+        raise InputError(f"{file}: a list of people was expected, with personID, positionID and views")
+    return [_person(file, n, person) for n, person in enumerate(value, start=1)]
+
+
+def _person(file: Path, n: int, person: Any) -> Person:
+    where = f"{file}: person {n}"
+    try:
+        identity, position, views = person["personID"], person["positionID"], person["views"]
+        found = {view["viewNum"]: [view[edge] for edge in EDGES] for view in views}
+    except (TypeError, KeyError) as error:
+        raise InputError(
+            f"{where}: has no {error}; want personID, positionID and views with {', '.join(EDGES)}"
+        ) from None
+    numbers = [identity, position, *found, *(edge for edges in found.values() for edge in edges)]
+    if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers):
+        raise InputError(f"{where}: personID, positionID, viewNum and edges must be numbers")
+    for name, number in (("personID", identity), *(("viewNum", view) for view in found)):
+        if not isinstance(number, int) or not 0 <= number < 2**31:
+            raise InputError(f"{where}: {name} is {str(number)[:40]}; a whole number from 0 was expected")
+    if not isinstance(position, int) or not 0 <= position < ACROSS * ALONG:
+        raise InputError(f"{where}: positionID {position}; WILDTRACK's grid has {ACROSS} x {ALONG} points, from 0")
+    edges = {
+        int(view): {} if all(v == -1 for v in values) else dict(zip(EDGES.values(), map(repr, values), strict=True))
+        for view, values in found.items()
+    }
+    return Person(n, int(identity), position, edges)
+
+
+def grid_places(position: Floats) -> tuple[Floats, Floats]:
+    """Places (x, y) [m] of points of the grid."""
+    return ORIGIN[0] + STEP * (position % ACROSS), ORIGIN[1] + STEP * (position // ACROSS)
+
+
+MAX_LABEL_BYTES = 4 * 2**20
+CLASS_NAMES = "classes.txt"
+LABELS = "labels"
+POSE = 51
+"""Numbers of the 17 key points of a person, each with x, y and how visible it is."""
+SLACK = 1e-3
+"""By how much a share may pass 1: labels are written with few digits."""
+Line = tuple[Path, int, int, list[str]]
+"""File, line, number of the frame, and the numbers as text."""
+
+
+def camera_folders(path: Path) -> dict[str | None, Path]:
+    """The folder of labels of each camera; the key None: the folder itself is that of one camera.
+
+    Raises:
+        InputError: there is no file of labels.
+    """
+    own = _labels(path)
+    if own is not None:
+        return {None: own}
+    found = {p.name: _labels(p) for p in sorted(path.iterdir()) if p.is_dir() and not p.name.startswith(".")}
+    cameras: dict[str | None, Path] = {name: folder for name, folder in found.items() if folder is not None}
+    if not cameras:
+        raise InputError(f"{path}: holds no file of labels (NAME_12.txt or 000012.txt, one a frame); name their folder")
+    return {name: cameras[name] for name in natural_sorted(str(n) for n in cameras)}
+
+
+def _labels(folder: Path) -> Path | None:
+    """The folder itself or its `labels`, whichever holds files of labels."""
+    return next((p for p in (folder, folder / LABELS) if p.is_dir() and label_files(p)), None)
+
+
+def label_files(folder: Path) -> list[Path]:
+    """Files of labels in natural order."""
+    names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".txt" and p.name.lower() != CLASS_NAMES]
+    return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
+
+
+def open_folder(path: Path, wanted: Wanted) -> BoxSource:
+    """Boxes of a folder; it names its cameras unless the camera is stated."""
+    camera = wanted.camera
+    folders = camera_folders(path)
+    if camera is None and None in folders:
+        raise InputError(f"{path}: holds the labels of one camera and does not name it; give CAMERA={path.name}")
+    if camera is not None and None not in folders:
+        names = ", ".join(str(name) for name in folders)
+        raise InputError(f"{path}: holds the labels of several cameras ({names}); give it without a camera")
+    numbers = {name: _numbered(folder) for name, folder in folders.items()}
+    listed = np.unique(np.array([n for files in numbers.values() for n in files], dtype=np.int64))
+    named = tuple(str(name) for name in folders if name is not None)
+    chunks = (rows for name, files in numbers.items() for rows in _camera(folders[name], name, files))
+    return BoxSource(chunks, "YOLO text", listed, named)
+
+
+def _numbered(folder: Path) -> dict[int, Path]:
+    """The file of each frame, by rising number; InputError where two files have the same one."""
+    found: dict[int, Path] = {}
+    for file in label_files(folder):
+        number = int(last_number(file.stem) or 0)
+        if number in found:
+            raise InputError(
+                f"{file}: is frame {number}, as {found[number].name} is; keep the files of one recording in a folder"
+            )
+        found[number] = file
+    return dict(sorted(found.items()))
+
+
+def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterator[Rows]:
+    lines = [line for number, file in files.items() for line in _read(file, number)]
+    if not lines:
+        return
+    tail = _tail(folder, lines)
+    names = _class_names(folder)
+    for start in range(0, len(lines), ROWS_PER_CHUNK):
+        part = lines[start : start + ROWS_PER_CHUNK]
+        records = []
+        for _, line, frame, numbers in part:
+            cells = {"frame": str(frame), "class:class": numbers[0], SHARE_X: numbers[1], SHARE_Y: numbers[2]}
+            cells |= {SHARE_WIDTH: numbers[3], SHARE_HEIGHT: numbers[4]}
+            cells |= dict(zip(tail if len(numbers) < 7 else ("confidence", "id"), numbers[5:], strict=False))
+            cells |= {} if camera is None else {"camera": camera}
+            cells |= {"class:name": names[numbers[0]]} if numbers[0] in names else {}
+            records.append((line, cells))
+        rows = rows_of(folder, records, "line", [file for file, *_ in part])
+        _check_shares(rows)
+        yield rows
+
+
+def _read(file: Path, frame: int) -> list[Line]:
+    """Lines of one file; it may be empty: looked, and saw nobody."""
+    if file.is_file() and file.stat().st_size == 0:
+        return []
+    check_input(file, "labels of a frame")
+    if file.stat().st_size > MAX_LABEL_BYTES:
+        raise InputError(
+            f"{file}: {file.stat().st_size} bytes; labels of a frame were expected, at most {MAX_LABEL_BYTES}"
+        )
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file}: byte {error.start}: not UTF-8 text; labels of a frame were expected") from None
+    out: list[Line] = []
+    seen: set[str] = set()
+    for number, line in enumerate(text.splitlines(), start=1):
+        cells = line.split()
+        if not cells:
+            continue
+        if len(cells) - POSE in (5, 6, 7):
+            cells = cells[:5] + cells[5 + POSE :]
+        if len(cells) not in (5, 6, 7):
+            raise InputError(
+                f"{file}: line {number}: {len(cells)} numbers; want class, x, y, width, height and perhaps confidence "
+                "and identity; outlines and turned boxes cannot be used: write boxes (detect)"
+            )
+        if " ".join(cells) in seen:
+            raise InputError(
+                f"{file}: line {number}: this box stands here twice; Ultralytics appends to the files of an earlier "
+                "run: empty the folder and detect again"
+            )
+        seen.add(" ".join(cells))
+        out.append((file, number, frame, cells))
+    return out
+
+
+def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
+    """What the sixth number of a line is, where there is no seventh; InputError where that cannot be said."""
+    counts = {len(numbers) for *_, numbers in lines}
+    if 7 in counts:
+        if 5 in counts:
+            raise InputError(f"{folder}: has lines of 5 and of 7 numbers; write all in one way")
+        return ("confidence",)
+    last = [numbers[5] for *_, numbers in lines if len(numbers) == 6]
+    if last and all(text.isascii() and text.isdigit() and text.strip("0") for text in last):
+        return ("id",)
+    if last and 5 in counts:
+        raise InputError(f"{folder}: has lines with and without a confidence; write all in one way")
+    return ("confidence",)
+
+
+def names_of_classes(folder: Path) -> Path | None:
+    """The file with the names of classes of a folder of labels: in it or in the one above; None: there is none."""
+    return next((p for p in (folder / CLASS_NAMES, folder.parent / CLASS_NAMES) if p.is_file()), None)
+
+
+def _class_names(folder: Path) -> dict[str, str]:
+    """Names of classes by number; empty where there are none."""
+    place = names_of_classes(folder)
+    if place is None:
+        return {}
+    names = place.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    return {str(n): name.strip() for n, name in enumerate(names)}
+
+
+def _check_shares(rows: Rows) -> None:
+    """Raise InputError for a centre or size that is no share of the image."""
+    for name in (SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT):
+        values = rows.floats(name)
+        bad = np.flatnonzero((values < -SLACK) | (values > 1 + SLACK))
+        if len(bad):
+            row = int(bad[0])
+            raise rows.fail(
+                row,
+                f"{name.removeprefix('share_')} is {values[row]:g}; YOLO text counts in shares of the image, 0 to 1; "
+                "pixels belong into a CSV (frame,left,top,width,height)",
+            )

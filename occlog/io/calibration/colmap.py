@@ -1,0 +1,136 @@
+"""COLMAP's text model: `cameras.txt` with lenses, `images.txt` with places.
+
+Each image is a camera of the rig, named after the image's folder, or else after the image.  Xc = R Xw + t; pixels count
+from the corner of the image, half a pixel before the centre of the first one.  A model from images alone has no unit:
+it must be stated after the model was scaled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError, UsageError
+from occlog.records.scene import Camera
+
+from .common import CalibrationOptions, Lens, build_camera, lens_pose, read_text, scale_of
+from .ros import quaternion_rotation
+
+NAMES = ("cameras.txt", "images.txt")
+MOST_IMAGES = 2_000
+"""Images of a model that are read, in some seconds."""
+MODELS = {
+    "SIMPLE_PINHOLE": ("f cx cy", "brown", ""),
+    "PINHOLE": ("fx fy cx cy", "brown", ""),
+    "SIMPLE_RADIAL": ("f cx cy k1", "brown", "k1"),
+    "RADIAL": ("f cx cy k1 k2", "brown", "k1 k2"),
+    "OPENCV": ("fx fy cx cy k1 k2 p1 p2", "brown", "k1 k2 p1 p2"),
+    "OPENCV_FISHEYE": ("fx fy cx cy k1 k2 k3 k4", "equidistant", "k1 k2 k3 k4"),
+    "FULL_OPENCV": ("fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6", "rational", "k1 k2 p1 p2 k3 k4 k5 k6"),
+}
+"""Parameters of each model, our lens, and its coefficients."""
+
+
+class _Lens(NamedTuple):
+    size: tuple[int, int]
+    focal: Floats
+    principal: Floats
+    lens: Lens
+
+
+def folder_files(path: Path) -> list[Path] | None:
+    """The two files of a model in a folder; None where it holds none.
+
+    Raises:
+        InputError: the model is binary.
+    """
+    if (path / "cameras.bin").is_file() and not (path / "cameras.txt").is_file():
+        raise InputError(
+            f"{path}: a binary model of COLMAP; write it as text: colmap model_converter --output_type TXT"
+        )
+    return [path / name for name in NAMES] if all((path / name).is_file() for name in NAMES) else None
+
+
+def detect(text: str) -> bool:
+    """Whether a text is one of the two files."""
+    return any(f" {model} " in text for model in MODELS) or "QW, QX, QY, QZ" in text
+
+
+def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
+    """The images of a model as cameras."""
+    files = {path.name: path for path in paths}
+    if set(NAMES) - files.keys():
+        raise InputError(f"{paths[0]}: COLMAP's model has {' and '.join(NAMES)}; give both")
+    if options.unit is None:
+        raise UsageError(
+            f"{files['images.txt']}: COLMAP's lengths have no unit; scale the model (colmap model_aligner) and "
+            "state the unit of the calibration"
+        )
+    lenses = dict(_lenses(files["cameras.txt"], options))
+    cameras = []
+    # Every second line has the points of an image; it may be empty, but is there.
+    lines = [text.strip() for text in read_text(files["images.txt"]).splitlines() if not text.startswith("#")]
+    if len(lines) > 2 * MOST_IMAGES:
+        raise InputError(
+            f"{files['images.txt']}: {(len(lines) + 1) // 2} images; each becomes a camera, and at most {MOST_IMAGES} "
+            "are read; name a model of the cameras alone"
+        )
+    for line in lines[::2]:
+        cells = line.split(maxsplit=9)
+        where = f"{files['images.txt']}: image {cells[-1] if cells else ''}"
+        if len(cells) != 10:
+            raise InputError(f"{where}: {len(cells)} values; want IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
+        values = _numbers(cells[1:8], where)
+        if cells[8] not in lenses:
+            raise InputError(f"{where}: its camera {cells[8]} is not in cameras.txt")
+        if abs(float(np.linalg.norm(values[:4])) - 1) > 1e-3:
+            raise InputError(f"{where}: {values[:4].tolist()} is no unit quaternion")
+        name = PurePosixPath(cells[9].replace("\\", "/"))
+        size, focal, principal, lens = lenses[cells[8]]
+        pose = lens_pose(
+            name=name.parent.name or name.stem,
+            focal=focal,
+            principal=principal,
+            size=size,
+            lens=lens,
+            rotation=quaternion_rotation(*values[:4]),
+            translation=values[4:] * scale_of(options, "m"),
+            options=options,
+            where=where,
+        )
+        cameras.append(build_camera(pose, where))
+    return tuple(cameras)
+
+
+def _lenses(path: Path, options: CalibrationOptions) -> Iterator[tuple[str, _Lens]]:
+    for line in read_text(path).splitlines():
+        cells = line.split()
+        if not cells or line.startswith("#"):
+            continue
+        where = f"{path}: camera {cells[0]}"
+        model = cells[1] if len(cells) > 1 else ""
+        if model not in MODELS:
+            raise InputError(f"{where}: model {model}; only {', '.join(MODELS)} can be used")
+        names, kind, coefficients = MODELS[model]
+        if len(cells) != 4 + len(names.split()):
+            raise InputError(f"{where}: {len(cells) - 4} parameters; {model} has {names}")
+        values = dict(zip(names.split(), _numbers(cells[4:], where).tolist(), strict=True))
+        focal = np.array([values.get("fx", values.get("f")), values.get("fy", values.get("f"))], dtype=np.float64)
+        principal = np.array([values["cx"], values["cy"]]) - 0.5
+        size = options.image_size or (int(cells[2]), int(cells[3]))
+        lens = Lens(kind, np.array([values[name] for name in coefficients.split()]))
+        yield cells[0], _Lens(size, focal, principal, lens)
+
+
+def _numbers(cells: list[str], where: str) -> Floats:
+    try:
+        values = np.array([float(cell) for cell in cells])
+    except ValueError:
+        raise InputError(f"{where}: {' '.join(cells)[:60]!r}; numbers were expected") from None
+    if not np.isfinite(values).all():
+        raise InputError(f"{where}: has numbers that are not finite")
+    return values

@@ -1,0 +1,104 @@
+"""Kalibr's `camchain.yaml`: a chain of cameras, each placed by the one before it.
+
+`T_cn_cnm1` takes points of the camera before to this one; the world is the frame of the first camera.  Where there is
+no chain, but `T_cam_imu` of every camera, the world is the frame of the IMU.  Lengths are metres.  Cameras are
+`pinhole` with the lens `radtan` (k1, k2, p1, p2), `equidistant` (k1 to k4) or `none`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.records.scene import Camera
+
+from .common import (
+    CalibrationOptions,
+    Lens,
+    build_camera,
+    lens_pose,
+    numbers,
+    read_text,
+    scale_of,
+    yaml_values,
+)
+
+_CAMERA = re.compile(r"^cam\d+$")
+
+
+def detect(text: str) -> bool:
+    """Whether a text is a camera chain of Kalibr."""
+    return "camera_model:" in text and re.search(r"^cam\d+:", text, re.MULTILINE) is not None
+
+
+def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
+    """The cameras of one chain, named cam0, cam1, ..."""
+    if len(paths) > 1:
+        raise InputError(f"{paths[1]}: a second camera chain; the places of their cameras to each other are not known")
+    values = yaml_values(read_text(paths[0]), paths[0])
+    cameras = {key: table for key, table in values.items() if _CAMERA.match(key) and isinstance(table, dict)}
+    places = _places(paths[0], cameras, options)
+    return tuple(_camera(paths[0], key, table, places[key], options) for key, table in cameras.items())
+
+
+def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> dict[str, Floats]:
+    """Camera-from-world transforms (4, 4)."""
+    names = sorted(cameras, key=lambda name: int(name[3:]))
+    if names != [f"cam{n}" for n in range(len(names))]:
+        raise InputError(f"{path}: has {', '.join(names)}; a chain has cam0, cam1, ... without a gap")
+    if all("T_cn_cnm1" in cameras[name] for name in names[1:]):
+        options.told.append("the world is the frame of cam0: x to its right, y down, z forward")
+        if any("T_cam_imu" in table for table in cameras.values()):
+            options.told.append("T_cam_imu is not used: the cameras are placed by T_cn_cnm1")
+        out = {names[0]: np.eye(4)}
+        for before, name in pairwise(names):
+            out[name] = _transform(cameras[name], "T_cn_cnm1", f"{path}: {name}") @ out[before]
+        return out
+    if all("T_cam_imu" in cameras[name] for name in names):
+        options.told.append("the world is the frame of the IMU")
+        return {name: _transform(cameras[name], "T_cam_imu", f"{path}: {name}") for name in names}
+    lacking = next(name for name in names[1:] if "T_cn_cnm1" not in cameras[name])
+    raise InputError(f"{path}: {lacking}: has no T_cn_cnm1, so that its place is not known; calibrate all together")
+
+
+def _transform(table: Mapping[str, object], key: str, where: str) -> Floats:
+    matrix = numbers(table[key], f"{where}: {key}")
+    if matrix.shape != (4, 4) or not np.allclose(matrix[3], [0, 0, 0, 1]):
+        raise InputError(f"{where}: {key} must be four rows of four numbers, the last one 0, 0, 0, 1")
+    return matrix
+
+
+def _camera(path: Path, name: str, table: Mapping[str, object], place: Floats, options: CalibrationOptions) -> Camera:
+    where = f"{path}: camera {name}"
+    model, lens = str(table.get("camera_model")), str(table.get("distortion_model", "none"))
+    if model != "pinhole":
+        raise InputError(f"{where}: camera model {model}; only pinhole can be used: calibrate again with pinhole")
+    intrinsics = numbers(table.get("intrinsics"), f"{where}: intrinsics").reshape(-1)
+    size = numbers(table.get("resolution"), f"{where}: resolution").reshape(-1)
+    if intrinsics.shape != (4,) or size.shape != (2,):
+        raise InputError(f"{where}: want intrinsics of 4 numbers (fu, fv, pu, pv) and a resolution of 2")
+    known = {"radtan": ("brown", 4), "equidistant": ("equidistant", 4), "none": ("brown", 0)}
+    if lens not in known:
+        raise InputError(f"{where}: distortion model {lens}; only {', '.join(known)} can be used")
+    kind, count = known[lens]
+    given = numbers(table.get("distortion_coeffs", []), f"{where}: distortion_coeffs").reshape(-1)
+    if count and len(given) != count:
+        raise InputError(f"{where}: {len(given)} distortion_coeffs; {lens} has {count}")
+    pose = lens_pose(
+        name=name,
+        focal=intrinsics[:2],
+        principal=intrinsics[2:],
+        size=options.image_size or (int(size[0]), int(size[1])),
+        lens=Lens(kind, given[:count]),
+        rotation=place[:3, :3],
+        translation=place[:3, 3] * scale_of(options, "m"),
+        options=options,
+        where=where,
+    )
+    return build_camera(pose, where)

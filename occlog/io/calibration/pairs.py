@@ -1,0 +1,113 @@
+"""OpenCV calibrations in two files a camera: `intr_NAME` with the lens, `extr_NAME` with the place.
+
+So are those of WILDTRACK (`calibrations/intrinsic_zero/intr_CVLab1.xml`, `calibrations/extrinsic/extr_CVLab1.xml`),
+whose unit is the centimetre and whose images have 1920 x 1080 px; neither is stated in the files.  `rvec` is a rotation
+vector, Xc = R Xw + t.  The intrinsic files in `intrinsic_zero` are of images without distortion, which are those that
+the data set ships; they are preferred to `intrinsic_original`.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from occlog.errors import InputError
+from occlog.records.scene import Camera
+
+from .common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of
+from .opencv_storage import (
+    DISTORTION,
+    MATRIX,
+    PLAIN_MATRIX,
+    ROTATION,
+    TRANSLATION,
+    is_fisheye,
+    matrix_of,
+    pose_of,
+    size_of,
+    storage_values,
+)
+
+WILDTRACK = {**{f"CVLab{n}": f"C{n}" for n in range(1, 5)}, **{f"IDIAP{n}": f"C{n + 4}" for n in range(1, 4)}}
+"""Names of WILDTRACK's calibrations, and of the cameras as its images and annotations call them."""
+WILDTRACK_SIZE = (1920, 1080)
+FOLDERS = ("intrinsic_zero", "intrinsic", "intrinsic_original")
+"""Folders of intrinsic files, in order of preference."""
+_MARK = re.compile(r"^(intr|extr)(insics?|insic)?[_-]|[_-]?(intr|extr)(insics?|insic)?$", re.IGNORECASE)
+
+
+def folder_files(path: Path) -> list[Path] | None:
+    """The files of a folder with `extrinsic` and `intrinsic_zero` (or another of `FOLDERS`); else None."""
+    places = path / "extrinsic"
+    lenses = next((path / name for name in FOLDERS if (path / name).is_dir()), None)
+    if lenses is None or not places.is_dir():
+        return None
+    kept = (".xml", ".yml", ".yaml", ".json")
+    return sorted(p for folder in (places, lenses) for p in folder.iterdir() if p.suffix.lower() in kept)
+
+
+def detect(text: str) -> bool:
+    """Whether a text is OpenCV's, with a lens or a place alone."""
+    if not ("opencv_storage" in text[:400] or text.startswith("%YAML")):
+        return False
+    lower = text.lower()
+
+    def has(names: tuple[str, ...]) -> bool:
+        return any(re.search(rf"^[ \t]*[<\"]?{name}[>\":\s]", lower, re.MULTILINE) is not None for name in names)
+
+    return has(PLAIN_MATRIX) != (has(ROTATION) or has(TRANSLATION))
+
+
+def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
+    """One camera a pair of files."""
+    lenses: dict[str, Path] = {}
+    places: dict[str, Path] = {}
+    for path in paths:
+        values = storage_values(read_text(path), path)
+        found = lenses if any(name in values for name in MATRIX) else places
+        name = _MARK.sub("", path.stem) or path.stem
+        if name in found:
+            raise InputError(f"{path}: a second file of camera {name}, beside {found[name]}; keep one")
+        found[name] = path
+    for name in sorted(lenses.keys() ^ places.keys()):
+        path, lacks = (lenses[name], "extrinsic") if name in lenses else (places[name], "intrinsic")
+        raise InputError(
+            f"{path}: camera {name} has no {lacks} file; give both, with names as {_example(lacks, name)}; where one "
+            f"file has both, the matrix is called {', '.join(MATRIX)}, the place {' or '.join(ROTATION[::3])} and "
+            f"{' or '.join(TRANSLATION[:2])}"
+        )
+    wildtrack = set(lenses) <= WILDTRACK.keys()
+    if wildtrack:
+        said = ", ".join(f"{WILDTRACK[name]} = {name}" for name in sorted(lenses))
+        options.told.append(f"WILDTRACK: lengths are cm, images of 1920 x 1080 px, {said}")
+    return tuple(_camera(name, lenses[name], places[name], wildtrack, options) for name in sorted(lenses))
+
+
+def unit_of(paths: list[Path]) -> str:
+    """Unit of lengths where none is given: cm for WILDTRACK, else m."""
+    return "cm" if {_MARK.sub("", path.stem) for path in paths} <= WILDTRACK.keys() else "m"
+
+
+def _example(kind: str, name: str) -> str:
+    return f"{kind[:4]}_{name}.xml"
+
+
+def _camera(name: str, lens: Path, place: Path, wildtrack: bool, options: CalibrationOptions) -> Camera:
+    where = f"{place}: camera {name}"
+    values, of_place = storage_values(read_text(lens), lens), storage_values(read_text(place), place)
+    matrix = matrix_of(values, MATRIX, f"{lens}: camera {name}")
+    rotation, translation = pose_of(of_place, where)
+    size = options.image_size or size_of(values) or (WILDTRACK_SIZE if wildtrack else None)
+    check_camera_matrix(matrix, size[1] if size else 1080, f"{lens}: camera {name}")
+    found = any(key in values for key in DISTORTION)
+    pose = Pose(
+        name=WILDTRACK[name] if wildtrack else name,
+        focal_px=[matrix[0, 0], matrix[1, 1]],
+        principal_px=[matrix[0, 2], matrix[1, 2]],
+        rotation=rotation,
+        centre=-rotation.T @ translation * scale_of(options, "cm" if wildtrack else "m"),
+        image_size=size,
+        distortion=matrix_of(values, DISTORTION, where).reshape(-1).tolist() if found else (),
+        model="equidistant" if is_fisheye(values, f"{lens}: camera {name}") else "brown",
+    )
+    return build_camera(pose, where)

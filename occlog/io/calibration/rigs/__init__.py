@@ -1,1 +1,0 @@
-"""Calibrations of whole rigs: Kalibr, ROS, COLMAP, OpenCV in pairs of files, projection matrices in arrays."""

@@ -1,0 +1,200 @@
+"""ROS: `camera_info` files with lenses, and static transforms with places.
+
+A lens is the YAML of `camera_calibration` (`image_width`, `camera_matrix`, ...) or what `ros2 topic echo` prints of
+`sensor_msgs/CameraInfo` (`width`, `k`, `d`, ...).  Places are what it prints of `/tf_static`, or a list of transforms
+with `frame_id`, `child_frame_id` (also in `header`), `translation` and `rotation` (x, y, z, w).  The frame of a camera
+is its optical one (x right, y down, z forward: REP 103); the world is the frame that all others hang from.  Lengths are
+metres, and the lens is that of the raw images.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.texts.yaml import yaml_documents
+from occlog.records.scene import Camera
+
+from .common import (
+    WHAT,
+    CalibrationOptions,
+    Lens,
+    build_camera,
+    check_camera_matrix,
+    lens_pose,
+    numbers,
+    read_text,
+    scale_of,
+)
+
+LENSES = {"plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "equidistant", "": "brown"}
+"""Models of lenses by their names in ROS."""
+_INFO = re.compile(r"^[ \t]*(distortion_model|camera_matrix)[ \t]*:", re.MULTILINE)
+_TRANSFORM = re.compile(r"^[ \t]*(-[ \t]*)?child_frame_id[ \t]*:", re.MULTILINE)
+_OPTICAL = re.compile(r"_?optical(_frame)?$")
+
+
+class Transform(NamedTuple):
+    """Where a frame is in its parent: p_parent = R p + t."""
+
+    parent: str
+    rotation: Floats
+    translation: Floats
+
+
+def detect(text: str) -> bool:
+    """Whether a text is a `camera_info` or a transform of ROS."""
+    head = text.lstrip()[:1] in ("<", "{") or text.startswith("%YAML") or "opencv-matrix" in text
+    return not head and (_INFO.search(text) is not None or _TRANSFORM.search(text) is not None)
+
+
+def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
+    """The cameras of all `camera_info` files, placed by the transforms in the others."""
+    lenses: dict[str, tuple[Path, Mapping[str, object]]] = {}
+    tree: dict[str, Transform] = {}
+    for path in paths:
+        for part in _documents(path):
+            if any(key in part for key in ("camera_matrix", "k", "K")):
+                name = _name(path, part)
+                if name in lenses:
+                    raise InputError(f"{path}: camera {name} is in {lenses[name][0].name}, too; keep one")
+                lenses[name] = (path, part)
+            else:
+                tree |= dict(_transforms(path, part))
+    if not lenses:
+        raise InputError(f"{paths[0]}: transforms without cameras; give the camera_info of each camera as well")
+    if not tree:
+        raise InputError(
+            f"{paths[0]}: a camera_info does not say where the camera is; give the static transforms as well"
+        )
+    roots = {_root(frame, tree, paths[-1]) for frame in tree}
+    if len(roots) > 1:
+        raise InputError(
+            f"{paths[-1]}: the transforms hang from {', '.join(sorted(roots))}; join them, the world must be one frame"
+        )
+    options.told.append(f"the world is the frame {roots.pop()}, lenses are those of raw images")
+    return tuple(_camera(name, *lenses[name], tree, options) for name in lenses)
+
+
+def _documents(path: Path) -> Iterator[dict[str, object]]:
+    parts = [part for part in yaml_documents(read_text(path), path, WHAT) if part is not None]
+    for part in parts:
+        for value in part if isinstance(part, list) else [part]:
+            if not isinstance(value, dict):
+                raise InputError(f"{path}: {str(value)[:40]!r}; camera_info or transforms of ROS were expected")
+            yield value
+
+
+def _name(path: Path, part: Mapping[str, object]) -> str:
+    header = part.get("header")
+    frame = header.get("frame_id") if isinstance(header, dict) else None
+    name = part.get("camera_name") or (_OPTICAL.sub("", str(frame).lstrip("/")) if frame else None)
+    return str(name or path.stem)
+
+
+def _transforms(path: Path, part: Mapping[str, object]) -> Iterator[tuple[str, Transform]]:
+    several = part.get("transforms", [part])
+    for n, one in enumerate(several if isinstance(several, list) else [], start=1):
+        where = f"{path}: transform {n}"
+        header = one.get("header", {}) if isinstance(one, dict) else {}
+        child = one.get("child_frame_id") if isinstance(one, dict) else None
+        parent = one.get("frame_id") or (header.get("frame_id") if isinstance(header, dict) else None)
+        values = one.get("transform", one) if isinstance(one, dict) else {}
+        if not child or not parent or not isinstance(values, dict):
+            raise InputError(f"{where}: want frame_id, child_frame_id, translation and rotation")
+        t = _parts(values.get("translation"), "xyz", f"{where}: translation")
+        q = _parts(values.get("rotation"), "xyzw", f"{where}: rotation")
+        if abs(float(np.linalg.norm(q)) - 1) > 1e-3:
+            raise InputError(
+                f"{where}: the rotation {q.tolist()} is no unit quaternion (length {np.linalg.norm(q):.4g})"
+            )
+        yield str(child).lstrip("/"), Transform(str(parent).lstrip("/"), quaternion_rotation(q[3], *q[:3]), t)
+
+
+def _parts(value: object, names: str, where: str) -> Floats:
+    if isinstance(value, dict):
+        value = [value.get(name) for name in names]
+    found = numbers(value, where).reshape(-1)
+    if found.shape != (len(names),):
+        raise InputError(f"{where}: want {', '.join(names)}")
+    return found
+
+
+def quaternion_rotation(w: float, x: float, y: float, z: float) -> Floats:
+    """(3, 3) rotation of a quaternion, which is brought to length 1."""
+    w, x, y, z = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _root(frame: str, tree: Mapping[str, Transform], path: Path) -> str:
+    for _ in range(len(tree) + 1):
+        if frame not in tree:
+            return frame
+        frame = tree[frame].parent
+    raise InputError(f"{path}: the transforms of {frame} go in a circle; correct them")
+
+
+def _camera(
+    name: str, path: Path, part: Mapping[str, object], tree: Mapping[str, Transform], options: CalibrationOptions
+) -> Camera:
+    where = f"{path}: camera {name}"
+    header = part.get("header")
+    stated = str(header.get("frame_id", "")).lstrip("/") if isinstance(header, dict) else ""
+    names = [stated] if stated in tree else [f for f in tree if _OPTICAL.sub("", f) == name and f != name]
+    if len(names) != 1:
+        raise InputError(
+            f"{where}: the transforms ({', '.join(tree)}) have no frame {name}_optical_frame; add it: images need the "
+            "optical frame (x right, y down, z forward)"
+        )
+    rotation, place = np.eye(3), np.zeros(3)
+    frame = names[0]
+    while frame in tree:
+        step = tree[frame]
+        rotation, place = step.rotation @ rotation, step.rotation @ place + step.translation
+        frame = step.parent
+    matrix = _matrix(part, ("camera_matrix", "k", "K"), f"{where}: camera matrix")
+    if matrix.size != 9:
+        raise InputError(f"{where}: the camera matrix has {matrix.size} numbers, not 9")
+    model = str(part.get("distortion_model", ""))
+    if model not in LENSES:
+        raise InputError(f"{where}: distortion model {model}; only {', '.join(m for m in LENSES if m)} can be used")
+    given = _matrix(part, ("distortion_coefficients", "d", "D"), f"{where}: distortion").reshape(-1)
+    count = {"brown": 5, "rational": 8, "equidistant": 4}[LENSES[model]]
+    if len(given) > count or (LENSES[model] != "brown" and len(given) != count):
+        raise InputError(f"{where}: {len(given)} distortion coefficients; {model} has {count}")
+    size = [
+        part.get(key) for key in (("image_width", "image_height") if "image_width" in part else ("width", "height"))
+    ]
+    if options.image_size is None and not all(isinstance(n, int) for n in size):
+        raise InputError(f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT")
+    matrix = matrix.reshape(3, 3)
+    check_camera_matrix(matrix, options.image_size[1] if options.image_size else int(str(size[1])), where)
+    pose = lens_pose(
+        name=name,
+        focal=np.array([matrix[0, 0], matrix[1, 1]]),
+        principal=matrix[:2, 2],
+        size=options.image_size or (int(str(size[0])), int(str(size[1]))),
+        lens=Lens(LENSES[model], given),
+        rotation=rotation.T,
+        translation=-rotation.T @ place * scale_of(options, "m"),
+        options=options,
+        where=where,
+    )
+    return build_camera(pose, where)
+
+
+def _matrix(part: Mapping[str, object], names: tuple[str, ...], where: str) -> Floats:
+    value = next((part[name] for name in names if name in part), [])
+    return numbers(value.get("data") if isinstance(value, dict) else value, where)

@@ -1,0 +1,240 @@
+"""What a file is, by its first bytes: a recording, a table, or anything else.
+
+The border that foreign bytes cross: sizes before reading, and one line for whatever a parser raises.
+
+Parsers fail in more ways than they say: a date of a 99th month is a ValueError, a list as a key a TypeError, brackets
+within brackets a RecursionError.  Each is called inside `guarded`, on bytes whose number was looked at before.
+
+Checks that every reader makes before it opens an input.
+
+How much a file of binary columns or of packed chunks may promise before anything of it is read.
+"""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+
+from occlog.errors import InputError
+
+STANDARD_INPUT = "-"
+"""Name of the file that holds what came from standard input."""
+
+FOREIGN_BAG = "of a bag of another program `occlog ingest` makes a recording"
+"""What to do with a bag where a recording was expected."""
+
+
+_KINDS = {
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def check_regular(path: Path, mode: int, what: str) -> None:
+    """InputError unless the mode is of a regular file: a pipe waits for ever, and is read once."""
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "no file")
+        raise InputError(f"{path}: is {kind}; {what} was expected; give a file, or - for standard input")
+
+
+def check_input(path: Path, what: str) -> Path:
+    """The path, if a non-empty readable file is there; else InputError that says what was expected."""
+    path = Path(path)
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            bag = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
+            hint = f"; {FOREIGN_BAG}" if bag else ""
+            raise InputError(f"{path}: is a folder; {what} was expected{hint}")
+        check_regular(path, status.st_mode, what)
+        with path.open("rb"):
+            pass
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; {what} was expected") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError:  # a zero byte
+        raise InputError(f"{str(path)!r}: no name of a file; {what} was expected") from None
+    if status.st_size == 0:
+        raise InputError(f"{path}: is empty (0 bytes); {what} was expected; make it again")
+    return path
+
+
+RECORDING_MAGIC = b"\x89MCAP0\r\n"
+SQLITE_MAGIC = b"SQLite format 3\0"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+PARQUET_MAGIC = b"PAR1"
+EXPECTED = "a recording or a table"
+
+
+class Content(Enum):
+    """What a file is, by its first bytes."""
+
+    RECORDING = "a recording (MCAP)"
+    TABLE = "a table (Parquet)"
+    OTHER = "neither a recording (MCAP) nor a table (Parquet)"
+
+
+MADE_BY_INGEST = "make a recording of it by `occlog ingest -o OUT.mcap --video CAMERA={name}`"
+OF_A_FOLDER = "make a recording of its folder by `occlog ingest -o OUT.mcap --images CAMERA=FOLDER`"
+XML_BY_INGEST = (
+    "true boxes and calibrations in XML go into a recording by `occlog ingest -o OUT.mcap --truth CAMERA={name}`, with "
+    "the video, boxes or calibration of CAMERA, and `--fps RATE` where nothing else gives times"
+)
+_OTHERS = (
+    (4, b"ftyp", f"a video (MP4); {MADE_BY_INGEST}"),
+    (0, b"\x1a\x45\xdf\xa3", f"a video (Matroska or WebM); {MADE_BY_INGEST}"),
+    (8, b"AVI ", f"a video (AVI); {MADE_BY_INGEST}"),
+    (8, b"WAVE", "sound (WAV); find directions in it by `occlog listen`"),
+    (0, b"<?xml", f"XML; {XML_BY_INGEST}"),
+    (0, b"<dataset", f"XML; {XML_BY_INGEST}"),
+    (0, b"\x89PNG", f"an image (PNG); {OF_A_FOLDER}"),
+    (0, b"\xff\xd8\xff", f"an image (JPEG); {OF_A_FOLDER}"),
+)
+"""Place and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
+
+
+ODAS = (b'"timeStamp"', b'"src"')
+"""What an object of a stream of ODAS holds."""
+ODAS_BYTES = 512
+ODAS_BY_INGEST = (
+    "a stream of directions (ODAS); make a recording of it by `occlog ingest --doa ARRAY={name} --hop SECONDS`"
+)
+
+
+def is_skipped_zstd(head: bytes) -> bool:
+    """Whether data of zstd begin with a frame to skip, which holds notes of whoever packed them."""
+    return head[1:4] == b"\x2a\x4d\x18" and head[0] & 0xF0 == 0x50
+
+
+def is_zstd(head: bytes) -> bool:
+    """Whether data begin as those that zstd packed."""
+    return head.startswith(ZSTD_MAGIC) or is_skipped_zstd(head)
+
+
+def mistaken_for(path: Path) -> str | None:
+    """What a file is that is neither a recording nor a table, and what to do with it; None: not known."""
+    with path.open("rb") as file:
+        head = file.read(ODAS_BYTES)
+    if head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS):
+        return ODAS_BY_INGEST.format(name=path.name)
+    found = next((words for place, mark, words in _OTHERS if head[place:].startswith(mark)), None)
+    return None if found is None else found.replace("{name}", path.name)
+
+
+def content_of(path: Path, what: str = EXPECTED) -> Content:
+    """What a file is; InputError where no readable file with content is there.
+
+    Args:
+        path: the file; one whose first bytes are damaged is `OTHER`.
+        what: what was expected, for the message.
+    """
+    check_input(path, what)
+    with path.open("rb") as file:
+        head = file.read(len(RECORDING_MAGIC))
+    if head == RECORDING_MAGIC:
+        return Content.RECORDING
+    return Content.TABLE if head.startswith(PARQUET_MAGIC) else Content.OTHER
+
+
+MAX_CONFIGURATION_BYTES = 4_000_000
+"""Size of a text that describes something and holds no rows: scenes, calibrations, settings."""
+LONG_TEXT = 1_000
+"""Characters of a text that a column of many rows may hold, whatever their number."""
+MAX_TEXTS_BYTES = 2**28
+"""Memory of a column with longer texts at most: each of its rows takes as much as the longest."""
+FAILURES = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
+"""What parsers raise for bytes that they do not expect, each besides an exception of its own."""
+
+
+@contextmanager
+def guarded(where: Path | str, what: str) -> Iterator[None]:
+    """Turn every failure of a parser into one InputError.
+
+    Args:
+        where: the file, and the place in it.
+        what: what was expected.
+
+    Raises:
+        InputError: the parser failed; its own InputError goes through as it is.
+    """
+    try:
+        yield
+    except RecursionError:
+        raise InputError(f"{where}: nested too deeply; {what} was expected") from None
+    except FAILURES as error:
+        reason = " ".join(str(error).split())[:140] or type(error).__name__
+        raise InputError(f"{where}: cannot be read ({reason}); {what} was expected") from error
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file before what a table that is made of its rows says of them."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_BYTES) -> str:
+    """The text of a file of at most `limit` bytes; InputError for anything else; `what` was expected."""
+    path = check_input(path, what)
+    size = path.stat().st_size
+    if size > limit:
+        raise InputError(f"{path}: {size} bytes; {what} was expected, of at most {limit} bytes")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {what} was expected") from error
+
+
+def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
+    """InputError for texts that are too long for a column of so many rows, or that no array holds (with a NUL)."""
+    different = set(texts)
+    cut = next((text for text in different if "\0" in text), None)
+    if cut is not None:
+        raise InputError(
+            f"{where}: {cut[:40]!r}: a text has no character 0, behind which it would be cut off; rename it"
+        )
+    longest = max(map(len, different), default=0)
+    if longest > LONG_TEXT and 4 * longest * rows > MAX_TEXTS_BYTES:
+        raise InputError(f"{where}: a text of {longest} characters in {rows} rows; shorten it to {LONG_TEXT}")
+
+
+def check_text(value: str, where: Path | str) -> None:
+    """InputError for a text with half of a pair of surrogates, which no file can hold."""
+    try:
+        value.encode()
+    except UnicodeEncodeError as error:
+        half = f"\\u{ord(value[error.start]):04x}"
+        raise InputError(f"{where}: {half} is half a character; write the whole character") from None
+
+
+FREE_ROWS, MAX_ROWS_PER_BYTE = 1_000_000, 20
+"""Rows that any file may promise, and above that for each of its bytes: a row of measured numbers takes 2 bytes or
+more, however well it is packed."""
+FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
+"""Unpacked bytes of a group of rows, or of all chunks, that any file may promise, and more for each of its bytes."""
+
+
+def most_unpacked(size: int) -> int:
+    """How many bytes a group of rows, or all chunks, of a file of `size` bytes may unpack to."""
+    return max(FREE_BYTES, MAX_GROWTH * size)
+
+
+def too_much(size: int, rows: int, unpacked: int) -> str:
+    """What no file of `size` bytes can hold: its rows, or what a group of them unpacks to [bytes]; empty: neither."""
+    if rows > max(FREE_ROWS, MAX_ROWS_PER_BYTE * size):
+        return f"{rows} rows"
+    return f"{unpacked} bytes at once" if unpacked > most_unpacked(size) else ""
+
+
+def check_promise(path: Path, size: int, rows: int, unpacked: int) -> None:
+    """InputError for a file of `size` bytes that promises more than such a file can hold."""
+    if fault := too_much(size, rows, unpacked):
+        raise InputError(f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into")

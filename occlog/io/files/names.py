@@ -1,0 +1,134 @@
+"""Names of files and sensors: those that outputs may have, those that libraries take, those that mean the same.
+
+The last number in the name of a file or sensor: its frame, or which camera it is.
+
+The name of an output says its format: one that promises a format that is not written there is refused.
+
+Names of cameras and arrays as files give them, matched with the names in use.
+
+Names of files for libraries that take UTF-8 alone, some of which crash where a name is something else.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from occlog.errors import InputError, UsageError
+
+_LAST = re.compile(r"(?<!\d)(\d+)\D*$")
+_HASH = re.compile(r"\.rf\.[0-9A-Za-z]+$")
+
+
+def last_number(name: str) -> str | None:
+    """Digits of the last number in a name without its ending; None where there is none.
+
+    Roboflow writes `.rf.` and a hash behind the names of images; its digits number nothing.
+    """
+    found = _LAST.search(_HASH.sub("", name))
+    return found.group(1) if found else None
+
+
+TABLE, RECORDING = ".parquet", ".mcap"
+WRITTEN = {TABLE: ("tables", "Parquet"), RECORDING: ("recordings", "MCAP")}
+"""What is written in files with an ending, and the name of the format."""
+PROMISING = (
+    *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
+    *(".yaml", ".yml", ".html", ".png", ".svg", ".mp4", ".gz", TABLE, RECORDING),
+)
+"""Endings of names that promise a format."""
+
+
+def check_output_name(path: Path, ending: str) -> None:
+    """UsageError for an output whose name promises another format than that of files with an ending."""
+    suffix = Path(path).suffix.lower()
+    if suffix in PROMISING and suffix != ending:
+        what, form = WRITTEN[ending]
+        raise UsageError(f"{path}: {what} are written as {form}, not {suffix}; name it {Path(path).stem}{ending}")
+
+
+def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:
+    """The name in use that a file means by `given`.
+
+    It is the equal name, or else the only one whose last number is the same: `2`,
+    `cam_2` and `cam02` mean each other.  InputError where there is none, or several; `what` says what has the name.
+    """
+    if given in names:
+        return given
+    number = _last_number(given)
+    same = [name for name in names if number is not None and _last_number(name) == number]
+    if len(same) == 1:
+        return same[0]
+    found = f"may be any of {', '.join(same)}" if same else f"is none of {', '.join(names) or f'the {what}s (none)'}"
+    raise InputError(f"{where}: {what} {given!r} {found}; give them equal names")
+
+
+def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, what: str = "camera") -> None:
+    """InputError where a file calls one sensor by two labels, as `cam1` and `cam01`: they may be two sensors.
+
+    Args:
+        meant: the label of each name so far; this one is added.
+        label: as the file has it.
+        name: what `match_sensor` takes it for.
+        where: the file.
+        what: what has the name.
+    """
+    other = meant.setdefault(name, label)
+    if other != label:
+        raise InputError(f"{where}: {what}s {other!r} and {label!r} would both be {name}; give them names in use")
+
+
+def means_none(given: str, names: Sequence[str]) -> bool:
+    """Whether no name in use is what a file may mean by `given`, as `match_sensor` takes it."""
+    number = _last_number(given)
+    return given not in names and (number is None or all(_last_number(name) != number for name in names))
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Sort key in which cam2 comes before cam10."""
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+
+
+def natural_sorted(names: Iterable[str]) -> list[str]:
+    """Names in the order a person expects."""
+    return sorted(names, key=lambda name: (natural_key(name), name))
+
+
+def safe_name(text: str) -> str:
+    """A name that scene files allow: blanks, control characters and , / = : become `_`; InputError for an empty one."""
+    name = re.sub(r"[\s,/=:\x00-\x1f\x7f-\x9f]+", "_", text.strip())[:64]
+    if not name:
+        raise InputError(f"{text!r}: cannot be the name of a sensor; use letters and digits")
+    return name
+
+
+def _last_number(name: str) -> int | None:
+    found = last_number(name)
+    return None if found is None else int(found)
+
+
+def is_utf8(name: str) -> bool:
+    """Whether the bytes of a name are UTF-8; on Linux they may be anything."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+@contextmanager
+def utf8_name(path: Path) -> Iterator[str]:
+    """A name in UTF-8 of a file that is there, or of one that is to be made in a folder that is; good to the end."""
+    if is_utf8(str(path)):
+        yield str(path)
+        return
+    # The name of a descriptor is plain; a file that is not there yet is found through its folder's.
+    there = path.exists()
+    descriptor = os.open(path if there else path.parent, os.O_RDONLY)
+    try:
+        yield f"/proc/self/fd/{descriptor}" + ("" if there else f"/{path.name}")
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,227 @@
+"""Records that are put aside in blocks of equal length, to be read and replaced in any order, forwards or backwards.
+
+Numbers that are put aside: in memory while they are few, then in a file without a name.
+
+A table that is put aside while it is gone through for the first time, for inputs that are slow to read.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, Any, Generic, TypeVar
+
+import numpy as np
+import pyarrow as pa
+
+from occlog.array_types import Floats
+from occlog.records.columns import Table
+
+from .atomic import translate_write_errors
+from .provenance import Provenance
+from .tables.arrow import arrow_schema, from_arrow, to_arrow
+
+RECORDS_PER_BLOCK = 1 << 14
+"""Records of a block."""
+RECORD_BYTES_IN_MEMORY = 1 << 23
+"""Bytes that are kept in memory; more go to a file in the folder for temporary files."""
+
+Records = np.ndarray[Any, np.dtype[Any]]
+
+
+class Blocks:
+    """Records of one type; the file has no name, so that nothing is left of it, however the program ends."""
+
+    def __init__(
+        self, record: np.dtype[Any], block: int = RECORDS_PER_BLOCK, in_memory: int = RECORD_BYTES_IN_MEMORY
+    ) -> None:
+        """No records yet.
+
+        Args:
+            record: their type.
+            block: records of a block.
+            in_memory: how many bytes are kept in memory.
+        """
+        self._record, self._block, self._in_memory = record, block, in_memory
+        self._file: IO[bytes] | None = None
+        self._kept: dict[int, Records] = {}
+        self._open: list[Records] = []
+        self._rows = 0
+        self.count = 0
+        """Number of blocks, once `end` was called."""
+
+    def __del__(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def append(self, rows: Records) -> None:
+        """Some more records; OutputError if the folder for temporary files is full."""
+        self._open.append(rows)
+        self._rows += len(rows)
+        if self._rows < self._block:
+            return
+        together = np.concatenate(self._open)
+        whole = self._rows - self._rows % self._block
+        for start in range(0, whole, self._block):
+            self.put(self.count, together[start : start + self._block])
+            self.count += 1
+        self._open, self._rows = [together[whole:].copy()], self._rows - whole
+
+    def end(self) -> None:
+        """Say that all records are there."""
+        if self._rows:
+            self.put(self.count, np.concatenate(self._open))
+            self.count += 1
+        self._open, self._rows = [], 0
+
+    def put(self, number: int, rows: Records) -> None:
+        """Write a block; all but the last one have the same length."""
+        if self._file is None:
+            self._kept[number] = rows.copy()
+            if sum(each.nbytes for each in self._kept.values()) <= self._in_memory:
+                return
+        with translate_write_errors(Path(tempfile.gettempdir())):
+            if self._file is None:
+                self._file = tempfile.TemporaryFile()  # noqa: SIM115 - as long as these are
+                for at, each in self._kept.items():
+                    self._write(self._file, at, each)
+                self._kept = {}
+            else:
+                self._write(self._file, number, rows)
+            self._file.flush()
+
+    def _write(self, file: IO[bytes], number: int, rows: Records) -> None:
+        file.seek(number * self._block * self._record.itemsize)
+        file.write(rows.tobytes())
+
+    def get(self, number: int) -> Records:
+        """A block that was written."""
+        if self._file is None:
+            return self._kept[number]
+        self._file.seek(number * self._block * self._record.itemsize)
+        return np.frombuffer(self._file.read(self._block * self._record.itemsize), dtype=self._record)
+
+    def rows(self, first: int, last: int) -> Records:
+        """Records from one number up to another, which is left out, once `end` was called."""
+        parts = [np.zeros(0, dtype=self._record)]
+        for number in range(first // self._block, -(-last // self._block)):
+            start = number * self._block
+            parts.append(self.get(number)[max(first - start, 0) : last - start])
+        return np.concatenate(parts)
+
+
+NUMBERS_IN_MEMORY = 1 << 20
+"""Numbers that are kept in memory; more go to a file in the folder for temporary files, 8 bytes each."""
+NUMBERS_PER_BLOCK = 1 << 17
+"""Numbers that are read of the file at once."""
+
+
+class Spool:
+    """Takes numbers in parts, and gives them back in the same order, as often as wanted.
+
+    The file has no name, so that nothing is left of it, however the program ends.
+    """
+
+    def __init__(self, in_memory: int = NUMBERS_IN_MEMORY) -> None:
+        """No numbers yet."""
+        self._file: IO[bytes] | None = None
+        self.count = 0
+        self._in_memory = in_memory
+        self._parts: list[Floats] = []
+        self._kept = 0
+
+    def __del__(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def add(self, values: Floats) -> None:
+        """Some more numbers; OutputError if the folder for temporary files is full."""
+        self.count += len(values)
+        self._parts.append(np.array(values, dtype=np.float64))
+        self._kept += len(values)
+        if self._kept > self._in_memory:
+            with translate_write_errors(Path(tempfile.gettempdir())):
+                if self._file is None:
+                    self._file = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the spool
+                for part in self._parts:
+                    self._file.write(part.tobytes())
+                self._file.flush()
+            self._parts, self._kept = [], 0
+
+    @property
+    def whole(self) -> Floats | None:
+        """(N,) all numbers; None where they are in a file."""
+        if self._file is not None:
+            return None
+        self._parts = [np.concatenate([np.zeros(0), *self._parts])]
+        return self._parts[0]
+
+    def blocks(self) -> Iterator[Floats]:
+        """All numbers."""
+        if self._file is not None:
+            self._file.seek(0)
+            while data := self._file.read(8 * NUMBERS_PER_BLOCK):
+                yield np.frombuffer(data, dtype=np.float64)
+            self._file.seek(0, 2)
+        yield from self._parts
+
+
+T = TypeVar("T", bound=Table)
+
+
+class Aside(Generic[T]):
+    """Chunks of a table, as often as wanted, of which the source is asked once.
+
+    The file, in the folder for temporary files, has no name, so that nothing is left of it, however the program ends.
+    """
+
+    def __init__(self, table: type[T], source: Callable[[], Iterator[T]]) -> None:
+        """Nothing was asked yet.
+
+        Args:
+            table: what it is.
+            source: gives all chunks, and need not give them again.
+        """
+        self._table, self._source = table, source
+        self._schema = arrow_schema(table, Provenance("aside"))
+        self._file: IO[bytes] | None = None
+        self.rows = 0
+        """How many rows there are, once all were gone through."""
+
+    def __del__(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def chunks(self) -> Iterator[T]:
+        """All of them, to be gone through to their end before they are asked for again.
+
+        Raises:
+            OutputError: the folder for temporary files is full.
+        """
+        return self._again(self._file) if self._file is not None else self._first()
+
+    def _first(self) -> Iterator[T]:
+        where, rows = Path(tempfile.gettempdir()), 0
+        with translate_write_errors(where):
+            file = tempfile.TemporaryFile()  # noqa: SIM115 - as long as this is
+        try:
+            with pa.ipc.new_stream(file, self._schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as writer:
+                for chunk in self._source():
+                    with translate_write_errors(where):
+                        writer.write_table(to_arrow(chunk, self._schema))
+                    rows += len(chunk)
+                    yield chunk
+        except BaseException:
+            file.close()
+            raise
+        self._file, self.rows = file, rows
+
+    def _again(self, file: IO[bytes]) -> Iterator[T]:
+        file.seek(0)
+        with pa.ipc.open_stream(file) as reader:
+            for batch in reader:
+                yield from_arrow(batch, self._table)

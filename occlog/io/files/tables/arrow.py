@@ -1,0 +1,205 @@
+"""Arrow arrays to NumPy arrays without pandas, which pyarrow imports (a third of a second) for its own `to_numpy`.
+
+Declared columns as Arrow has them: the schema of a table with its units, records to Arrow and back.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from occlog.array_types import Strings
+from occlog.errors import InputError
+from occlog.io.files.limits import check_texts
+from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
+from occlog.records.columns import ANY, Column, Table, in_length_unit
+from occlog.records.tables import TABLES, WIDER
+
+
+def to_numpy(values: pa.Array) -> NDArray[np.generic]:
+    """(n,) numbers or truth values of an array without nulls; not to be written to."""
+    if not pa.types.is_boolean(values.type):
+        return np.from_dlpack(values)
+    if not len(values):
+        return np.empty(0, dtype=np.bool_)
+    # Truth values are bits, the first one the lowest of its byte
+    bits = np.unpackbits(np.frombuffer(values.buffers()[1], dtype=np.uint8), bitorder="little")
+    return bits[values.offset : values.offset + len(values)].astype(np.bool_)
+
+
+def to_texts(values: pa.Array, where: str, longest: int | None = None) -> Strings:
+    """(n,) texts of an array of texts or numbers, "" for those that are null.
+
+    Each text is made once, however many rows refer to it: a small file may have a large one in a million rows.
+
+    Args:
+        values: texts, numbers, or a dictionary of such.
+        where: the words that an error begins with.
+        longest: characters that a text may have; None: as many as fit into an array of these rows.
+
+    Raises:
+        InputError: a text is too long for so many rows, or a row refers to one that is not there.
+    """
+    coded = values if pa.types.is_dictionary(values.type) else values.dictionary_encode()
+    texts = ["" if text is None else str(text) for text in coded.dictionary.to_pylist()]
+    most = max(map(len, texts), default=0)
+    if longest is not None and most > longest:
+        raise InputError(f"{where}: a text of {most} characters; shorten it to {longest}")
+    check_texts(texts, max(len(values), len(texts)), where)
+    which = to_numpy(coded.indices.fill_null(0))
+    if len(which) and coded.null_count < len(which) and not 0 <= int(which.min()) <= int(which.max()) < len(texts):
+        raise InputError(f"{where}: the file is damaged: it refers to a text that is not there")
+    out = np.asarray(texts or [""], dtype=np.str_)[which]
+    if coded.null_count:
+        out[to_numpy(coded.is_null())] = ""
+    return np.asarray(out)
+
+
+SCHEMA_KEY = "occlog.schema"
+UNIT_KEY = "occlog.length_unit"
+SUM_KEY = "occlog.crc32"
+MOST_NUMBERS = 1 << 25
+"""Numbers that a column of vectors may have, most of which the file has not: NaN in rows without a vector."""
+T = TypeVar("T", bound=Table)
+_ARROW = {
+    "i8": pa.int64(),
+    "i4": pa.int32(),
+    "f8": pa.float64(),
+    "f4": pa.float32(),
+    "?": pa.bool_(),
+    "U": pa.dictionary(pa.int32(), pa.string()),
+}
+
+
+def arrow_field(c: Column, unit: str) -> pa.Field:
+    """Arrow field of a column with its unit, meaning and the meaning of NaN as metadata."""
+    kind = _ARROW[c.kind]
+    if c.width:
+        kind = pa.list_(kind) if c.width == ANY else pa.list_(kind, c.width)
+    metadata = {"unit": unit, "doc": c.doc}
+    if c.nan is not None:
+        metadata["nan"] = c.nan
+    return pa.field(c.name, kind, nullable=False, metadata=metadata)
+
+
+def arrow_schema(table: type[Table], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
+    """Arrow schema of a table; `length_unit` replaces metres in the units."""
+    fields = [arrow_field(c, in_length_unit(c.unit, length_unit)) for c in table.columns()]
+    metadata = {
+        SCHEMA_KEY: f"{table.NAME}/{table.VERSION}",
+        "occlog.key": ",".join(table.KEY),
+        **statements(provenance, length_unit),
+    }
+    return pa.schema(fields).with_metadata(metadata)
+
+
+def statements(provenance: Provenance, length_unit: str) -> dict[str, str]:
+    """Unit of lengths (empty: none) and provenance as entries of a footer, with their check sum: Parquet has none."""
+    entries = {UNIT_KEY: length_unit} if length_unit else {}
+    entries[PROVENANCE_KEY] = provenance.json()
+    return entries | {SUM_KEY: _sum(length_unit.encode(), entries[PROVENANCE_KEY].encode())}
+
+
+def check_statements(path: Path, entries: Mapping[bytes, bytes]) -> None:
+    """InputError where unit and provenance do not have their check sum; files of older versions have none."""
+    if (stated := entries.get(SUM_KEY.encode())) is not None:
+        unit, provenance = (entries.get(key.encode(), b"") for key in (UNIT_KEY, PROVENANCE_KEY))
+        if stated.decode(errors="replace") != _sum(unit, provenance):
+            raise InputError(
+                f"{path}: damaged: its unit of lengths or its provenance changed since it was written (wrong check "
+                "sum); make it again"
+            )
+
+
+def _sum(unit: bytes, provenance: bytes) -> str:
+    return f"{zlib.crc32(unit + bytes(1) + provenance):08x}"
+
+
+def to_arrow(table: Table, schema: pa.Schema) -> pa.Table:
+    """Arrow table of a record."""
+    arrays = []
+    for c, f in zip(table.columns(), schema, strict=True):
+        values = getattr(table, c.name)
+        if c.width:
+            flat = pa.array(np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False)
+            if c.width == ANY:
+                starts = pa.array(np.arange(len(values) + 1, dtype=np.int32) * values.shape[1], pa.int32())
+                arrays.append(pa.ListArray.from_arrays(starts, flat, type=f.type))
+            else:
+                arrays.append(pa.FixedSizeListArray.from_arrays(flat, c.width))
+        elif c.kind == "U":
+            names, codes = np.unique(values, return_inverse=True)
+            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), pa.array(names, pa.string())))
+        else:
+            arrays.append(pa.array(values, type=f.type, from_pandas=False))
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
+    """Record of an Arrow batch whose columns have been checked; optional ones may be left out."""
+    told = [c for c in table.columns() if c.name in batch.schema.names]
+    return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in told})
+
+
+def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray[np.generic]:
+    if isinstance(values, pa.ChunkedArray):
+        values = values.combine_chunks()
+    if values.null_count:
+        raise InputError(f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)")
+    if c.width == ANY:
+        return vectors(c, values)
+    if c.width:
+        return np.array(to_numpy(values.flatten()), c.dtype).reshape(-1, c.width)
+    if c.kind == "U":
+        return to_texts(values, f"column {c.name}")
+    return np.array(to_numpy(values), dtype=c.dtype)
+
+
+def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
+    """(n, K) numbers of lists, all of K numbers or of none; NaN where a list is empty."""
+    lengths, numbers = to_numpy(values.value_lengths()).astype(np.int64), values.flatten()
+    (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
+    if others or numbers.null_count:
+        fault = f"lists of {length} and of {others[0]} numbers; all must be alike" if others else "numbers are missing"
+        raise InputError(f"column {c.name}: {fault}")
+    if len(values) * length > max(MOST_NUMBERS, 2 * len(numbers)):
+        raise InputError(f"column {c.name}: a list of {length} numbers among {len(values)} rows, most without any")
+    out = np.full((len(values), length), np.nan, dtype=c.dtype)
+    out[lengths > 0] = to_numpy(numbers).reshape(-1, max(length, 1))
+    return out
+
+
+def check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
+    """InputError unless a schema is that of a table in its version of today, but for optional columns."""
+    found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
+    name, _, version = found.partition("/")
+    if name != table.NAME:
+        raise InputError(f"{path}: holds {found or 'no occlog table'}, want {table.NAME}/{table.VERSION}")
+    if not version.isdigit() or int(version) > table.VERSION:
+        raise InputError(f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog")
+    known = {c.name for kind in (table, *TABLES.values(), *WIDER) if name == kind.NAME for c in kind.columns()}
+    for field in schema:  # of another program's column there is no meaning
+        if field.name not in known and {b"unit", b"doc"} & (field.metadata or {}).keys():
+            raise InputError(f"{path}: damaged: {name} has no column {field.name!r}; make it again")
+    for c in table.columns():
+        if schema.get_field_index(c.name) < 0:
+            if c.name in schema.names:
+                raise InputError(f"{path}: column {c.name} is there twice; make it again")
+            if c.optional:  # a file of an older version
+                continue
+            raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")
+        have, kind = schema.field(c.name).type, _ARROW[c.kind]
+        if c.width == ANY:
+            if not (pa.types.is_list(have) and have.value_type == kind):
+                raise InputError(f"{path}: column {c.name} is {have}, want lists of {kind}")
+            continue
+        kind = pa.list_(kind, c.width) if c.width else kind
+        texts = have.value_type if pa.types.is_dictionary(have) else have
+        if have != kind and not (c.kind == "U" and (pa.types.is_string(texts) or pa.types.is_large_string(texts))):
+            raise InputError(f"{path}: column {c.name} is {have}, want {kind}")

@@ -1,0 +1,181 @@
+"""JSON files: written with sorted keys, numbers that are not finite as null, atomically; read into structs.
+
+TOML of other programs: a text of bounded keys to its values.
+
+XML that is read with care: no entities, clear errors that name the missing part.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import msgspec
+
+from occlog.errors import InputError, spelled
+from occlog.io.files.atomic import write_bytes
+from occlog.io.files.limits import check_text, guarded, read_configuration
+from occlog.records.names import first_double
+
+S = TypeVar("S", bound=msgspec.Struct)
+MAX_JSON_BYTES = 64_000_000
+"""Size of a JSON file that occlog or a person wrote; metrics may hold a value for each moment."""
+
+
+FREE_VALUES, BYTES_PER_VALUE = 1_000_000, 12
+"""Objects and lists, or lines, that any JSON may have, and bytes of it for each one more: each takes 200 in memory."""
+
+
+def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
+    """Write one object; NaN and infinity become null."""
+    text = spelled(json.dumps(_plain(values), sort_keys=True, indent=2))
+    write_bytes(path, f"{text}\n".encode(), overwrite)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file; InputError names the line of what is wrong."""
+    values = parse_json(read_configuration(path, "a JSON file", limit=MAX_JSON_BYTES), path, "a JSON file")
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: want a JSON object, got {type(values).__name__}")
+    return values
+
+
+def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
+    """The value of a JSON text.
+
+    Args:
+        text: a whole text, as characters or in UTF-8.
+        where: the file, and the place in it.
+        what: what was expected.
+
+    Raises:
+        InputError: it is not JSON, nested too deeply, has a key of an object twice, more objects than such a text can
+            have that says anything with them, or holds half of a pair of surrogates.
+    """
+    objects = text.count(b"{") + text.count(b"[") if isinstance(text, bytes) else text.count("{") + text.count("[")
+    check_number(objects, "objects and lists", len(text), where)
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        out = dict(pairs)
+        if len(out) < len(pairs):
+            double = first_double([key for key, _ in pairs])
+            raise InputError(f"{where}: key {str(double)[:40]!r} appears twice; keep one")
+        return out
+
+    with guarded(where, what):
+        try:
+            value = json.loads(text, object_pairs_hook=once)
+        except json.JSONDecodeError as error:
+            raise InputError(
+                f"{where}: line {error.lineno}: not valid JSON: {error.msg}; {what} was expected"
+            ) from error
+        if _may_have_surrogates(text):
+            check_text(json.dumps(value, ensure_ascii=False), where)
+        return value
+
+
+def check_number(count: int, what: str, size: int, where: Path | str) -> None:
+    """InputError for more objects, or whatever it is, than a JSON text of `size` can have."""
+    most = max(FREE_VALUES, size // BYTES_PER_VALUE)
+    if count > most:
+        raise InputError(f"{where}: {count} {what} in {size} characters of JSON; at most {most} are read; split it")
+
+
+def _may_have_surrogates(text: str | bytes) -> bool:
+    if isinstance(text, bytes):
+        return b"\\ud" in text or b"\\uD" in text
+    return "\\ud" in text or "\\uD" in text
+
+
+def struct_of(values: object, kind: type[S], *, key: str, source: Path | str, otherwise: str) -> S:
+    """Convert an object of JSON to the struct that describes its format.
+
+    Args:
+        values: what was read.
+        kind: the struct.
+        key: that every object of the format has.
+        source: the file, for messages.
+        otherwise: what an object without the key is not, and how to make one.
+
+    Raises:
+        InputError: the object has no such key, or a field is wrong: one line that names it.
+    """
+    if not isinstance(values, Mapping) or key not in values:
+        raise InputError(f"{source}: {otherwise}")
+    try:
+        return msgspec.convert(values, kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: {error}") from error
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+MAX_KEY_PARTS = 100
+"""Parts of a dotted key in TOML; its parser takes the square of their number."""
+MAX_TOML_BYTES = 1_000_000
+"""Of a text at most: its parser takes some ten microseconds and a kilobyte for each table, of ten bytes or less."""
+_LONG_KEY = re.compile(rf"^[^=#\n]*(?:\.[^=#\n.]*){{{MAX_KEY_PARTS},}}", re.MULTILINE)
+
+
+def toml_values(text: str, where: Path | str, what: str) -> Mapping[str, Any]:
+    """The values of a TOML text; InputError for anything else."""
+    size = len(text.encode(errors="replace"))
+    if size > MAX_TOML_BYTES:
+        raise InputError(f"{where}: {size} bytes; {what} was expected, in TOML of at most {MAX_TOML_BYTES} bytes")
+    if _LONG_KEY.search(text):
+        raise InputError(f"{where}: a key of more than {MAX_KEY_PARTS} parts; {what} was expected")
+    with guarded(where, what):
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{where}: not TOML ({error}); correct this line") from None
+
+
+def parse_xml(text: str, path: Path) -> Element:
+    """The root element; InputError with the line where the text is not XML, or declares entities."""
+    if "<!ENTITY" in text:
+        raise InputError(f"{path}: declares XML entities; remove them")
+    with guarded(path, "XML"):
+        try:
+            return ElementTree.fromstring(text)
+        except ElementTree.ParseError as error:
+            raise InputError(
+                f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+            ) from None
+
+
+def required(parent: Element, name: str, where: str) -> Element:
+    """The child of that name; InputError if there is none."""
+    child = parent.find(name)
+    if child is None:
+        raise InputError(f"{where}: the part <{name}> is missing")
+    return child
+
+
+def number(element: Element, name: str, where: str, default: float | None = None) -> float:
+    """A finite number from an attribute; InputError where it is missing (without a default) or none."""
+    text = element.get(name)
+    if text is None:
+        if default is None:
+            raise InputError(f"{where}: <{element.tag}> has no {name}")
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {name} of <{element.tag}> is {text!r}; a finite number was expected")
+    return value

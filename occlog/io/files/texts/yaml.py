@@ -1,0 +1,363 @@
+"""YAML that is read strictly: repeated keys, unknown keys and wrong types are errors that name their line.
+
+YAML before it becomes values: a bounded number of nodes, names as keys, whole characters.
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import math
+import re
+from collections.abc import Hashable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import yaml
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
+from yaml.resolver import Resolver
+
+from occlog.errors import InputError, option
+from occlog.io.files.limits import (
+    FAILURES,
+    Content,
+    check_input,
+    check_text,
+    content_of,
+    guarded,
+    mistaken_for,
+    read_configuration,
+)
+
+MAX_NODES = 200_000
+"""Values of a YAML text at most, those of aliases counted each time."""
+LONGEST_NUMBER = 1_000
+"""Characters of a number at most: of one to the base of 60, as `1:30:15` is, time rises with the square of them."""
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+
+
+class _TooManyError(Exception):
+    """A text has more nodes than are read on for."""
+
+
+if yaml.__with_libyaml__:
+
+    class _SafeLoader(Composer, yaml.cyaml.CParser, SafeConstructor, Resolver):  # type: ignore[name-defined,misc]
+        """Safe loader whose events are found by libyaml, in a sixth of the time; nodes can be counted as they come."""
+
+        def __init__(self, stream: str) -> None:
+            """Begin to read a text."""
+            yaml.cyaml.CParser.__init__(self, stream)  # type: ignore[attr-defined]
+            Composer.__init__(self)
+            SafeConstructor.__init__(self)
+            Resolver.__init__(self)
+
+else:
+    _SafeLoader = yaml.SafeLoader  # type: ignore[misc,assignment]
+
+
+class BoundedLoader(_SafeLoader):
+    """Safe loader that reads no further than `MAX_NODES` values, each with its key: some seconds, whatever comes."""
+
+    def __init__(self, stream: str) -> None:
+        """Begin to read a text."""
+        super().__init__(stream)
+        self._nodes = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """The next node, a key, a value or an alias."""
+        self._nodes += 1
+        if self._nodes > 2 * MAX_NODES:
+            raise _TooManyError
+        return super().compose_node(parent, index)
+
+
+def _too_many(where: Path | str) -> InputError:
+    return InputError(f"{where}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly")
+
+
+def compose_yaml(text: str, where: Path | str, loader: type[BoundedLoader]) -> yaml.Node | None:
+    """The nodes of one document of YAML, at most `MAX_NODES`; None for an empty one.
+
+    Raises:
+        yaml.YAMLError: it is not YAML.
+        InputError: it is too large with its aliases written out, nested too deeply, or an alias holds itself.
+    """
+    with guarded(where, "YAML"):
+        try:
+            node = yaml.compose(text, Loader=loader)
+        except _TooManyError:
+            raise _too_many(where) from None
+        if node is not None:
+            _check_nodes(node, where)
+        return node
+
+
+def _check_nodes(root: yaml.Node, where: Path | str) -> None:
+    count = 0
+    waiting = [root]
+    while waiting:
+        node = waiting.pop()
+        count += 1
+        if count > MAX_NODES:
+            raise _too_many(where)
+        if isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                if not isinstance(key, yaml.ScalarNode):
+                    line = key.start_mark.line + 1
+                    raise InputError(f"{where}: line {line}: a list or a mapping cannot be a key; give a name")
+                _check_scalar(key, where)
+                waiting.append(value)
+        elif isinstance(node, yaml.SequenceNode):
+            waiting.extend(node.value)
+        elif isinstance(node, yaml.ScalarNode):
+            _check_scalar(node, where)
+
+
+def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
+    """InputError for half of a character, and for a number that is too long to be one."""
+    place = f"{where}: line {node.start_mark.line + 1}"
+    check_text(node.value, place)
+    if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+        raise InputError(f"{place}: a number of {len(node.value)} characters; at most {LONGEST_NUMBER} are read")
+
+
+class _Unknowing(BoundedLoader):
+    """Safe loader that takes the matrices of OpenCV for plain mappings."""
+
+
+def _plain_mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
+    return loader.construct_mapping(node, deep=True)
+
+
+for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix", "!opencv-matrix"):
+    _Unknowing.add_constructor(_tag, _plain_mapping)
+
+
+def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
+    """The values of every document of a YAML text that another program wrote; InputError for anything else.
+
+    `%YAML:1.0`, as OpenCV 3 and 4 begin their files, is no directive of YAML and is left out.
+    """
+    body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
+    try:
+        with guarded(where, what):
+            loader = _Unknowing(body)
+            found = []
+            while loader.check_node():
+                node = loader.get_node()
+                if node is not None:
+                    _check_nodes(node, where)
+                    found.append(loader.construct_document(node))
+            return found
+    except _TooManyError:
+        raise _too_many(where) from None
+    except yaml.YAMLError as error:
+        raise InputError(f"{where}: not YAML ({' '.join(str(error).split())[:100]}); {what} was expected") from None
+
+
+T = TypeVar("T")
+
+
+class _Loader(BoundedLoader):
+    """Safe loader that reads 1e-3 as a number, as people mean it."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)$"),
+    list("-+0123456789."),
+)
+
+
+class _Constructor(_Loader):
+    """Makes values of nodes, and names the line of one that its tag or its form does not allow."""
+
+    def __init__(self, text: str, source: str) -> None:
+        """As the loader; `source` names the file in messages."""
+        super().__init__(text)
+        self._source = source
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """The value of a node; InputError where a scalar is not what it looks like, such as a date 2001-99-99."""
+        try:
+            return super().construct_object(node, deep)
+        except FAILURES:
+            if not isinstance(node, yaml.ScalarNode):
+                raise
+            kind = node.tag.rpartition(":")[2]
+            raise InputError(
+                f"{self._source}: line {node.start_mark.line + 1}: {node.value[:40]!r} cannot be read as {kind}; "
+                "correct it, or put it in quotes"
+            ) from None
+
+
+def read_yaml(path: Path, kind: type[T], what: str) -> T:
+    """The file as an instance of a msgspec type; InputError with line and nearest valid key where it does not fit."""
+    path = check_input(path, what)
+    _refuse_binary(path, what)
+    return parse_yaml(read_configuration(path, what), str(path), kind)
+
+
+def _refuse_binary(path: Path, what: str) -> None:
+    """InputError for a file that is known by its first bytes, and not YAML."""
+    content = content_of(path, what)
+    if content is not Content.OTHER:
+        raise InputError(f"{path}: is {content.value}; {what} was expected")
+    mistaken = mistaken_for(path)
+    if mistaken is not None:
+        kind, _, remedy = mistaken.partition("; ")
+        raise InputError(f"{path}: is {kind}; {what} was expected; {remedy}")
+
+
+def lines_of(path: Path) -> dict[str, int]:
+    """Line of every value in a file that `read_yaml` takes, by its place: `$.track.set.sigma_v`, `$.cases[0]`."""
+    node = compose_yaml(read_configuration(path, "YAML of occlog"), path, _Loader)
+    return {} if node is None else dict(_lines(node, "$", str(path)))
+
+
+def parse_yaml(text: str, source: str, kind: type[T]) -> T:
+    """As `read_yaml`, from text; `source` names it in messages."""
+    raw, lines = _values(text, source)
+    if not isinstance(raw, dict):
+        raise InputError(f"{source}: want keys and values at the top level, got {type(raw).__name__}")
+    try:
+        return msgspec.convert(raw, kind, strict=True)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: {_explain(str(error), raw, lines, kind)}") from error
+
+
+_KEPT: dict[str, tuple[Any, dict[str, int]]] = {}
+"""The last texts and what they say: a command opens a recording, and reads its scene, several times."""
+KEPT_TEXTS, KEPT_LENGTH = 8, 100_000
+
+
+def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
+    """The value of a text, and the line of every value in it by its place."""
+    known = _KEPT.get(text)
+    if known is None:
+        try:
+            node = compose_yaml(text, source, _Loader)
+            with guarded(source, "YAML of occlog"):
+                lines = dict(_lines(node, "$", source)) if node is not None else {}
+                raw = _Constructor(text, source).construct_document(node) if node is not None else None
+                _check_finite(raw, "$", lines, source)
+        except yaml.YAMLError as error:
+            if text.startswith("%YAML") and "opencv-" in text:
+                raise InputError(
+                    f"{source}: a calibration of OpenCV; give it to occlog ingest {option('calibration')}"
+                ) from None
+            raise InputError(f"{source}: {_yaml_problem(error)}") from error
+        known = raw, lines
+        if len(text) <= KEPT_LENGTH:
+            for oldest in list(_KEPT)[: max(len(_KEPT) + 1 - KEPT_TEXTS, 0)]:
+                _KEPT.pop(oldest, None)
+            _KEPT[text] = known
+    # Whoever gets the value may change it
+    return copy.deepcopy(known[0]), known[1]
+
+
+def _yaml_problem(error: yaml.YAMLError) -> str:
+    mark = getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", None) or "cannot be parsed"
+    return f"line {mark.line + 1}: not valid YAML: {problem}" if mark else f"not valid YAML: {problem}"
+
+
+def _lines(node: yaml.Node, place: str, source: str) -> Iterator[tuple[str, int]]:
+    """(path, line) of every node; repeated keys are errors."""
+    yield place, node.start_mark.line + 1
+    if isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, value in node.value:
+            if key.value in seen:
+                raise InputError(f"{source}: line {key.start_mark.line + 1}: key {key.value!r} appears twice; keep one")
+            seen.add(key.value)
+            yield from _lines(value, f"{place}.{key.value}", source)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            yield from _lines(value, f"{place}[{index}]", source)
+
+
+def _check_finite(raw: object, place: str, lines: dict[str, int], source: str) -> None:
+    """NaN and infinity parse as numbers, but no key of ours means them."""
+    if isinstance(raw, float) and not math.isfinite(raw):
+        line = f"line {lines[place]}: " if place in lines else ""
+        raise InputError(f"{source}: {line}{place.removeprefix('$.')}: {raw} is not a finite number")
+    items = raw.items() if isinstance(raw, dict) else enumerate(raw) if isinstance(raw, list) else ()
+    for key, value in items:
+        _check_finite(value, f"{place}.{key}" if isinstance(raw, dict) else f"{place}[{key}]", lines, source)
+
+
+def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) -> str:
+    """The library's message with line, readable place and the nearest valid key."""
+    match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?(\$.*)`)?", message, re.DOTALL)
+    text, place = (match.group(1), match.group(2) or "$") if match else (message, "$")
+    unknown = re.search(r"unknown field `([^`]*)`", text)
+    if unknown:
+        return _unknown_key(unknown.group(1), place, lines, kind)
+    line = f"line {lines[place]}: " if place in lines else ""
+    shown = place.removeprefix("$").removeprefix(".")
+    value = _value_at(raw, place)
+    if text.startswith("Invalid enum value"):
+        info = _type_at(kind, place)
+        known = info.values if isinstance(info, msgspec.inspect.LiteralType) else ()
+        return f"{line}{shown}: {value!r} is none of {', '.join(map(str, known))}"
+    got = f", got {value!r}" if isinstance(value, str | int | float | bool) else ""
+    return f"{line}{shown + ': ' if shown else ''}{text[:1].lower() + text[1:]}{got}"
+
+
+def _unknown_key(key: str, place: str, lines: dict[str, int], kind: type[T]) -> str:
+    line = lines.get(f"{place}.{key}")
+    valid = _valid_keys(kind, place)
+    near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"
+    shown = place.removeprefix("$").removeprefix(".")
+    where = f" in {shown}" if shown else ""
+    return f"{f'line {line}: ' if line else ''}unknown key {key!r}{where}; {hint}"
+
+
+def _valid_keys(kind: type[T], place: str) -> list[str]:
+    """Keys allowed at a path."""
+    info = _type_at(kind, place)
+    return sorted(f.encode_name for f in info.fields) if isinstance(info, msgspec.inspect.StructType) else []
+
+
+def _type_at(kind: type[T], place: str) -> msgspec.inspect.Type:
+    """The type of what is at a path, found by walking the declared types."""
+    info = _strip(msgspec.inspect.type_info(kind))
+    for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", place.removeprefix("$")):
+        info = _strip(_step(info, part))
+    return info
+
+
+def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
+    """The struct or container inside a union with null, or inside what is described."""
+    if isinstance(info, msgspec.inspect.Metadata):
+        return _strip(info.type)
+    if isinstance(info, msgspec.inspect.UnionType):
+        inner = [t for t in info.types if not isinstance(t, msgspec.inspect.NoneType)]
+        structs = [t for t in inner if isinstance(t, msgspec.inspect.StructType)]
+        return _strip((structs or inner)[0])
+    return info
+
+
+def _step(info: msgspec.inspect.Type, part: str) -> msgspec.inspect.Type:
+    """The type of a field, or of the items of a container."""
+    if part and isinstance(info, msgspec.inspect.StructType):
+        for f in info.fields:
+            if f.encode_name == part:
+                return f.type
+    if isinstance(info, msgspec.inspect.CollectionType):
+        return info.item_type
+    return info.value_type if isinstance(info, msgspec.inspect.DictType) else info
+
+
+def _value_at(raw: Any, place: str) -> object:
+    for name, index in re.findall(r"\.([^.\[\]]+)|\[(\d+)\]", place.removeprefix("$")):
+        try:
+            raw = raw[name] if name else raw[int(index)]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return raw

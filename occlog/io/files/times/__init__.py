@@ -1,1 +1,0 @@
-"""Times: of frames, in texts, for people."""

@@ -1,1 +1,0 @@
-"""Files that others wrote: what is looked at before a parser gets them, and what a parser raises."""

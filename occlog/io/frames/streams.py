@@ -1,0 +1,260 @@
+"""Recorded video of one camera: when its frames were taken.
+
+The time of a frame comes from a sidecar file if there is one, else from the container's
+time stamps, else from the frame rate.  Which one was used is written into the recording.
+
+Images of one camera as files in a folder: their order, their numbers and when they were taken.
+
+The time of an image comes from a sidecar file if there is one (one time an image, in
+natural order of the names), else from its name: a number of 18 or more digits is a time
+in ns since the Unix epoch, any other last number in the name counts frames, which are
+then taken at the frame rate.  A gap in the numbers is a frame that the camera did not
+deliver; the cameras of one recording count from the same first number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.errors import InputError, UsageError
+from occlog.io.files.names import last_number, natural_sorted
+from occlog.io.files.times import FrameTimes, as_rate, frames_to_ns
+from occlog.io.video.container import Container
+from occlog.io.video.reader import read_container
+from occlog.records.losses import Loss
+
+from .codec import decode_image
+from .decode import Picture
+
+STAMPS = "container time stamps"
+
+
+def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
+    """Times of frames from a sidecar file (see `occlog.io.files.times`)."""
+    return FrameTimes(f"sidecar {name}", start_ns, table_ns)
+
+
+def rate_times(rate: Fraction, origin: str, start_ns: int = 0, steps: Ints | None = None) -> FrameTimes:
+    """Times of frames from a frame rate.
+
+    Args:
+        rate: frames per second.
+        origin: who gave it.
+        start_ns: time of the first frame.
+        steps: (n,) how many intervals after the start each frame was taken; None: frame k after k of them.
+    """
+    source = f"frame rate {float(rate):.10g} fps ({origin})"
+    if steps is None:
+        return FrameTimes(source, start_ns, None, rate)
+    return FrameTimes(f"{source}, with the intervals of dropped frames", start_ns, frames_to_ns(steps, rate))
+
+
+def video_times(
+    path: Path, stated_hz: float | None = None, *, fps: Fraction | None = None, start_ns: int = 0
+) -> FrameTimes:
+    """Times of the frames of a video that has no sidecar.
+
+    Args:
+        path: the video file.
+        stated_hz: frame rate that the decoder found, for containers that only it can read.
+        fps: frame rate given by the user, which is then taken instead of the container's stamps.
+        start_ns: time of the first frame.
+
+    Returns:
+        Times whose `table_ns` and `rate` are both None where only the decoder knows the
+        time stamps: containers other than MP4, MKV and AVI, and damaged ones.
+
+    Raises:
+        InputError: the file cannot be read, or its time stamps repeat and it states no frame rate.
+    """
+    container = read_container(path)
+    if fps is not None:
+        return rate_times(fps, "given", start_ns, None if container is None else container.steps)
+    if container is None:
+        return FrameTimes(STAMPS, start_ns)
+    if container.stamped and _plausible(container):
+        return FrameTimes(STAMPS, start_ns, container.pts_ns)
+    rate = container.rate or (as_rate(stated_hz) if stated_hz else None)
+    repeats = container.stamped and container.pts_ns is not None
+    if rate is None:
+        if repeats:
+            raise InputError(f"{path}: the times of its frames repeat, and it states no frame rate; give one, or times")
+        return FrameTimes(STAMPS, start_ns)
+    origin = "time stamps of the file repeat" if repeats else "stated by the file"
+    return rate_times(rate, origin, start_ns, container.steps)
+
+
+def _plausible(container: Container) -> bool:
+    """Whether the container gives every frame a time of its own."""
+    return container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
+
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
+MAX_DIGITS = 40
+"""Digits of a number that is looked at."""
+NS_DIGITS = 18
+"""A name that is a number of so many digits is a time in ns since the Unix epoch."""
+
+
+def list_images(folder: Path) -> list[Path]:
+    """Image files of a folder in natural order (img2 before img10); InputError where there are none."""
+    if not folder.exists():
+        raise InputError(f"{folder}: no such folder; a folder of images was expected")
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is not a folder; a folder of images was expected (videos are given one by one)")
+    names = natural_sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    if not names:
+        raise InputError(f"{folder}: holds no image ({', '.join(SUFFIXES)})")
+    return [folder / name for name in names]
+
+
+def numbers_of(files: list[Path]) -> list[int]:
+    """The last number in each name, strictly rising; InputError where a name has none or two are equal."""
+    from occlog.records.declared.sensors import MAX_FRAMES  # which the process that decodes does not want
+
+    numbers: list[int] = []
+    for file in files:
+        found = last_number(file.stem)
+        if found is None:
+            raise InputError(f"{file}: has no number in its name; number the images, or give time stamps")
+        number = int(found) if len(found) < MAX_DIGITS else MAX_FRAMES
+        if number >= MAX_FRAMES:
+            raise InputError(
+                f"{file}: frame {found:.24}; it must be below {MAX_FRAMES}; a time in ms or us? Give time "
+                "stamps, or name the images by ns"
+            )
+        numbers.append(number)
+    for n in range(1, len(files)):
+        if numbers[n] <= numbers[n - 1]:
+            raise InputError(
+                f"{files[n]}: number {numbers[n]} does not come after {numbers[n - 1]} of {files[n - 1].name}; "
+                "rename the images, or give time stamps"
+            )
+    return numbers
+
+
+def are_times(files: list[Path]) -> bool:
+    """Whether the names are times in ns since the Unix epoch (numbers of 18 or more digits)."""
+    return all(file.stem.isdigit() and len(file.stem) >= NS_DIGITS for file in files)
+
+
+def load(
+    files: list[tuple[int, Path]],
+    size: tuple[int, int],
+    lost: Callable[[Loss], None],
+    complaint: Callable[[], str] = lambda: "",
+) -> Iterator[tuple[Picture, bytes]]:
+    """Picture and file content of each image; one that cannot be used is told to `lost` and left out.
+
+    Args:
+        files: (frame number, file) in order.
+        size: width and height that every image must have [px].
+        lost: is called for every image that is left out.
+        complaint: what the decoder has written about damage since the last call, "" if nothing.
+    """
+    for index, file in files:
+        try:
+            data = file.read_bytes()
+            image = decode_image(data, file.name)
+        except OSError as error:
+            lost(Loss(file.parent.name, file.name, f"cannot be read: {error.strerror or error}", 1))
+            continue
+        except InputError as error:
+            lost(Loss(file.parent.name, file.name, str(error).removeprefix(f"{file.name}: "), 1))
+            continue
+        said = complaint()
+        found = (image.shape[1], image.shape[0])
+        if said or found != size:
+            odd = f"{found[0]} x {found[1]} px where {size[0]} x {size[1]} was expected"
+            lost(Loss(file.parent.name, file.name, f"the decoder met damage ({said})" if said else odd, 1))
+            continue
+        picture = Picture(index, float("nan"), image)
+        del image  # only whoever takes it holds it: the next may need as much memory
+        yield picture, data
+        del picture
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFolder:
+    """Images of one camera: (frame number, file) in order, and the times of frame numbers."""
+
+    path: Path
+    files: tuple[tuple[int, Path], ...]
+    times: FrameTimes
+
+
+def read_folders(
+    folders: Mapping[str, Path],
+    sidecars: Mapping[str, tuple[Ints, str]],
+    fps: Mapping[str, Fraction],
+    starts_ns: Mapping[str, int],
+    first_number: int | None = None,
+) -> dict[str, ImageFolder]:
+    """Image folders of several cameras.
+
+    Args:
+        folders: folder of each camera.
+        sidecars: (times, file name) of cameras that have a sidecar file.
+        fps: frame rate of cameras whose images are numbered.
+        starts_ns: time of frame 0 of each camera; 0 where not given.
+        first_number: number in the name that is frame 0; None: the smallest one of all folders.
+    """
+    from occlog.records.columns import MAX_NS
+
+    listed = {name: list_images(folder) for name, folder in folders.items()}
+    numbered = [name for name in folders if name not in sidecars and not are_times(listed[name])]
+    numbers = {name: numbers_of(listed[name]) for name in numbered}
+    base = first_number if first_number is not None else min((n[0] for n in numbers.values()), default=0)
+    out: dict[str, ImageFolder] = {}
+    for name, folder in folders.items():
+        files, start = listed[name], starts_ns.get(name, 0)
+        if name in sidecars:
+            out[name] = _with_sidecar(folder, files, *sidecars[name], start)
+        elif name in numbers:
+            out[name] = _numbered(name, folder, files, numbers[name], base, fps, start)
+        elif start:
+            raise UsageError(f"{folder}: names of images are times since 1970; leave out the start time")
+        else:
+            far = next((file for file in files if len(file.stem) > MAX_DIGITS or int(file.stem) > MAX_NS), None)
+            if far is not None:
+                raise InputError(f"{far}: its time in ns is out of range; times from 1970 to 2115 can be held")
+            table = np.array([int(file.stem) for file in files], dtype=np.int64)
+            out[name] = ImageFolder(
+                folder, tuple(enumerate(files)), FrameTimes("file names (ns)", 0, _rising(files, table))
+            )
+    return out
+
+
+def _with_sidecar(folder: Path, files: list[Path], table: Ints, source: str, start_ns: int) -> ImageFolder:
+    if len(table) != len(files):
+        raise InputError(
+            f"{folder}: {len(files)} images, but {source} gives {len(table)} times; give one time an image"
+        )
+    return ImageFolder(folder, tuple(enumerate(files)), sidecar_times(table, source, start_ns))
+
+
+def _numbered(
+    name: str, folder: Path, files: list[Path], numbers: list[int], base: int, fps: Mapping[str, Fraction], start: int
+) -> ImageFolder:
+    if name not in fps:
+        raise UsageError(
+            f"{folder}: nothing says when its images were taken; give the frame rate, or time stamps as {name}=FILE, "
+            "or name them by their time in ns"
+        )
+    if numbers[0] < base:
+        raise InputError(f"{files[0]}: number {numbers[0]} lies before the first number, {base}; give a smaller one")
+    frames = tuple((number - base, file) for number, file in zip(numbers, files, strict=True))
+    return ImageFolder(folder, frames, rate_times(fps[name], f"given; {base} is frame 0", start))
+
+
+def _rising(files: list[Path], table: Ints) -> Ints:
+    back = np.flatnonzero(np.diff(table) <= 0)
+    if len(back):
+        raise InputError(f"{files[int(back[0]) + 1]}: its time repeats or goes back; rename it")
+    return table

@@ -1,0 +1,184 @@
+"""Tables over many recordings: what each run gave, with a column that names its recording.
+
+Tables of one kind, one of each recording, as one table with a column that names the recording.
+
+The tables `runs` and `metrics` of a batch: what became of each recording, and every figure of its evaluation.
+
+What tables over many recordings have in common: the column of recordings, their names, and how they are written.
+
+They carry names of schemas that no command takes for the table of one recording: rows of several recordings in one
+track would be a wrong result that looks right.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from occlog.errors import InputError
+from occlog.records.tables import TABLES
+
+from .files.atomic import open_output
+from .files.provenance import Provenance
+from .files.tables.arrow import SCHEMA_KEY, check_schema, statements
+from .files.tables.parquet import arrow_batches, arrow_schema_of, read_header
+from .files.tables.table_writer import ROWS_PER_GROUP, WRITTEN
+
+VERSION = 1
+GATHERED = "batch."
+"""Beginning of the names of their schemas."""
+NAMES = pa.dictionary(pa.int32(), pa.string())
+"""Type of columns of names."""
+RECORDING = pa.field("recording", NAMES, nullable=False, metadata={"unit": "1", "doc": "name of the run folder"})
+
+
+def field(name: str, kind: pa.DataType, doc: str, *, unit: str = "1", nullable: bool = False) -> pa.Field:
+    """A column with its unit and meaning."""
+    return pa.field(name, kind, nullable=nullable, metadata={"unit": unit, "doc": doc})
+
+
+def gathered_schema(name: str, fields: Iterable[pa.Field], provenance: Provenance, length_unit: str = "") -> pa.Schema:
+    """Schema of a table over many recordings; `length_unit` where it has lengths."""
+    entries = {SCHEMA_KEY: f"{GATHERED}{name}/{VERSION}", **statements(provenance, length_unit)}
+    return pa.schema([RECORDING, *fields], metadata=entries)
+
+
+@contextmanager
+def gathered_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+    """Writer of a file that appears whole when the block ends without an error, and replaces an older one."""
+    with open_output(path, overwrite=True) as file, pq.ParquetWriter(file, schema, **WRITTEN) as writer:
+        yield writer
+
+
+def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]]) -> int:
+    """Write rows, in groups; the number of rows."""
+    count, kept = 0, list[dict[str, object]]()
+    with gathered_writer(path, schema) as writer:
+        for row in rows:
+            kept.append(row)
+            count += 1
+            if len(kept) == ROWS_PER_GROUP:
+                writer.write_table(pa.Table.from_pylist(kept, schema=schema))
+                kept = []
+        writer.write_table(pa.Table.from_pylist(kept, schema=schema))
+    return count
+
+
+def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Provenance) -> int:
+    """Write the rows of all parts, one part after another; the number of rows.
+
+    A column that a part does not have has no value (null) in its rows.  Memory does not grow with the number of parts.
+
+    Args:
+        path: the new table, which replaces an older one.
+        parts: a table of each recording, by the recording's name.
+        name: of the tables, e.g. `tracks`.
+        provenance: how the new table is made.
+
+    Raises:
+        InputError: parts are of another kind or a newer version, in different units of length, or a column has
+            different types, values that are missing, or the name of another.
+    """
+    fields, unit = _columns(parts, name)
+    schema = gathered_schema(name, fields.values(), provenance, unit)
+    count, kept, rows = 0, list[pa.Table](), 0
+    with gathered_writer(path, schema) as writer:
+        for batch in _batches(parts, schema):
+            kept.append(batch)
+            rows, count = rows + batch.num_rows, count + batch.num_rows
+            if rows >= ROWS_PER_GROUP:
+                writer.write_table(pa.concat_tables(kept).unify_dictionaries())
+                kept, rows = [], 0
+        if kept:
+            writer.write_table(pa.concat_tables(kept).unify_dictionaries())
+    return count
+
+
+def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field], str]:
+    """Columns of all parts by their names, in the order in which they come up, and the unit of lengths."""
+    fields: dict[str, pa.Field] = {}
+    first: dict[str, str] = {}
+    held: dict[str, int] = {}
+    unit, where = "", ""
+    for recording, part in parts.items():
+        header = read_header(part)
+        if header.table != name:
+            raise InputError(f"{part}: holds {header.table}, want {name}")
+        if where and header.length_unit != unit:
+            raise InputError(
+                f"{name}: lengths are in {unit} in {where} and in {header.length_unit} in {recording}; a table has one "
+                "unit: make a batch of the recordings of each"
+            )
+        unit, where = header.length_unit, where or recording
+        schema = arrow_schema_of(part)
+        check_schema(part, schema, TABLES[name])
+        twice = [each for each, count in Counter([RECORDING.name, *schema.names]).items() if count > 1]
+        if twice:
+            raise InputError(f"{part}: column {twice[0]} would be there twice; make it again")
+        for field in schema:
+            known = fields.setdefault(field.name, field)
+            if known.type != field.type:
+                raise InputError(
+                    f"{name}: {field.name} is {known.type} in {first[field.name]} and {field.type} in {recording}; "
+                    "make both with one version of occlog"
+                )
+            first.setdefault(field.name, recording)
+            held[field.name] = held.get(field.name, 0) + 1
+    return {key: field.with_nullable(held[key] < len(parts)) for key, field in fields.items()}, unit
+
+
+def _batches(parts: Mapping[str, Path], schema: pa.Schema) -> Iterator[pa.Table]:
+    """Rows of all parts in chunks, with all columns."""
+    for recording, part in parts.items():
+        for batch in arrow_batches(part):
+            index = pa.repeat(pa.scalar(0, pa.int32()), batch.num_rows)
+            columns = [pa.DictionaryArray.from_arrays(index, pa.array([recording], NAMES.value_type))]
+            for field in list(schema)[1:]:
+                there = field.name in batch.schema.names
+                columns.append(batch.column(field.name) if there else pa.nulls(batch.num_rows, field.type))
+                if there and (missing := columns[-1].null_count) and not field.nullable:
+                    raise InputError(f"{part}: column {field.name}: {missing} missing values; make it again")
+            yield pa.Table.from_arrays(columns, schema=schema)
+
+
+_LOSS = pa.struct([("source", pa.string()), ("place", pa.string()), ("what", pa.string()), ("count", pa.int64())])
+RUNS = (
+    field(
+        "source",
+        pa.string(),
+        "the recording's file, with the folders that tell it from the others; a byte that is not UTF-8 as \\xe9",
+    ),
+    field("sha256", pa.string(), "of the recording's bytes; empty: it could not be read"),
+    field("state", NAMES, "done, lossy (input was lost), threshold (not met) or failed"),
+    field("exit_code", pa.int32(), "as `occlog run` would have ended"),
+    field("stage", NAMES, "the stage that failed; empty: none did"),
+    field("message", pa.string(), "why it failed, in one line"),
+    field("plausible", pa.bool_(), "whether every stage found its results plausible; null: none judged", nullable=True),
+    field("warnings", pa.list_(pa.string()), "why results are not to be believed: stage, id and sentence"),
+    field("losses", pa.list_(_LOSS), "input that was lost: source, place, what, and how many (0: not known)"),
+)
+METRICS = (
+    field("file", NAMES, "of the run folder that has the figure"),
+    field("name", NAMES, "of the figure"),
+    field(
+        "value",
+        pa.float64(),
+        "in the unit that the name ends with; null: it is not defined",
+        nullable=True,
+    ),
+)
+
+
+def write_runs(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
+    """Write the table of runs, a row a recording; the number of rows."""
+    return write_rows(path, gathered_schema("runs", RUNS, provenance), rows)
+
+
+def write_metrics(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
+    """Write the table of metrics, a row a figure; the number of rows."""
+    return write_rows(path, gathered_schema("metrics", METRICS, provenance), rows)

@@ -1,0 +1,450 @@
+"""Calibrations of messages (`sensor_msgs/CameraInfo`) to intrinsic parameters that occlog's cameras have.
+
+Raw images have the matrix K and the distortion D; rectified ones the matrix P, no distortion, and are turned by R.
+`rational_polynomial` is fitted by the five coefficients of `plumb_bob`, and refused where they are not close.
+
+Images of messages: compressed ones as they are, raw pixels of any common encoding as grey or BGR.
+
+Rows of tables from messages: true positions, boxes, directions of arrival.
+
+The tree of frames of reference of a bag, and where frames stand that must not move.
+
+Transforms come all the time; of each pair of frames the first pose is kept, and how far later ones were from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.calibration.common import fit_rational
+from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
+from occlog.io.frames.decoders.apart import decode_apart
+from occlog.io.frames.limits import MAX_PIXELS
+from occlog.records.frames import Image
+from occlog.records.scene import MicrophoneArray
+from occlog.records.tables import Boxes, Doa, Truth
+
+from .kinds import BoxMessage, DirectionMessage, ImageMessage, InfoMessage, PoseMessage, TransformMessage
+
+_BROWN = ("plumb_bob", "radtan", "")
+_RATIONAL = ("rational_polynomial",)
+_FISHEYE = ("equidistant", "fisheye", "kannala_brandt")
+
+
+class Intrinsics(NamedTuple):
+    """What is known of a camera without its pose.
+
+    Attributes:
+        focal_px: (2,) focal lengths.
+        principal_px: (2,) principal point.
+        size: width and height.
+        model: `brown` or `equidistant`.
+        distortion: k1, k2, p1, p2, k3, or k1 to k4.
+        turn: (3, 3) rotation of the frame of the images from the camera's own.
+        shift: how far the camera stands to the right of the frame that a stereo pair shares.
+        fit_px: largest error of a fitted lens model; 0: the model is the same.
+    """
+
+    focal_px: Floats
+    principal_px: Floats
+    size: tuple[int, int]
+    model: str
+    distortion: Floats
+    turn: Floats
+    shift: float
+    fit_px: float
+
+
+def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics | None:
+    """The intrinsic parameters of the camera of a calibration; None for one that says that it is not calibrated.
+
+    InputError, with the remedy, for lens models and crops that cannot be used.
+    """
+    matrix = info.p[:, :3] if rectified else info.k
+    if not matrix[0, 0]:
+        return None
+    if max(info.binning) > 1 or any(info.roi[:2]) or (any(info.roi) and info.roi[2:] != info.size):
+        raise InputError(
+            f"{where}: its calibration is of images that are binned {info.binning} or cut {info.roi}, which cannot be "
+            "used; give a calibration file or a scene"
+        )
+    if (
+        not np.isfinite(matrix).all()
+        or matrix[0, 1]
+        or matrix[1, 0]
+        or matrix[2].tolist() != [0, 0, 1]
+        or not (matrix[0, 0] > 0 < matrix[1, 1])
+    ):
+        raise InputError(f"{where}: its matrix {matrix.tolist()} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    focal, principal = np.array([matrix[0, 0], matrix[1, 1]]), matrix[:2, 2].copy()
+    if rectified:
+        turn = info.r if info.r.any() else np.eye(3)
+        with np.errstate(over="ignore", invalid="ignore"):
+            rotates = np.isfinite(turn).all() and np.abs(turn @ turn.T - np.eye(3)).max() <= 1e-3
+        if not rotates or np.linalg.det(turn) < 0:
+            raise InputError(f"{where}: its matrix R is not a rotation; give a calibration file or a scene")
+        shift = -float(info.p[0, 3]) / float(focal[0])
+        return Intrinsics(focal, principal, info.size, "brown", np.zeros(5), turn, shift, fit_px=0.0)
+    model, distortion, fit_px = _lens(info, focal, principal, where)
+    return Intrinsics(focal, principal, info.size, model, distortion, np.eye(3), shift=0.0, fit_px=fit_px)
+
+
+def _lens(info: InfoMessage, focal: Floats, principal: Floats, where: str) -> tuple[str, Floats, float]:
+    """The lens model, its five coefficients, and the largest error that they make [px]."""
+    given, model = info.distortion, info.model.lower()
+    if not np.isfinite(given).all():
+        raise InputError(f"{where}: its distortion {given.tolist()} is not finite")
+    if model in _FISHEYE and len(given) in (0, 4):
+        return "equidistant", _five(given), 0.0
+    if not given.any() and model not in _FISHEYE:
+        return "brown", np.zeros(5), 0.0
+    if model in _BROWN and len(given) <= 5:
+        return "brown", _five(given), 0.0
+    if model in _RATIONAL and len(given) <= 14 and not given[8:].any():
+        if not given[5:].any():
+            return "brown", _five(given[:5]), 0.0
+        eight = np.concatenate([given, np.zeros(8)])[:8]
+        found, off = fit_rational(eight, info.size, focal, principal, where)
+        return "brown", found, off
+    raise InputError(
+        f"{where}: lens model {info.model!r} with {len(given)} coefficients is not known; record rectified images "
+        "(image_proc), or give a calibration file or a scene"
+    )
+
+
+def _five(given: Floats) -> Floats:
+    return np.concatenate([given, np.zeros(5 - len(given))])
+
+
+_GREY = ("mono8", "8UC1")
+_COLOURS: dict[str, tuple[int, int | None]] = {
+    "bgr8": (3, None),
+    "8UC3": (3, None),
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "bgra8": (4, cv2.COLOR_BGRA2BGR),
+    "8UC4": (4, cv2.COLOR_BGRA2BGR),
+    "rgba8": (4, cv2.COLOR_RGBA2BGR),
+    # ROS names a pattern by its first row from the left, OpenCV by the second row from the second pixel on.
+    "bayer_rggb8": (1, cv2.COLOR_BayerBG2BGR),
+    "bayer_bggr8": (1, cv2.COLOR_BayerRG2BGR),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGR2BGR),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGB2BGR),
+    "yuv422": (2, cv2.COLOR_YUV2BGR_UYVY),
+    "uyvy": (2, cv2.COLOR_YUV2BGR_UYVY),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUY2),
+    "yuyv": (2, cv2.COLOR_YUV2BGR_YUY2),
+}
+"""Encodings of 8 bits: bytes a pixel, and how OpenCV makes BGR of them."""
+ENCODINGS = (*_GREY, *_COLOURS)
+
+
+class Stored(NamedTuple):
+    """An image as it goes into the recording."""
+
+    data: bytes
+    kind: str
+    size: tuple[int, int]
+
+
+def is_picture(message: ImageMessage) -> bool:
+    """Whether the message shows what a camera sees, and not depth or the like."""
+    if message.size is not None:
+        return message.encoding in ENCODINGS
+    words = message.encoding.lower()
+    return not any(word in words for word in ("compresseddepth", "16uc1", "32fc1", "mono16"))
+
+
+def stored(message: ImageMessage, where: str, store: str | None, quality: int) -> Stored:
+    """The image as bytes of a recording.
+
+    Args:
+        message: the image.
+        where: names it in errors.
+        store: `png` or `jpeg`; None: compressed images of these kinds as they are, all else as JPEG.
+        quality: of JPEG.
+
+    Raises:
+        InputError: the image is damaged or of an encoding that cannot be read.
+    """
+    kind = None if message.size is not None else image_kind(message.data)
+    size = shown_size(message.data) if kind is not None else None
+    if kind is not None and size is not None and store in (None, kind):
+        damage = image_damage(message.data)
+        if damage is None and size[0] * size[1] > MAX_PIXELS:
+            damage = f"{size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels"
+        if damage is not None:
+            raise InputError(f"{where}: {damage}")
+        return Stored(message.data, kind, size)
+    image = pixels(message, where)
+    kind = store or "jpeg"
+    return Stored(encode_image(image, kind, quality), kind, (image.shape[1], image.shape[0]))
+
+
+def pixels(message: ImageMessage, where: str) -> Image:
+    """(h, w, 3) BGR or (h, w) grey; InputError as `stored`."""
+    if message.size is None:
+        return decode_apart(message.data, f"{where} ({message.encoding})")
+    (width, height), encoding = message.size, message.encoding
+    if not is_picture(message):
+        raise InputError(f"{where}: pixels of encoding {encoding!r} cannot be read; known: {', '.join(ENCODINGS)}")
+    each, code = (1, None) if encoding in _GREY else _COLOURS[encoding]
+    step = message.step or width * each
+    if not (0 < width * height <= MAX_PIXELS and step >= width * each and len(message.data) >= step * height):
+        raise InputError(
+            f"{where}: {len(message.data)} bytes are not {width} x {height} pixels of {encoding}, {step} bytes a row"
+        )
+    rows = np.frombuffer(message.data, np.uint8, count=step * height).reshape(height, step)[:, : width * each]
+    image = np.ascontiguousarray(rows if each == 1 else rows.reshape(height, width, each))
+    try:
+        return image if code is None else cv2.cvtColor(image, code)
+    except cv2.error as error:
+        reason = " ".join(str(error.err).split())[:100]
+        raise InputError(f"{where}: pixels of {encoding} cannot be converted ({reason})") from None
+
+
+STILL_M, STILL_RAD = 0.02, math.radians(0.5)
+"""Up to this, changes of a pose are taken for noise of the localisation; what moves more is no fixed camera."""
+UNIT_SLACK = 0.01
+MAX_DEPTH = 200
+
+
+@dataclass
+class Edge:
+    """The pose of a frame in its parent: the first one, and the largest change since."""
+
+    parent: str
+    rotation: Floats  # (3, 3) parent-from-child
+    translation: Floats
+    messages: int = 1
+    moved: float = 0.0
+    turned: float = 0.0
+
+    @property
+    def still(self) -> bool:
+        """Whether it never moved by more than noise does."""
+        return self.moved <= STILL_M and self.turned <= STILL_RAD
+
+
+class Placed(NamedTuple):
+    """A pose in another frame: x_other = rotation x + translation."""
+
+    rotation: Floats
+    translation: Floats
+
+
+class Transforms:
+    """The frames of a bag."""
+
+    def __init__(self) -> None:
+        """Begin without frames."""
+        self.edges: dict[str, Edge] = {}
+        self.faults: dict[str, str] = {}
+
+    def add(self, message: TransformMessage) -> None:
+        """Take a transform; one that is no pose is told when its frame is needed."""
+        try:
+            rotation = rotation_of(message)
+        except InputError as error:
+            self.faults.setdefault(message.child, str(error))
+            return
+        old = self.edges.get(message.child)
+        if old is None:
+            self.edges[message.child] = Edge(message.parent, rotation, message.translation)
+            return
+        if old.parent != message.parent:
+            text = f"frame {message.child!r} has two parents, {old.parent!r} and {message.parent!r}"
+            self.faults.setdefault(message.child, text)
+            return
+        old.messages += 1
+        old.moved = max(old.moved, float(np.linalg.norm(message.translation - old.translation)))
+        cosine = (float(np.trace(old.rotation.T @ rotation)) - 1) / 2
+        old.turned = max(old.turned, math.acos(min(max(cosine, -1.0), 1.0)))
+
+    @property
+    def frames(self) -> list[str]:
+        """Names of all frames, sorted."""
+        return sorted({*self.edges, *(edge.parent for edge in self.edges.values())})
+
+    def knows(self, frame: str) -> bool:
+        """Whether a frame is in the tree."""
+        return frame in self.edges or any(edge.parent == frame for edge in self.edges.values())
+
+    def chain(self, frame: str) -> list[str]:
+        """The frame, its parent, and so on up to the root; InputError where frames are each other's parents."""
+        out = [frame]
+        while out[-1] in self.edges:
+            parent = self.edges[out[-1]].parent
+            if parent in out or len(out) > MAX_DEPTH:
+                raise InputError(f"transforms: frame {parent!r} is its own parent; the tree has no root")
+            out.append(parent)
+        return out
+
+    def still_root(self, frame: str) -> str:
+        """The highest frame in which a frame does not move."""
+        for above in self.chain(frame):
+            if above not in self.edges or not self.edges[above].still:
+                return above
+        raise AssertionError("a chain ends at a frame without a parent")
+
+    def placed(self, frame: str, world: str) -> Placed:
+        """The pose of a frame in another one.
+
+        InputError where the frames are not connected, one of them moves in the other, or has two parents.
+        """
+        up, down = self.chain(frame), self.chain(world)
+        common = next((name for name in up if name in down), None)
+        if common is None:
+            raise InputError(f"no transforms lead from frame {world!r} to {frame!r}")
+        path = [*up[: up.index(common)], *down[: down.index(common)]]
+        for name in path:
+            edge = self.edges[name]
+            if name in self.faults:
+                raise InputError(self.faults[name])
+            if not edge.still:
+                raise InputError(
+                    f"frame {frame!r} moves in {world!r}: {name!r} in {edge.parent!r} by {edge.moved:.3g} m and "
+                    f"{math.degrees(edge.turned):.3g} degrees"
+                )
+        a, b = self._to(frame, common), self._to(world, common)
+        return Placed(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
+
+    def _to(self, frame: str, above: str) -> Placed:
+        """The pose of a frame in one above it."""
+        rotation, translation = np.eye(3), np.zeros(3)
+        while frame != above:
+            edge = self.edges[frame]
+            rotation, translation = edge.rotation @ rotation, edge.rotation @ translation + edge.translation
+            frame = edge.parent
+        return Placed(rotation, translation)
+
+
+def rotation_of(message: TransformMessage) -> Floats:
+    """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another length, or a place that is none."""
+    if not np.isfinite(message.translation).all():
+        raise InputError(f"transform of frame {message.child!r}: its translation is not finite")
+    with np.errstate(over="ignore", invalid="ignore"):  # what is infinite, or no number, is refused
+        length = float(np.linalg.norm(message.quaternion))
+    if not abs(length - 1) <= UNIT_SLACK:
+        raise InputError(
+            f"transform of frame {message.child!r}: a quaternion of length {length:.4g}; it must be 1 to within "
+            f"{UNIT_SLACK}"
+        )
+    x, y, z, w = message.quaternion / length
+    # fmt: off
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])
+    # fmt: on
+
+
+LENGTHS = (0.9, 1.1)
+"""Of a vector that is taken for a direction."""
+
+
+def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: Placed) -> Truth:
+    """Positions of one message in the world; the targets are numbered from `first`."""
+    if not np.isfinite(message.positions).all():
+        raise InputError("a true position is not finite")
+    places = message.positions @ placed.rotation.T + placed.translation
+    n = len(places)
+    x, y, z = places.T
+    return Truth.of(
+        t_ns=np.full(n, t_ns), target_id=first + np.arange(n), role=np.full(n, "target"), x=x, y=y, z=z.copy()
+    )
+
+
+class BoxRows:
+    """Boxes of one camera; counts its frames and its classes."""
+
+    def __init__(self, camera: str, classes: Collection[str], scale: float) -> None:
+        """Take boxes of some classes, or of the only one that there is; scores are divided by `scale`."""
+        self.camera, self.classes, self.scale = camera, classes, scale
+        self.frames = 0
+        self.labels: Counter[str] = Counter()
+        self._numbers: dict[str, int] = {}
+        self._owners: dict[int, str] = {}
+
+    def rows(self, message: BoxMessage, t_ns: int) -> Boxes:
+        """The boxes of one message, which is a frame; one without boxes is a row that says that nobody was seen.
+
+        InputError where there are several classes and none is chosen, and for boxes that cannot be.
+        """
+        kept = [b for b in message.boxes if not self.classes or b.label in self.classes]
+        self.labels.update(b.label for b in message.boxes)
+        if not self.classes and len(self.labels) > 1:
+            raise InputError(f"boxes of classes {', '.join(map(repr, self.labels))}; choose the class that is wanted")
+        frame, self.frames = self.frames, self.frames + 1
+        edges = np.array([b[:4] for b in kept], dtype=np.float64).reshape(-1, 4)
+        score = np.array([b.score for b in kept], dtype=np.float64) / self.scale
+        if not (np.isfinite(edges).all() and (edges[:, 2:] > 0).all()):
+            raise InputError(f"frame {frame}: a box without a size")
+        if ((score < 0) | (score > 1)).any():
+            raise InputError(f"frame {frame}: a confidence of {score[(score < 0) | (score > 1)][0]:g}; want 0 to 1")
+        n = max(len(kept), 1)
+        blank = np.full((1, 4), np.nan)
+        left, top, width, height = (edges if len(kept) else blank).T.copy()
+        return Boxes.of(
+            t_ns=np.full(n, t_ns),
+            sensor=np.full(n, self.camera),
+            frame=np.full(n, frame),
+            box=np.arange(n) if kept else np.array([-1]),
+            target_id=np.array([self._identity(b.id) for b in kept] or [-1]),
+            left_px=left,
+            top_px=top,
+            width_px=width,
+            height_px=height,
+            confidence=score if kept else np.array([np.nan]),
+        )
+
+    def _identity(self, text: str) -> int:
+        """The number of a track that a detector names: its own where it is one, else the next that is free."""
+        if not text:
+            return -1
+        known = self._numbers.get(text)
+        if known is not None:
+            return known
+        own = text.isascii() and text.isdigit() and len(text) <= 10 and int(text) < 2**31
+        number = int(text) if own else len(self._numbers)
+        if number in self._owners:
+            raise InputError(
+                f"tracks {self._owners[number]!r} and {text!r} would both be number {number}: some are named by "
+                "numbers, some otherwise; name all alike"
+            )
+        self._numbers[text], self._owners[number] = number, text
+        return number
+
+
+def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray) -> Doa:
+    """Directions of one message in the world; empty slots (id 0, or no direction) give no row."""
+    heard = [s for s in message.sources if s.id != 0 and any(s.vector)]
+    vectors: Floats = np.array([s.vector for s in heard], dtype=np.float64).reshape(-1, 3)
+    with np.errstate(over="ignore"):  # what is infinite is refused
+        length = np.linalg.norm(vectors, axis=1)
+    bad = ~((length >= LENGTHS[0]) & (length <= LENGTHS[1]))
+    if bad.any():
+        raise InputError(f"a direction {vectors[bad][0].tolist()} of length {length[bad][0]:.3g}; want a unit vector")
+    rays = vectors @ array.rotation.T
+    n = len(heard)
+    azimuth = np.arctan2(rays[:, 1], rays[:, 0])
+    rows = Doa.of(
+        t_ns=np.full(n, t_ns),
+        sensor=np.full(n, array.name),
+        source_id=np.array([s.id for s in heard]),
+        azimuth=np.where(azimuth >= np.pi, -np.pi, azimuth),
+        elevation=np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])),
+        sigma_azimuth=np.full(n, np.nan),
+        sigma_elevation=np.full(n, np.nan),
+        confidence=np.clip(np.array([s.strength for s in heard], dtype=np.float64), 0.0, 1.0),
+    )
+    return rows.sorted()

@@ -1,0 +1,388 @@
+"""Files in object stores and on web servers, by fsspec: found, fetched into a bounded cache, and written.
+
+Files that were fetched, kept in a folder of bounded size that several processes share.
+
+An entry is used while somebody holds its lock, and is never removed meanwhile; a process that is killed lets go.  So
+the folder holds at most its limit, or what is in use if that is more.
+
+Where a URL leads: find, read and write files there; every failure is one line that names the URL alone.
+
+URLs of files that lie elsewhere: which are taken, and how they are named without what opens them.
+
+Passwords before the host and signatures after the question mark open a file to whoever reads them.  They never leave
+this process but to the server: not into tables, provenance or messages.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import os
+import re
+import shutil
+import time
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import IO, Any, NamedTuple
+
+from occlog.errors import InputError, OcclogError, OutputError, UsageError, option
+
+from .files.provenance import hash_file
+from .recording.reader import linked_videos, open_recording
+
+EXTRAS = {"s3": "s3", "gs": "gs", "https": "remote", "http": "remote", "memory": "remote"}
+"""Kinds of URLs, and the extra of occlog that each wants."""
+READ_ONLY = ("https", "http")
+"""Kinds that nothing is written to."""
+_URL = re.compile(r"^([A-Za-z][A-Za-z0-9+.-]*)(?:::|://)")
+_SECRETS = re.compile(r"(?<=://)[^/@\s'\"]*@|\?[^\s'\")>]+")
+_SIGNATURE = re.compile(
+    r"(?:x-amz-|x-goog-|awsaccesskeyid=|googleaccessid=|signature=|expires=|key-pair-id=|policy=)", re.IGNORECASE
+)
+"""Beginning of the parts of a query that differ each time that a URL is signed."""
+MOST_WORDS = 160
+"""Characters of the words of a library that a message repeats."""
+
+
+def is_url(text: str) -> bool:
+    """Whether a text is a URL, not the name of a file."""
+    return _URL.match(text) is not None
+
+
+def kind_of(url: str) -> str:
+    """The kind of a URL, e.g. `s3`; UsageError for those that occlog does not take."""
+    found = _URL.match(url)
+    kind = found.group(1).lower() if found else ""
+    if kind not in EXTRAS or "::" in url:
+        raise UsageError(f"{shown(url)}: {kind}: is not taken; give a file, or one of {', '.join(EXTRAS)}")
+    return kind
+
+
+def without_end(place: str) -> str:
+    """A folder, or its URL, without slashes at its end: in stores, names behind two slashes are other ones."""
+    kind, mark, path = place.partition("://")
+    return f"{kind}{mark}{path.rstrip('/')}" if is_url(place) else place
+
+
+def shown(url: str) -> str:
+    """The URL without user, password, query and fragment."""
+    kind, mark, rest = url.partition("://")
+    path = re.split(r"[?#]" if kind.lower() in READ_ONLY else r"[?]", rest, maxsplit=1)[0]
+    host, slash, below = path.partition("/")
+    return f"{kind}{mark}{host.rpartition('@')[2]}{slash}{below}"
+
+
+def identity(url: str) -> str:
+    """The URL without what only opens it: without user and password, and without signatures in its query."""
+    query = url.partition("?")[2].partition("#")[0]
+    asked = "&".join(part for part in query.split("&") if not _SIGNATURE.match(part))
+    return f"{shown(url)}?{asked}" if asked else shown(url)
+
+
+def scrubbed(text: str) -> str:
+    """Words of a library about a URL, in one line and without what opens it."""
+    return _SECRETS.sub("", " ".join(text.split()))[:MOST_WORDS]
+
+
+MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
+"""What file systems tell of a file that changes when the file does."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+SILENCE = 60.0
+"""Time that a web server may say nothing [s]."""
+
+PART = ".part"
+"""Name of a file that has not come whole; one at a time is fetched into a folder."""
+
+GONE = (404, 410)
+"""Answers of a web server that say that a file is not there; others, as 403 and 503, do not."""
+
+
+class Version(NamedTuple):
+    """What is known of a file before it is fetched.
+
+    Attributes:
+        size: bytes; None: the server does not say.
+        mark: changes when the file does; empty: the server gives none.
+    """
+
+    size: int | None
+    mark: str
+
+
+@contextmanager
+def _told(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
+    """Turn what file systems raise into one line."""
+    try:
+        yield
+    except OcclogError:
+        raise
+    except ImportError as error:
+        extra = EXTRAS[kind_of(url)]
+        raise UsageError(f"{shown(url)}: wants a package that is not installed; install occlog[{extra}]") from error
+    except FileNotFoundError as error:
+        reason = _unreached(error)
+        if reason is not None:
+            raise failure(f"{shown(url)}: cannot be reached: {scrubbed(str(reason))}; try again") from error
+        raise failure(f"{shown(url)}: no such file") from None
+    except Exception as error:  # each file system has errors of its own
+        if isinstance(error, OSError) and error.errno in FULL:
+            raise  # of this machine
+        words = scrubbed(str(error))
+        raise failure(f"{shown(url)}: {type(error).__name__}{f': {words}' if words else ''}; try again") from None
+
+
+def _unreached(error: FileNotFoundError) -> BaseException | None:
+    """Why nobody knows whether a file is there: fsspec says of all that a web server does not give that it is not."""
+    cause = error.__cause__
+    if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
+        return cause  # no such host, no connection, a time limit
+    return cause if getattr(cause, "status", None) not in (None, *GONE) else None
+
+
+def _opened(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path in it."""
+    kind = kind_of(url)
+    import fsspec
+
+    settings = {}
+    if kind in READ_ONLY:
+        import aiohttp
+
+        # Its own limit is for the whole file, and five minutes
+        settings = {"client_kwargs": {"timeout": aiohttp.ClientTimeout(total=None, connect=SILENCE, sock_read=SILENCE)}}
+    return fsspec.core.url_to_fs(url, **settings)  # type: ignore[no-any-return]
+
+
+def find(pattern: str) -> list[str]:
+    """URLs of the files that a pattern finds, sorted; a URL without `*`, `[` is its own."""
+    if not any(mark in pattern.partition("?")[0] for mark in "*["):
+        kind_of(pattern)
+        return [pattern]
+    with _told(pattern):
+        system, path = _opened(pattern)
+        there = system.glob(path, detail=True).items()
+        found = sorted(str(system.unstrip_protocol(each)) for each, told in there if told.get("type") != "directory")
+        return found or [pattern] * system.exists(path)  # its name has brackets
+
+
+def version(url: str) -> Version:
+    """What is known of a file; InputError where it is not there, or may not be read."""
+    with _told(url):
+        system, path = _opened(url)
+        told = system.info(path)
+        marks = [str(told[key]) for key in MARKS if key in told]
+        size = told.get("size")
+        return Version(None if size is None else int(size), " ".join(marks))
+
+
+def fetch(url: str, file: Path) -> int:
+    """Copy a file to this machine; its size. What was there is replaced by the whole file or not at all."""
+    part = file.with_name(PART)
+    try:
+        with _told(url):
+            system, path = _opened(url)
+            system.get_file(path, str(part))
+        part.replace(file)
+        return file.stat().st_size
+    except OSError as error:
+        raise OutputError(f"{file.parent}: cannot keep {shown(url)}: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def check_output(url: str) -> None:
+    """UsageError for a URL that nothing can be written to."""
+    if kind_of(url) in READ_ONLY:
+        raise UsageError(
+            f"{shown(url)}: nothing can be written to a web server; name a folder, or one in s3:// or gs://"
+        )
+
+
+def put(file: Path, url: str) -> None:
+    """Write a whole file, replacing what was there."""
+    with _told(url, OutputError):
+        system, path = _opened(url)
+        system.pipe_file(path, file.read_bytes())
+
+
+def names_in(url: str) -> list[str]:
+    """Names of files and folders in a folder, sorted; none where it is not there."""
+    with _told(url):
+        system, path = _opened(url)
+        system.invalidate_cache()
+        try:
+            found = [str(each).rstrip("/") for each in system.ls(path, detail=False)]
+            # Stores have empty files that stand for the folder itself
+            return sorted(Path(each).name for each in found if each != path.rstrip("/"))
+        except FileNotFoundError:
+            return []
+
+
+def remove(urls: Iterable[str]) -> None:
+    """Remove files, where they are there."""
+    for url in urls:
+        with _told(url, OutputError):
+            system, path = _opened(url)
+            if system.exists(path):
+                system.rm_file(path)
+
+
+LOCK, SCRATCH = ".lock", "scratch-"
+
+
+@dataclass(frozen=True)
+class Cache:
+    """A folder of fetched files.
+
+    Attributes:
+        folder: made if missing.
+        limit: bytes of what is kept when nobody uses it.
+    """
+
+    folder: Path
+    limit: int
+
+    @contextmanager
+    def holding(self, url: str) -> Iterator[Path]:
+        """Fetch a recording, and the videos beside it that it links to; it stays while the block lasts.
+
+        Raises:
+            InputError: it is not there, may not be read, came incomplete, or is larger than the limit.
+        """
+        told = version(url)
+        if told.size is not None and told.size > self.limit:
+            raise InputError(f"{shown(url)}: has {told.size} bytes, limit {self.limit}; raise {option('cache_limit')}")
+        key = hashlib.sha256(f"{identity(url)}\0{told.size}\0{told.mark}".encode()).hexdigest()[:32]
+        # Without a mark nobody knows whether the file is still what it was
+        with self._using(key) if told.mark else self.scratch() as entry:
+            file = entry / PurePosixPath(shown(url)).name
+            with _fetching(entry):
+                if not file.exists():
+                    self._fetch(url, file, told.size)
+                for video in linked_videos(file):
+                    self._fetch_beside(url, file, video)
+            yield file
+
+    @contextmanager
+    def scratch(self) -> Iterator[Path]:
+        """A new empty folder that is removed at the end; if the process is killed, by the next one."""
+        with self._using(f"{SCRATCH}{uuid.uuid4().hex}") as entry:
+            try:
+                yield entry
+            finally:
+                shutil.rmtree(entry, ignore_errors=True)
+
+    def _fetch_beside(self, url: str, recording: Path, video: Path) -> None:
+        """Fetch a linked video that lies in the recording's folder; whoever reads others says what is wrong."""
+        name = video.name
+        if video.parent != recording.parent or video.exists() or name in (".", ".."):
+            return
+        there = url.partition("?")[0].rpartition("/")[0] + f"/{name}"
+        self._fetch(there, video, version(there).size)
+        if hash_file(video) not in [link.get("sha256") for link in open_recording(recording).videos.values()]:
+            video.unlink()
+            raise InputError(
+                f"{shown(there)}: is not the video that {recording.name} links to (SHA-256); put that one there"
+            )
+
+    def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
+        """Fetch a file of so many bytes; None: nobody knows how many."""
+        self._trim(wanted or 0)
+        size = fetch(url, file)
+        if wanted is not None and size != wanted:
+            file.unlink()
+            raise InputError(f"{shown(url)}: came with {size} bytes of {wanted}; try again")
+
+    @contextmanager
+    def _using(self, key: str) -> Iterator[Path]:
+        entry = self.folder / key
+        try:
+            with self._managed():
+                entry.mkdir(exist_ok=True)
+                lock = (self.folder / f"{key}{LOCK}").open("a")
+                fcntl.flock(lock, fcntl.LOCK_SH)
+        except OSError as error:
+            raise OutputError(f"{self.folder}: the cache cannot be written: {error.strerror or error}") from error
+        try:
+            yield entry
+        finally:
+            # The system's own time of a file has steps of some ms, in which two would be used at once
+            now = time.time_ns()
+            os.utime(lock.fileno(), ns=(now, now))
+            lock.close()
+            self._trim(0)
+
+    @contextmanager
+    def _managed(self) -> Iterator[None]:
+        """Nobody else looks at locks meanwhile."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with (self.folder / LOCK).open("a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
+    def _trim(self, wanted: int) -> None:
+        """Remove entries that nobody uses, oldest first, until so many bytes more fit in; scratch folders anyway."""
+        with self._managed():
+            locks = sorted(self.folder.glob(f"?*{LOCK}"), key=lambda lock: (lock.stat().st_mtime_ns, lock.name))
+            sizes = {lock: _size(self._entry(lock)) for lock in locks}
+            room = self.limit - wanted - sum(sizes.values())
+            for lock in locks:
+                stale = lock.name.startswith(SCRATCH)
+                if (room < 0 or stale) and self._drop(lock):
+                    room += sizes[lock]
+
+    def _entry(self, lock: Path) -> Path:
+        return self.folder / lock.name.removesuffix(LOCK)
+
+    def _drop(self, lock: Path) -> bool:
+        """Remove an entry and its lock, unless somebody uses it."""
+        with lock.open("a") as held:
+            if not _alone(held):
+                return False
+            shutil.rmtree(self._entry(lock), ignore_errors=True)
+            lock.unlink()
+        return True
+
+
+def default_folder() -> Path:
+    """The user's folder for what can be fetched again: `OCCLOG_CACHE`, or `occlog` in the user's caches."""
+    told = os.environ.get("OCCLOG_CACHE")
+    if told:
+        return Path(told)
+    caches = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
+    return Path(caches) / "occlog"
+
+
+@contextmanager
+def _fetching(entry: Path) -> Iterator[None]:
+    """Nobody else fetches into an entry meanwhile; whoever comes later finds what was fetched."""
+    descriptor = os.open(entry, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _alone(lock: IO[str]) -> bool:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _size(folder: Path) -> int:
+    """Bytes of the files in a folder, which whoever uses it may remove meanwhile."""
+    total = 0
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with suppress(FileNotFoundError):
+                total += (Path(place) / name).stat().st_size
+    return total

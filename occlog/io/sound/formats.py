@@ -1,0 +1,471 @@
+"""Logs of direction finders in their authors' own formats, and the places of their arrays.
+
+Text files of the LOCATA challenge: poses of arrays with their microphones, and positions of sources.
+
+Each is a table with tabs whose rows are times (`year`, `month`, `day`, `hour`, `minute`, `second`) of an optical
+tracking system: place `x`, `y`, `z` [m] in a world whose z axis is up, and `rotation_11` to `rotation_33`,
+world-from-local by rows.  Arrays also have `mic1_x`, `mic1_y`, `mic1_z`, `mic2_x`, ..., which are in the world.
+The challenge counts azimuths of an array from its y axis; here they are counted, as ever, from its x axis.
+
+Streams of ODAS: sources that it tracks (SST) or finds (SSL), as JSON objects one after another.
+
+An object is a hop of the sound: `{"timeStamp": 17, "src": [{"id": 3, "tag": "dynamic", "x": 0.6, "y": 0.8, "z": 0.0,
+"activity": 0.9}, ...]}`; sources that are found but not tracked have `x, y, z, E`.  The time stamp counts hops, whose
+length (hopSize / fS) stands in ODAS' configuration alone.  The vector is a unit vector in the array's frame.  An empty
+slot has the id 0, or no direction: a hop with empty slots alone heard nobody.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from decimal import Decimal, InvalidOperation
+from fractions import Fraction
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints, Strings
+from occlog.errors import InputError, UsageError, option
+from occlog.io.files.limits import naming
+from occlog.io.files.names import safe_name
+from occlog.io.files.texts.csv_rows import first_line, is_header, read_plain
+from occlog.io.files.texts.formats import RAW, WHOLE, Column, Format, Part, read_format
+from occlog.records.losses import Loss
+from occlog.records.scene import MicrophoneArray
+from occlog.records.tables import Truth
+
+from .csv_log import DoaOptions, DoaRows, azimuths_only
+
+LOCATA_TABLE = "a table of the LOCATA challenge"
+TIMES = ("year", "month", "day", "hour", "minute", "second")
+PLACE = ("x", "y", "z")
+ROTATION = tuple(f"rotation_{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+STILL_M, STILL_RAD = 0.03, np.radians(2.0)
+"""Up to this, changes of an array's pose are taken for noise of the tracking system."""
+MAX_ROTATION_ERROR = 1e-3
+_MICROPHONE = re.compile(r"^mic(\d{1,4})_([xyz])$")
+_LAST_NUMBER = re.compile(r"(\d{1,9})$")
+
+
+def looks_like_locata(head: Sequence[str]) -> bool:
+    """Whether a header line is that of a table of poses."""
+    return {*TIMES, *PLACE} <= {cell.strip().lower() for cell in head}
+
+
+def read_array(path: Path, name: str | None) -> MicrophoneArray:
+    """An array that stands still, with its microphones in its own frame.
+
+    Args:
+        path: `position_array_NAME.txt`.
+        name: what the array is called; None: as the file says.
+
+    Raises:
+        InputError: the table is malformed, or the array moves, which no array of a scene does.
+    """
+    head = [cell.strip().lower() for cell in first_line(path, LOCATA_TABLE)]
+    numbers = sorted({int(found[1]) for cell in head if (found := _MICROPHONE.match(cell))})
+    columns = [f"mic{n}_{axis}" for n in numbers for axis in "xyz"]
+    missing = [c for c in (*ROTATION, *columns) if c not in head]
+    if missing or not numbers:
+        raise InputError(f"{path}: has no column {(missing or ['mic1_x'])[0]}; {LOCATA_TABLE} of an array was expected")
+    parts = list(_locata_rows(path, (*PLACE, *ROTATION, *columns)))
+    places = np.concatenate([_values(rows, PLACE) for rows in parts])
+    turns = np.concatenate([_values(rows, ROTATION) for rows in parts]).reshape(-1, 3, 3)
+    heard = np.concatenate([_values(rows, columns) for rows in parts]).reshape(len(places), -1, 3)
+    lines = np.concatenate([part.rows.lines for part in parts])
+    _check_rotations(path, turns, lines)
+    _check_still(path, places, turns, lines)
+    # Microphones in the array's frame are p = R^T (m - c), as LOCATA's own programs have it.
+    own = np.einsum("nji,nmj->nmi", turns, heard - places[:, None]).mean(axis=0)
+    u, _, vt = np.linalg.svd(turns.mean(axis=0))
+    yaw, pitch, roll = _angles(u @ vt)
+    called = name or safe_name(path.stem.removeprefix("position_array_"))
+    return MicrophoneArray(called, places.mean(axis=0), yaw=yaw, microphones=own, pitch=pitch, roll=roll)
+
+
+def read_source(path: Path) -> Truth:
+    """Places of one source in the order of time; its identity is the number at the end of the file's name, or 0.
+
+    A time that is repeated counts once.  InputError where times go back.
+    """
+    number = _LAST_NUMBER.search(path.stem)
+    times: list[Ints] = []
+    places: list[Floats] = []
+    for part in _locata_rows(path, PLACE):
+        t_ns = _times(part)
+        last = times[-1][-1:] if times else t_ns[:1]
+        back = np.flatnonzero(np.diff(np.concatenate([last, t_ns])) < 0)
+        if len(back):
+            raise part.rows.fail(int(back[0]), "its time is before that of the row above; sort the rows by time")
+        times.append(t_ns)
+        places.append(_values(part, PLACE))
+    t_ns, first = np.unique(np.concatenate(times), return_index=True)
+    x, y, z = np.concatenate(places)[first].T
+    n = len(t_ns)
+    target = np.full(n, int(number[1]) if number else 0)
+    with naming(path):
+        return Truth.of(t_ns=t_ns, target_id=target, role=np.full(n, "target"), x=x.copy(), y=y.copy(), z=z.copy())
+
+
+def _locata_rows(path: Path, columns: Sequence[str]) -> list[Part]:
+    """The rows of a table that has these columns, and perhaps others."""
+    known = {name: Column((name,), RAW if name == "second" else WHOLE) for name in TIMES}
+    parts = list(
+        read_format(path, Format(LOCATA_TABLE, known | {name: Column((name,)) for name in columns}, others=True))
+    )
+    if not parts:
+        raise InputError(f"{path}: has no row; {LOCATA_TABLE} was expected")
+    return parts
+
+
+def _values(part: Part, columns: Sequence[str]) -> Floats:
+    return np.column_stack([part[name] for name in columns])
+
+
+def _times(part: Part) -> Ints:
+    """(n,) times [ns since 1970], taken for UTC, exact to the nanosecond."""
+    minutes: dict[tuple[int, ...], int] = {}
+    out = np.empty(len(part), dtype=np.int64)
+    parts = zip(*(part[name].tolist() for name in TIMES[:5]), strict=True)
+    for row, (moment, second) in enumerate(zip(parts, part["second"].tolist(), strict=True)):
+        try:
+            if moment not in minutes:
+                minutes[moment] = int(datetime(*moment, tzinfo=UTC).timestamp()) * NS  # type: ignore[misc]
+            seconds = Decimal(second)
+            if not 0 <= seconds < 60:
+                raise ValueError(f"second {second}")
+            out[row] = minutes[moment] + round(seconds * NS)
+        except (ValueError, OverflowError, InvalidOperation, TypeError) as error:
+            raise part.rows.fail(row, f"not a date and time ({error}); correct this line") from None
+    return out
+
+
+def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
+    """Raise InputError for a matrix that is no rotation."""
+    off = np.abs(np.einsum("nij,nkj->nik", turns, turns) - np.eye(3)).max(axis=(1, 2))
+    bad = np.flatnonzero((off > MAX_ROTATION_ERROR) | (np.linalg.det(turns) < 0))
+    if len(bad):
+        raise InputError(f"{path}: line {lines[bad[0]]}: rotation_11 to rotation_33 are not a rotation")
+
+
+def _check_still(path: Path, places: Floats, turns: Floats, lines: Ints) -> None:
+    """Raise InputError where the array moves."""
+    moved = np.linalg.norm(places - places[0], axis=1)
+    cosine = (np.einsum("ij,nij->n", turns[0], turns) - 1) / 2
+    turned = np.arccos(np.clip(cosine, -1.0, 1.0))
+    bad = np.flatnonzero((moved > STILL_M) | (turned > STILL_RAD))
+    if len(bad):
+        k = int(bad[0])
+        raise InputError(
+            f"{path}: line {lines[k]}: the array has moved by {moved[k]:.3g} m and {np.degrees(turned[k]):.3g} degrees "
+            f"(limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); the arrays of a scene stand still"
+        )
+
+
+def _angles(rotation: Floats) -> tuple[float, float, float]:
+    """Yaw, pitch and roll [rad] of a (3, 3) world-from-array rotation: x forward, y left, z up."""
+    forward, left = rotation[:, 0], rotation[:, 1]
+    flat = float(np.hypot(forward[0], forward[1]))
+    yaw = float(np.arctan2(forward[1], forward[0])) if flat > 1e-12 else 0.0
+    level = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+    roll = float(np.arctan2(left @ np.cross(forward, level), left @ level))
+    return yaw, float(np.arctan2(forward[2], flat)), roll
+
+
+ARRAY_POSITIONS = "a table of places of arrays"
+MOST_ARRAYS = 10_000
+"""Direction finders of a table at most: each becomes a sensor of the scene."""
+FRIDA = Format(
+    "a table of DOA estimates",
+    {
+        "recording": Column(("recording",), RAW),
+        "algorithm": Column(("algorithm",), RAW),
+        "estimate": Column(("estimate_deg",)),
+    },
+    ignored=("n_speakers", "snr_db", "speakers"),
+)
+MICROPHONES = Format("a table of microphones", {axis: Column((axis, f"{axis}_m")) for axis in "xyz"})
+_DATE = re.compile(r"^\d\d/\d\d/\d\d$")
+_WHOLE_NUMBER = re.compile(r"^[0-9]{1,9}$")
+
+
+def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
+    """One algorithm's estimates; recording k of the file (from 0) gets the time k seconds.
+
+    The estimates of one recording are a set without order or identity, measured from the
+    array's own x axis.  The recordings have no time of their own.
+    """
+    if options.sensor is None:
+        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
+    numbers: dict[str, int] = {}
+    algorithms: dict[str, None] = {}
+    for part in read_format(path, FRIDA):
+        number = np.array([numbers.setdefault(r, len(numbers)) for r in part["recording"].tolist()])
+        algorithms.update(dict.fromkeys(part["algorithm"].tolist()))
+        if options.algorithm is None and len(algorithms) > 1:
+            raise UsageError(f"{path}: holds estimates of {', '.join(algorithms)}; choose one algorithm")
+        kept = part["algorithm"] == (options.algorithm or next(iter(algorithms)))
+        if not kept.any():
+            continue
+        t_ns = options.start_ns + number[kept].astype(np.int64) * NS
+        azimuth = np.radians(part["estimate"][kept])
+        yield azimuths_only(part.rows.lines[kept], t_ns, np.full(len(t_ns), options.sensor), azimuth)
+    if options.algorithm is not None and options.algorithm not in algorithms:
+        raise UsageError(f"{path}: has no algorithm {options.algorithm!r}; it has {', '.join(algorithms)}")
+
+
+def looks_like_telemetr(head: list[str]) -> bool:
+    """Whether the first line is date, time, animal, code and pairs of tower and bearing."""
+    return len(head) >= 6 and len(head) % 2 == 0 and bool(_DATE.match(head[0])) and head[1].count(":") == 2
+
+
+def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
+    """Bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, and taken for UTC.
+
+    An animal's number is the identity of its bearings.  0 stands for a tower without a bearing
+    (north is 360): the program that made such logs took the other towers alone for its fix.
+    """
+    for rows in read_plain(path, "a field log of bearings"):
+        columns = len(rows.cells)
+        if columns < 6 or columns % 2:
+            raise InputError(
+                f"{path}: {columns} columns; date, time, animal, code and pairs of tower and bearing expected"
+            )
+        t_ns = np.array(
+            [_moment(path, rows.lines[n], rows.cells["0"][n], rows.cells["1"][n]) for n in range(len(rows))]
+        )
+        pairs = range(4, columns, 2)
+        line = np.concatenate([rows.lines for _ in pairs])
+        tower = np.concatenate([rows.cells[str(c)] for c in pairs])
+        degrees = np.concatenate([rows.floats(str(c + 1)) for c in pairs])
+        if ((degrees < 0) | (degrees > 360)).any():
+            row = int(np.flatnonzero((degrees < 0) | (degrees > 360))[0])
+            raise InputError(f"{path}: line {line[row]}: bearing {degrees[row]:g}; it must be 0 to 360 degrees")
+        times = np.concatenate([t_ns for _ in pairs]) + options.start_ns
+        animal = np.concatenate([_animals(rows.cells["2"]) for _ in pairs])
+        order = np.argsort(line, kind="stable")
+        order = order[degrees[order] != 0.0]
+        found = azimuths_only(line[order], times[order], tower[order], np.radians(degrees[order]))
+        yield found._replace(source_id=animal[order])
+
+
+def _animals(cells: Strings) -> Ints:
+    """Numbers of animals; -1 for a name that is not a number, which an identity must be."""
+    return np.array([int(c) if _WHOLE_NUMBER.match(c) else -1 for c in cells.tolist()], dtype=np.int64)
+
+
+def _moment(path: Path, line: int, day: str, clock: str) -> int:
+    try:
+        moment = datetime.strptime(f"{day} {clock}", "%m/%d/%y %H:%M:%S").replace(tzinfo=UTC)
+    except ValueError:
+        raise InputError(
+            f"{path}: line {line}: {day} {clock} is not a date and time (month/day/year hour:minute:second)"
+        ) from None
+    return int(moment.timestamp()) * NS
+
+
+def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, ...]:
+    """Arrays of a scene from a table of places.
+
+    A table of LOCATA is one array with its pose.  With a header x, y, z the rows are the microphones
+    of one array at the origin, called `name` or after the file; without a header, rows x, y are
+    direction finders 1, 2, ... called tower1, tower2, ...
+    """
+    head = first_line(path, ARRAY_POSITIONS)
+    if looks_like_locata(head):
+        return (read_array(path, name),)
+    if is_header(head):
+        parts = [np.column_stack([part[axis] for axis in "xyz"]) for part in read_format(path, MICROPHONES)]
+        if not parts:
+            raise InputError(f"{path}: holds a header and no row; columns x, y and z of microphones were expected")
+        microphones = np.concatenate(parts)
+        return (MicrophoneArray(name or path.stem, np.zeros(3), microphones=microphones),)
+    plain = list(read_plain(path, ARRAY_POSITIONS))
+    if (count := sum(map(len, plain))) > MOST_ARRAYS:
+        raise InputError(f"{path}: {count} rows; places of at most {MOST_ARRAYS} direction finders were expected")
+    if len(plain[0].cells) not in (2, 3):
+        raise InputError(f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected")
+    places = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
+    places = np.column_stack([places, np.zeros((len(places), 3 - places.shape[1]))])
+    return tuple(MicrophoneArray(f"{name or 'tower'}{n}", xyz) for n, xyz in enumerate(places, start=1))
+
+
+READ_BYTES = 1 << 18
+MAX_OBJECT = 1 << 20
+"""Characters of one object: ODAS writes about 100 for a source."""
+LENGTHS = (0.9, 1.1)
+"""Of a vector that is taken for a direction; ODAS writes three decimals."""
+MAX_COUNT = 10**11
+"""A greater time stamp is no count of hops: at a hop of 1 ms it would lie three years after the start."""
+ROWS_PER_CHUNK = 16_384
+
+
+class _Hop(NamedTuple):
+    """One object of the stream, and the line on which it begins."""
+
+    line: int
+    number: int
+    sources: list[dict[str, object]]
+
+
+def looks_like_odas(head: list[str]) -> bool:
+    """Whether the first line of a file begins a JSON object."""
+    return bool(head) and head[0].lstrip("\ufeff").lstrip().startswith("{")
+
+
+def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[DoaRows]:
+    """Directions of a stream; an object that the end of the file cuts off is a loss.
+
+    Raises:
+        UsageError: the hop or the array is not given.
+        InputError: an object is not what ODAS writes; the line is named.
+    """
+    if options.sensor is None:
+        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
+    if options.hop is None:
+        raise UsageError(
+            f"{path}: its timeStamp counts hops; state the hop [s] ({option('hop')}), "
+            f"hopSize / fS of ODAS' configuration, "
+            "for example 0.008 or 128/16000"
+        )
+    rows: list[tuple[int, int, int, float, float, float]] = []
+    for hop in _hops(path, losses):
+        t_ns = options.start_ns + round(hop.number * options.hop * NS)
+        rows += [(hop.line, t_ns, *source) for source in _sources(path, hop)]
+        if len(rows) >= ROWS_PER_CHUNK:
+            yield _odas_rows(rows, options.sensor)
+            rows = []
+    if rows:
+        yield _odas_rows(rows, options.sensor)
+
+
+def parse_hop(text: str) -> Fraction:
+    """A hop [s] as a number or a quotient such as 128/16000; UsageError unless it is above 0 and at most 10."""
+    try:
+        value = Fraction(text.replace(" ", ""))
+    except (ValueError, ZeroDivisionError):
+        value = Fraction(0)
+    if not 0 < value <= 10:
+        raise UsageError(f"hop {text!r}: want seconds above 0 and at most 10, for example 0.008 or 128/16000")
+    return value
+
+
+def _hops(path: Path, losses: list[Loss]) -> Iterator[_Hop]:
+    """The objects of the file, which is read piece by piece."""
+    decoder = json.JSONDecoder(parse_constant=_refuse_constant)
+    text, at, line, ended = "", 0, 1, False
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        while True:
+            start = _after_blanks(text, at)
+            line += text.count("\n", at, start)
+            found, end, problem = _decode(decoder, text, start)
+            at = start
+            if found is not None:
+                yield _check(path, line, found)
+                line += text.count("\n", at, end)
+                at = end
+            elif ended:
+                if at < len(text):
+                    _end(path, line, text[at:], problem, losses)
+                return
+            elif len(text) - at > MAX_OBJECT:
+                raise _malformed(path, line, problem)
+            else:
+                more = file.read(READ_BYTES)
+                text, at, ended = text[at:] + more, 0, not more
+
+
+def _after_blanks(text: str, at: int) -> int:
+    """The place of the next character that is not a blank."""
+    while at < len(text) and text[at] in " \t\r\n":
+        at += 1
+    return at
+
+
+def _decode(decoder: json.JSONDecoder, text: str, at: int) -> tuple[object, int, str]:
+    """The JSON value that begins at a place of the text, and its end; None and the reason where it is not all there."""
+    if at >= len(text):
+        return None, at, ""
+    try:
+        found, end = decoder.raw_decode(text, at)
+    except (ValueError, RecursionError) as error:
+        return None, at, str(error).split(":")[0]
+    return found, end, ""
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number")
+
+
+def _end(path: Path, line: int, text: str, problem: str, losses: list[Loss]) -> None:
+    """The text after the last whole object: cut off at the end of the file, or damaged."""
+    cut = text.startswith("{") and text.count("{") > text.count("}")
+    if not cut:
+        raise _malformed(path, line, problem)
+    losses.append(Loss(path.name, f"line {line}", "the file ends within this object", 1))
+
+
+def _malformed(path: Path, line: int, problem: str) -> InputError:
+    return InputError(
+        f"{path}: line {line}: not an object of ODAS ({problem}); objects one after another were expected"
+    )
+
+
+def _check(path: Path, line: int, found: object) -> _Hop:
+    """The object as a hop; InputError where it is something else."""
+    if not isinstance(found, dict):
+        raise _malformed(path, line, f"a JSON {type(found).__name__}")
+    count, sources = found.get("timeStamp"), found.get("src")
+    if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= MAX_COUNT:
+        raise InputError(f"{path}: line {line}: timeStamp is {count!r}; a count of hops from 0 was expected")
+    if not isinstance(sources, list) or not all(isinstance(s, dict) for s in sources):
+        raise InputError(f"{path}: line {line}: src is not a list of sources")
+    return _Hop(line, count, sources)
+
+
+def _sources(path: Path, hop: _Hop) -> Iterator[tuple[int, float, float, float]]:
+    """Identity (-1: none), azimuth and elevation in the array's frame [rad] and confidence of each source."""
+    for source in hop.sources:
+        identity = source.get("id", -1)
+        if isinstance(identity, bool) or not isinstance(identity, int) or not -1 <= identity < 2**31:
+            raise InputError(f"{path}: line {hop.line}: id is {identity!r}; a whole number was expected")
+        x, y, z = (_number(path, hop, source, key) for key in ("x", "y", "z"))
+        length = float(np.sqrt(x * x + y * y + z * z))
+        if identity == 0 or length == 0.0:
+            continue
+        if not LENGTHS[0] <= length <= LENGTHS[1]:
+            raise InputError(
+                f"{path}: line {hop.line}: x, y, z is ({x:g}, {y:g}, {z:g}), of length {length:.3g}; a unit vector was "
+                "expected"
+            )
+        strength = next((_number(path, hop, source, key) for key in ("activity", "E") if key in source), np.nan)
+        elevation = float(np.arctan2(z, np.hypot(x, y)))
+        yield identity, float(np.arctan2(y, x)), elevation, float(np.clip(strength, 0.0, 1.0))
+
+
+def _number(path: Path, hop: _Hop, source: dict[str, object], key: str) -> float:
+    value = source.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+        raise InputError(f"{path}: line {hop.line}: {key} of a source is {value!r}; a number was expected")
+    return float(value)
+
+
+def _odas_rows(rows: list[tuple[int, int, int, float, float, float]], sensor: str) -> DoaRows:
+    line, t_ns, identity, azimuth, elevation, confidence = zip(*rows, strict=True)
+    unknown = np.full(len(rows), np.nan)
+    return DoaRows(
+        line=np.array(line, dtype=np.int64),
+        t_ns=np.array(t_ns, dtype=np.int64),
+        sensor=np.full(len(rows), sensor),
+        source_id=np.array(identity, dtype=np.int64),
+        azimuth=np.array(azimuth, dtype=np.float64),
+        elevation=np.array(elevation, dtype=np.float64),
+        sigma_azimuth=unknown,
+        sigma_elevation=unknown,
+        confidence=np.array(confidence, dtype=np.float64),
+    )

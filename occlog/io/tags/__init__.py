@@ -1,1 +1,0 @@
-"""Readers of radio tags: tables of their places, and logs of their reads."""

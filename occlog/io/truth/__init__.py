@@ -1,1 +1,0 @@
-"""Ground truth in the formats of data sets."""

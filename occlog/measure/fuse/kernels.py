@@ -1,0 +1,394 @@
+"""Sight lines of several cameras, and the decision by likelihood ratio.
+
+One decision from the detections of several cameras, and what becomes of each ([Lee] Ch. 4).
+
+All cameras look for one and the same object.  Arrays have N times and J cameras.  A local detection is a
+ground position; a NaN row says that the camera looked and detected nothing.  A camera that delivered no
+frame, or cannot see the place, is marked in `looked` and has no part in the decision.
+
+Sight lines on the ground, some with a distance, against a place and its covariance.
+
+What the fusion of detections needs: how far lines pass from a place, where a line or several meet, and a
+target's state between its detections.  R lines each start at a sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.sight.camera import wrap_angle
+from occlog.core.sight.triangulate import MET, sight_lines_meet
+
+Codes = NDArray[np.int8]
+
+EDGE = 1e-12
+"""Probabilities are kept this far from 0 and 1, so that every logarithm is finite (at most 27.6)."""
+
+NOT_LOOKING = 0
+NOTHING = 1
+KEPT = 2
+RECOVERED = 3
+REMOVED_FALSE = 4
+REMOVED_FAR = 5
+CAUSES = (
+    "camera did not look",
+    "nothing detected, and no object declared",
+    "detected near the global position",
+    "missed by this camera, declared by the others",
+    "no object declared",
+    "far from the global position",
+)
+"""What the numbers in `Fusion.cause` say."""
+
+
+class Fusion(NamedTuple):
+    """The global decision of each time and what becomes of each local detection."""
+
+    declared: Bools  # (N,) an object is there (G_1)
+    value: Floats  # (N,) decision value, natural log
+    xy: Floats  # (N, 2) global position; NaN where no detection was used
+    prior: Floats  # (N,) P_1
+    quality: Floats  # (N, J) W of each detection; NaN where there is none
+    cause: Codes  # (N, J) see CAUSES
+
+    @property
+    def kept(self) -> Bools:
+        """(N, J) local detections that stand."""
+        return np.asarray(self.cause == KEPT)
+
+    @property
+    def recovered(self) -> Bools:
+        """(N, J) cameras that missed a declared object; the global position is theirs to fill in."""
+        return np.asarray(self.cause == RECOVERED)
+
+    @property
+    def removed(self) -> Bools:
+        """(N, J) local detections that fall; for cause REMOVED_FAR the global position takes their place."""
+        return np.asarray((self.cause == REMOVED_FALSE) | (self.cause == REMOVED_FAR))
+
+
+def quality(positions: Floats, predicted: Floats, sigma: float) -> Floats:
+    """(N, J) quality W in [0, 1] of local detections; NaN where there is none ([Lee] Eq. 4.20).
+
+    Args:
+        positions: (N, J, 2) ground positions of the local detections, NaN where missed.
+        predicted: (N, 2) predicted position.  NaN: not known; every detection then has W = 1/2, which says nothing.
+        sigma: spread of the position about the prediction [length], > 0.
+    """
+    weight = np.exp(-_exponent(positions, predicted[:, None, :], sigma))
+    known = _detected(predicted)[:, None]
+    return np.where(_detected(positions), np.where(known, weight, 0.5), np.nan)
+
+
+def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats:
+    """(N, 2) mean of the detections weighted by quality; NaN with no detection ([Lee] Eq. 4.22).
+
+    The weights are taken relative to the largest, so that detections so far away that all W
+    underflow still have a mean.  Without a prediction (NaN) the weights are equal.
+    Arguments as in `quality`.
+    """
+    detected = _detected(positions)
+    exponent = np.where(detected, np.nan_to_num(_exponent(positions, predicted[:, None, :], sigma)), np.inf)
+    least = np.min(exponent, axis=-1, keepdims=True, initial=np.inf)
+    weight = np.exp(-(exponent - np.where(np.isfinite(least), least, 0.0)))
+    total = weight.sum(axis=-1)[:, None]
+    summed = (weight[..., None] * np.where(detected[..., None], positions, 0.0)).sum(axis=1)
+    return np.where(total > 0.0, summed / np.where(total > 0.0, total, 1.0), np.nan)
+
+
+def prior_present(fused: Floats, predicted: Floats, sigma: float, edge: float = EDGE) -> Floats:
+    """(N,) prior P_1 = w(n) that the object is there, in [edge, 1 - edge] ([Lee] Eqs. 4.23-4.24).
+
+    Where either position is NaN the dynamic model says nothing, and P_1 = 1/2.
+
+    Args:
+        fused: (N, 2) global position.
+        predicted: (N, 2) predicted position.
+        sigma: spread of the position about the prediction [length], > 0.
+        edge: distance kept from 0 and 1, where P_1 / P_0 would be 0 or infinite.
+    """
+    weight = np.exp(-_exponent(fused, predicted, sigma))
+    return np.clip(np.where(np.isfinite(weight), weight, 0.5), edge, 1.0 - edge)
+
+
+def decision_value(
+    detected: Bools,
+    qualities: Floats,
+    prior: ArrayLike,
+    p_miss: ArrayLike,
+    p_false: ArrayLike,
+    looked: Bools | None = None,
+    base: float = math.e,
+    edge: float = EDGE,
+) -> Floats:
+    """(N,) log-likelihood ratio; above 0 the object is declared ([Lee] Eq. 4.13).
+
+    The detecting cameras count log (1 - P_M)/P_F, as Eq. 4.11 must have it, where the thesis prints
+    (1 - P_F)/P_F.  All probabilities are kept in [edge, 1 - edge]: an exact 0 or 1 gives a large but
+    finite term, and two certainties that contradict each other cancel.  With no camera the prior decides.
+
+    Args:
+        detected: (N, J) the camera detected an object.
+        qualities: (N, J) W; not used (may be NaN) where nothing was detected.
+        prior: P_1, one number or (N,).
+        p_miss: P_M, one number or (J,) or (N, J).
+        p_false: P_F, likewise.
+        looked: (N, J) false = the camera has no part in it.  None: all looked.
+        base: of the logarithm; 10 for the values of the case studies.
+        edge: distance kept from 0 and 1.
+    """
+    weight = _log_odds(np.where(detected, qualities, 0.5), edge)
+    return weighted_value(detected, weight, prior, p_miss, p_false, looked=looked, edge=edge) / math.log(base)
+
+
+def weighted_value(
+    detected: Bools,
+    weight: Floats,
+    prior: ArrayLike,
+    p_miss: ArrayLike,
+    p_false: ArrayLike,
+    *,
+    looked: Bools | None = None,
+    edge: float = EDGE,
+) -> Floats:
+    """(N,) prior log odds plus each camera's term, natural log; `weight` (N, J) is added to that of a detection.
+
+    Without weights it is [Lee] Eq. 4.3, with log W/(1 - W) it is Eq. 4.13.  Other arguments as in `decision_value`.
+    """
+    miss, false = (np.clip(np.asarray(p, dtype=np.float64), edge, 1.0 - edge) for p in (p_miss, p_false))
+    hit_term = np.log1p(-miss) - np.log(false) + weight
+    miss_term = np.log(miss) - np.log1p(-false)
+    term = np.where(detected, hit_term, miss_term)
+    if looked is not None:
+        term = np.where(looked, term, 0.0)
+    return np.asarray(_log_odds(np.asarray(prior, dtype=np.float64), edge) + term.sum(axis=-1))
+
+
+def fuse(
+    positions: Floats,
+    predicted: Floats,
+    sigma: float,
+    p_miss: ArrayLike,
+    p_false: ArrayLike,
+    gate: float,
+    looked: Bools | None = None,
+    reach: float = math.inf,
+) -> Fusion:
+    """Global decision of each time by [Lee] Eqs. 4.13 and 4.20-4.24, and what becomes of each local detection.
+
+    With no detection there is nothing to declare, whatever the prior.  A lone detection counts by its quality
+    twice, as W and as P_1: close to the prediction it outvotes several cameras that miss.  Without a prediction
+    (NaN) all W and P_1 are 1/2: the rule of Eq. 4.3 with equal priors.
+
+    Args:
+        positions: (N, J, 2) ground positions of the local detections, NaN where missed.
+        predicted: (N, 2) predicted position, NaN where not known.
+        sigma: spread of the position about the prediction [length], > 0.
+        p_miss: P_M, one number or (J,) or (N, J).
+        p_false: P_F, likewise.
+        gate: a detection farther than this from the global position of a declared object is removed [length].
+        looked: (N, J) false = the camera has no part in it, its positions neither.  None: all looked.
+        reach: a detection farther than this from the predicted position counts as missed in the decision and in
+            the global position [length].  Infinite as in the thesis, where one far detection can outvote many
+            good ones, because its log W/(1 - W) has no lower bound.
+    """
+    took_part = np.ones(positions.shape[:2], dtype=np.bool_) if looked is None else looked
+    local = np.where(took_part[..., None], positions, np.nan)
+    beyond = _distance(local, predicted[:, None, :]) > reach
+    used = np.where(beyond[..., None], np.nan, local)
+    xy = fused_position(used, predicted, sigma)
+    prior = prior_present(xy, predicted, sigma)
+    qualities = quality(local, predicted, sigma)
+    detected = _detected(used)
+    value = decision_value(detected, qualities, prior, p_miss, p_false, took_part)
+    declared = (value > 0.0) & detected.any(axis=1)
+    return Fusion(declared, value, xy, prior, qualities, _causes(local, xy, declared, took_part, gate))
+
+
+def _causes(positions: Floats, xy: Floats, declared: Bools, looked: Bools, gate: float) -> Codes:
+    """(N, J) what becomes of each local detection, see CAUSES."""
+    far = _distance(positions, xy[:, None, :]) > gate
+    if_declared = np.where(_detected(positions), np.where(far, REMOVED_FAR, KEPT), RECOVERED)
+    if_not = np.where(_detected(positions), REMOVED_FALSE, NOTHING)
+    cause = np.where(declared[:, None], if_declared, if_not)
+    return np.where(looked, cause, NOT_LOOKING).astype(np.int8)
+
+
+def _log_odds(p: Floats, edge: float) -> Floats:
+    """Log odds log p/(1 - p), p kept in [edge, 1 - edge]."""
+    inner = np.clip(p, edge, 1.0 - edge)
+    return np.asarray(np.log(inner) - np.log1p(-inner))
+
+
+def _exponent(a: Floats, b: Floats, sigma: float) -> Floats:
+    """Squared distance over 2 sigma^2."""
+    return np.asarray(((a - b) ** 2).sum(axis=-1) / (2.0 * sigma**2))
+
+
+def _distance(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.hypot(a[..., 0] - b[..., 0], a[..., 1] - b[..., 1]))
+
+
+def _detected(positions: Floats) -> Bools:
+    """A position is there: both coordinates are finite."""
+    return np.asarray(np.isfinite(positions).all(axis=-1))
+
+
+NEAREST = 1e-6
+"""Places this near to a sensor count as so far off [length]; they have no direction."""
+
+
+class Sight(NamedTuple):
+    """R local detections as directions from sensors."""
+
+    sensor: Ints  # (R,) which sensor
+    origin: Floats  # (R, 2)
+    azimuth: Floats  # (R,) [rad]
+    sigma: Floats  # (R,) [rad], > 0
+    distance: Floats  # (R,) along the ground; NaN: not known
+    sigma_distance: Floats  # (R,)
+
+    def take(self, rows: Ints | Bools) -> Sight:
+        """Some of them."""
+        return Sight(
+            sensor=self.sensor[rows],
+            origin=self.origin[rows],
+            azimuth=self.azimuth[rows],
+            sigma=self.sigma[rows],
+            distance=self.distance[rows],
+            sigma_distance=self.sigma_distance[rows],
+        )
+
+
+class Place(NamedTuple):
+    """A place with its uncertainty."""
+
+    xy: Floats  # (2,)
+    cov: Floats  # (2, 2)
+
+
+def deviations(sight: Sight, place: Place) -> tuple[Floats, Floats]:
+    """How far local detections are from a place, and the variance of that without the place's own.
+
+    Returns:
+        (R, 2) offsets across and along each line; across is infinite for a line that looks away, along is 0
+        where the distance is not known.  (R, 2) variances of the two.
+    """
+    away = place.xy - sight.origin
+    r = np.maximum(np.hypot(away[:, 0], away[:, 1]), NEAREST)
+    residual = wrap_angle(sight.azimuth - np.arctan2(away[:, 1], away[:, 0]))
+    ahead = np.abs(residual) < 0.5 * np.pi
+    across = np.where(ahead, r * np.sin(residual), np.inf)
+    known = np.isfinite(sight.distance)
+    along = np.where(known, sight.distance - r * np.cos(residual), 0.0)
+    variance = np.column_stack([(r * sight.sigma) ** 2, np.where(known, sight.sigma_distance**2, 0.0)])
+    return np.column_stack([across, along]), variance
+
+
+def misfit(sight: Sight, place: Place, extra: float = 0.0) -> Floats:
+    """(R,) squared distance of local detections from a place, in variances of both and `extra` [length^2].
+
+    One degree of freedom for a line, two for one whose distance is known.
+    """
+    offset, variance = deviations(sight, place)
+    c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
+    turn = np.stack([np.column_stack([-s, c]), np.column_stack([c, s])], axis=1)  # rows: across, along
+    both = turn @ (place.cov + extra * np.eye(2)) @ turn.transpose(0, 2, 1)
+    both[:, 0, 0] += variance[:, 0]
+    both[:, 1, 1] += variance[:, 1]
+    finite = np.isfinite(offset[:, 0])
+    a, b = np.where(finite, offset[:, 0], 0.0), offset[:, 1]
+    xx, xy, yy = both[:, 0, 0], both[:, 0, 1], both[:, 1, 1]
+    point = (yy * a * a - 2.0 * xy * a * b + xx * b * b) / np.maximum(xx * yy - xy * xy, 1e-300)
+    known = np.isfinite(sight.distance)
+    line = a * a / np.maximum(xx, 1e-300)
+    return np.where(finite, np.where(known, point, line), np.inf)
+
+
+def meet(sight: Sight, min_crossing: float) -> Place | None:
+    """Where lines meet, or else the mean of those with a distance; None if neither is there.
+
+    Args:
+        sight: of one object.
+        min_crossing: lines that cross at smaller angles do not meet [rad].
+    """
+    rows = np.array([0, len(sight.azimuth)])
+    found = sight_lines_meet(sight.origin, sight.azimuth, sight.sigma, rows, "gauss", min_crossing)
+    if found.status[0] == MET:
+        return Place(found.xy[0], found.covariance[0])
+    known = np.isfinite(sight.distance)
+    if not known.any():
+        return None
+    xy, cov = points(sight.take(known))
+    weight = np.linalg.inv(cov)
+    total = np.linalg.inv(weight.sum(axis=0))
+    return Place(total @ np.einsum("rij,rj->i", weight, xy), total)
+
+
+def points(sight: Sight) -> tuple[Floats, Floats]:
+    """(R, 2) places of local detections with a distance, and (R, 2, 2) their covariances."""
+    c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
+    xy = sight.origin + sight.distance[:, None] * np.column_stack([c, s])
+    across, along = (sight.distance * sight.sigma) ** 2, sight.sigma_distance**2
+    xx, yy = along * c * c + across * s * s, along * s * s + across * c * c
+    cross = (along - across) * c * s
+    return xy, np.stack([xx, cross, cross, yy], axis=1).reshape(-1, 2, 2)
+
+
+class MotionEstimate(NamedTuple):
+    """A target that moves at nearly constant velocity: x, y, vx, vy and their covariance."""
+
+    t_ns: int
+    mean: Floats  # (4,)
+    cov: Floats  # (4, 4)
+
+    @property
+    def place(self) -> Place:
+        """Its position."""
+        return Place(self.mean[:2], self.cov[:2, :2])
+
+
+def begin(t_ns: int, place: Place, speed: float) -> MotionEstimate:
+    """A target found at a place; each component of its velocity is 0 with standard deviation `speed`."""
+    cov = np.zeros((4, 4))
+    cov[:2, :2], cov[2, 2], cov[3, 3] = place.cov, speed**2, speed**2
+    return MotionEstimate(t_ns, np.append(place.xy, [0.0, 0.0]), cov)
+
+
+def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstimate:
+    """The motion at a later time ([Lee] Eq. 4.19), with white acceleration of a density [length^2/s^3]."""
+    dt = (t_ns - motion.t_ns) * 1e-9
+    step = np.eye(4)
+    step[0, 2] = step[1, 3] = dt
+    noise = acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    return MotionEstimate(t_ns, step @ motion.mean, step @ motion.cov @ step.T + np.kron(noise, np.eye(2)))
+
+
+def corrected_by_place(motion: MotionEstimate, place: Place) -> MotionEstimate:
+    """The motion after its position was found by itself."""
+    return _corrected(motion, np.eye(2, 4), place.xy - motion.mean[:2], place.cov)
+
+
+def corrected_by_line(motion: MotionEstimate, sight: Sight) -> MotionEstimate:
+    """The motion after one line, or several that are nearly parallel, passed by it; distances are not used."""
+    for row in range(len(sight.azimuth)):
+        offset, variance = deviations(sight.take(np.array([row])), motion.place)
+        away = motion.mean[:2] - sight.origin[row]
+        beta = float(np.arctan2(away[1], away[0]))
+        H = np.array([[-np.sin(beta), np.cos(beta), 0.0, 0.0]])
+        if np.isfinite(offset[0, 0]):
+            motion = _corrected(motion, H, offset[0, :1], variance[:1, :1])
+    return motion
+
+
+def _corrected(motion: MotionEstimate, H: Floats, innovation: Floats, R: Floats) -> MotionEstimate:
+    """Kalman update in Joseph's form."""
+    P = motion.cov
+    gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+    rest = np.eye(4) - gain @ H
+    return MotionEstimate(motion.t_ns, motion.mean + gain @ innovation, rest @ P @ rest.T + gain @ R @ gain.T)

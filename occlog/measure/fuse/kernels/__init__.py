@@ -1,1 +1,0 @@
-"""Sight lines of several cameras, and the decision by likelihood ratio."""

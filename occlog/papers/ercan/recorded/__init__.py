@@ -1,1 +1,0 @@
-"""[Ercan] Sec. 7 on recorded detections that virtual occluders hide."""

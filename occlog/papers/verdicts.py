@@ -1,0 +1,578 @@
+"""Experiments, and the rules by which statements are judged.
+
+Measured quantities: value, standard error, and the range in which the true value lies.
+
+The range reaches two standard errors to each side.  For few runs it is wider, by Student's t, so that the
+true value is below it, or above it, in 2.3 % of all cases whatever the number of runs.
+
+The parts of an experiment: its size, trials, table of rows, and verdicts on the paper's statements.
+
+Where a paper makes a statement, and in which words.
+
+The one rule by which statements are judged.
+
+A statement is about a quantity, and holds while that is in a `good` interval; it holds in part while the
+quantity is in a wider one, `fair`.  What was measured has a range of two standard errors to each side
+(`measures`).  The statement is
+
+reproduced        if the range is in the good interval;
+not reproduced    if the range is outside of the fair interval;
+in part           if the range is in the fair interval, and outside of the good one, or across an end of that with
+                  a small error bar: half the range at most `SHARP` of the good interval's half and of the
+                  distance between the ends;
+not decided       otherwise: the error bar is too large to say.
+
+What is computed exactly has a range of width 0, so that it is always decided.
+
+A statement about several points holds, fails or is open at each of them: it holds if the range is in the
+good interval, it fails if the range is outside of it, or if there is no difference to speak of.  It is reproduced
+if it holds at all points, in part if at half of them or more; it is not decided if the open points could change that.
+`number`, `printed`, `factor`, `pairs` and `close` are cases of these two.
+
+The words of a verdict.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import betaincinv, stdtrit
+
+from occlog.array_types import Ints
+from occlog.pipeline.sweep.trial import Spec, run_trial
+
+from .plots import Plan, Shots
+
+Execute = Callable[[Sequence[Spec]], list[dict[str, float]]]
+"""Runs trials and returns their figures in the order of the trials; see `occlog.pipeline.sweep.engine.run_all`."""
+
+EXTRAS = ("rmse_occ", "hidden", "sir", "restart", "lost", "mean_ess", "messages", "bytes", "track_seconds")
+"""Figures of trials that the table has besides the RMSE, as means over the runs."""
+
+
+class Size(NamedTuple):
+    """Numbers that set the cost of an experiment, and the seed of its random numbers."""
+
+    runs: int
+    steps: int
+    quick: bool = False
+    particles: int = 1000
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One point of a figure, with the value of every run."""
+
+    series: str
+    x: float  # NaN: a line across the figure
+    values: tuple[float, ...]
+    extra: dict[str, float] = field(default_factory=dict)
+    plotted: bool = True  # false: in the table only
+    each: dict[str, tuple[float, ...]] = field(default_factory=dict)  # further figures of every run
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return len(self.values)
+
+    @property
+    def mean(self) -> float:
+        """Mean over the runs; NaN for none."""
+        return math.fsum(self.values) / len(self.values) if self.values else math.nan
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation over the runs; NaN for fewer than two."""
+        return deviation(self.values)
+
+    @property
+    def error(self) -> float:
+        """Standard error of the mean; NaN for fewer than two runs."""
+        return self.sd / math.sqrt(len(self.values)) if self.values else math.nan
+
+
+Table = list[Row]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A statement of the paper, and whether what was measured confirms it."""
+
+    id: str
+    statement: str
+    paper: float | None
+    measured: float | None
+    error_bar: float | None  # standard error of `measured`
+    runs: int
+    verdict: str  # one of `occlog.papers.verdicts.WORDS`
+    rule: str  # how the verdict was reached
+    place: str = ""  # figure, table, equation or section of the paper
+    page: int | None = None  # of the paper, where its text has page numbers
+    words: str = ""  # the statement as the paper has it; empty: its text does not state it
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields as plain values for JSON; NaN and infinities become None."""
+        out = asdict(self)
+        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in out.items()}
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A figure or table of a paper: how its rows are computed, and how its statements are judged."""
+
+    item: str
+    title: str
+    x_label: str
+    y_label: str
+    runs: int  # in the paper
+    steps: int  # of a run, in the paper
+    quick: tuple[int, int]  # runs and steps of the small form
+    compute: Callable[[Size, Execute], Table]
+    judge: Callable[[Table], list[Verdict]]
+    note: str = ""
+    trial: Callable[[Spec], dict[str, float]] = run_trial  # runs one of the trials of `compute`
+    plans: Mapping[str, Callable[[Size], Plan | Shots]] = field(default_factory=dict)  # further pictures by name
+
+
+def deviation(values: Sequence[float]) -> float:
+    """Standard deviation of a sample; NaN for fewer than two values."""
+    n = len(values)
+    if n < 2:
+        return math.nan
+    mean = math.fsum(values) / n
+    return math.sqrt(math.fsum((v - mean) ** 2 for v in values) / (n - 1))
+
+
+CONFIDENCE = 0.5 * (1.0 + math.erf(math.sqrt(2.0)))
+"""Probability that a normal variable is less than two standard deviations above its mean."""
+
+
+class Measure(NamedTuple):
+    """A quantity that was measured, or computed exactly."""
+
+    value: float
+    error: float  # standard error; 0: computed exactly, NaN: not known
+    runs: int  # independent samples that the error is from
+    low: float
+    high: float
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the range."""
+        return 0.5 * (self.high - self.low)
+
+
+def errors_allowed(runs: int) -> float:
+    """Return how many standard errors the range reaches to each side: 2 for many runs; infinite below two."""
+    return float(stdtrit(runs - 1, CONFIDENCE)) if runs >= 2 else math.inf
+
+
+def estimate(value: float, error: float, runs: int) -> Measure:
+    """Return a quantity with its standard error; an unknown error bar (NaN) says nothing about it."""
+    if error == 0.0 and not math.isnan(value):
+        return Measure(value, error, runs, value, value)
+    if math.isnan(value) or math.isnan(error) or runs < 2:
+        return Measure(value, error, runs, -math.inf, math.inf)
+    width = errors_allowed(runs) * error
+    return Measure(value, error, runs, value - width, value + width)
+
+
+def exact(value: float, runs: int = 1) -> Measure:
+    """Return a quantity without error: a formula, or a count of what the statement is about."""
+    return estimate(value, 0.0, runs)
+
+
+def sample(values: Sequence[float]) -> Measure:
+    """Return the mean of independent values."""
+    n = len(values)
+    if n == 0:
+        return estimate(math.nan, math.nan, 0)
+    return estimate(math.fsum(values) / n, deviation(values) / math.sqrt(n), n)
+
+
+def mean_of(row: Row) -> Measure:
+    """Return the mean of a row over its runs."""
+    return sample(row.values)
+
+
+def share_of(held: int, runs: int) -> Measure:
+    """Return the share of runs in which something holds; its range is that of Clopper and Pearson.
+
+    The error is that of two further runs in which it holds and two in which it does not (Agresti and Coull),
+    since the plain one vanishes where all runs agree.
+    """
+    if runs == 0:
+        return estimate(math.nan, math.nan, 0)
+    tail, rest = 1.0 - CONFIDENCE, runs - held
+    low = float(betaincinv(held, rest + 1, tail)) if held else 0.0
+    high = float(betaincinv(held + 1, rest, CONFIDENCE)) if rest else 1.0
+    middle = (held + 2.0) / (runs + 4.0)
+    return Measure(held / runs, math.sqrt(middle * (1.0 - middle) / (runs + 4.0)), runs, low, high)
+
+
+def difference(low: Row, high: Row) -> tuple[float, float]:
+    """Return the mean of high - low and its standard error, run by run where the numbers of runs are equal."""
+    if low.runs == high.runs:
+        gap = sample([b - a for a, b in zip(low.values, high.values, strict=True)])
+        return gap.value, gap.error
+    return high.mean - low.mean, math.hypot(low.error, high.error)
+
+
+def difference_of(low: Row, high: Row) -> Measure:
+    """Return the mean of high - low as `difference` does."""
+    return estimate(*difference(low, high), min(low.runs, high.runs))
+
+
+def quotient(above: Row, below: Row) -> tuple[float, float]:
+    """Return the quotient of two means and its standard error by the delta method; NaN if `below` has mean 0.
+
+    Where the numbers of runs are equal, the runs are taken as pairs.
+    """
+    if not below.mean:
+        return math.nan, math.nan
+    ratio = above.mean / below.mean
+    if above.runs == below.runs:
+        left = [a - ratio * b for a, b in zip(above.values, below.values, strict=True)]
+        return ratio, deviation(left) / math.sqrt(len(left)) / abs(below.mean)
+    return ratio, math.hypot(above.error, ratio * below.error) / abs(below.mean)
+
+
+def quotient_of(above: Row, below: Row) -> Measure:
+    """Return the quotient of two means as `quotient` does."""
+    return estimate(*quotient(above, below), min(above.runs, below.runs))
+
+
+def power_of(rows: Sequence[Row]) -> Measure:
+    """Return the exponent of x, fitted by least squares to log y against log x in every run.
+
+    Args:
+        rows: of equal numbers of runs, with positive x and values; below two rows there is no exponent.
+    """
+    if len(rows) < 2:
+        return estimate(math.nan, math.nan, 0)
+    x = np.log([row.x for row in rows])
+    x = x - x.mean()
+    return sample([float(x @ np.log([row.values[k] for row in rows]) / (x @ x)) for k in range(rows[0].runs)])
+
+
+def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) -> Measure:
+    """Return a statistic of the runs with the range of its bootstrap samples, wider for few runs as `estimate`'s.
+
+    Args:
+        runs: number of runs.
+        statistic: figure of the runs with these numbers, which may repeat; NaN where there is none.
+        resamples: number of samples.  If the statistic is NaN for more than a tenth of them, nothing is known.
+    """
+    value = statistic(np.arange(runs))
+    drawn = np.random.default_rng(2009).integers(runs, size=(resamples, runs)) if runs else np.empty((0, 0), int)
+    found = [x for d in drawn if not math.isnan(x := statistic(d))]
+    if math.isnan(value) or runs < 2 or len(found) < 0.9 * resamples:
+        return estimate(math.nan, math.nan, runs)
+    wide = 0.5 * errors_allowed(runs)
+    low, high = (float(q) for q in np.quantile(found, [1.0 - CONFIDENCE, CONFIDENCE]))
+    return Measure(value, deviation(found), runs, value - wide * (value - low), value + wide * (high - value))
+
+
+class Source(NamedTuple):
+    """A place in a paper."""
+
+    place: str  # figure, table, equation or section
+    words: str = ""  # of the paper; empty: its text does not make the statement, or only prints a number
+    page: int | None = None  # of the figure, or where the section begins; only the text of [Lee] has page numbers
+
+
+OWN = Source("of this project")
+"""A statement that no paper makes."""
+Sources = Mapping[str, Source]
+"""Sources by the beginning of a verdict's id, up to a hyphen; the longest that fits counts."""
+
+
+def source_of(key: str, sources: Sources) -> Source | None:
+    """Return the source of the verdict with this id; None where no beginning of the id is known."""
+    parts = key.split("-")
+    for n in range(len(parts), 0, -1):
+        found = sources.get("-".join(parts[:n]))
+        if found is not None:
+            return found
+    return None
+
+
+def attributed(verdicts: Sequence[Verdict], sources: Sources) -> list[Verdict]:
+    """Return the verdicts with place, page and words of the paper; those that have a place keep it."""
+    out = []
+    for verdict in verdicts:
+        source = None if verdict.place else source_of(verdict.id, sources)
+        out.append(verdict if source is None else replace(verdict, **source._asdict()))
+    return out
+
+
+REPRODUCED, IN_PART, NOT, UNDECIDED = "reproduced", "in part", "not reproduced", "not decided"
+WORDS = (REPRODUCED, IN_PART, NOT, UNDECIDED)
+"""All of them, in the order of tables."""
+
+
+NEAR, FAR = 0.10, 0.35
+"""Shares of a stated number within which it is reproduced, and in part."""
+SHARP = 0.5
+"""Largest half of a range that lies across an end of the good interval and is decided all the same."""
+NEGLIGIBLE = 0.02
+"""A difference that is not above 0 for sure is none if it is known to be within this share of the level."""
+Pair = tuple[Row, Row]
+
+
+class Interval(NamedTuple):
+    """Numbers from `low` to `high`, both included."""
+
+    low: float = -math.inf
+    high: float = math.inf
+
+    def holds(self, m: Measure) -> bool:
+        """Return whether the whole range is in the interval."""
+        return self.low <= m.low and m.high <= self.high
+
+    def misses(self, m: Measure) -> bool:
+        """Return whether the whole range is outside."""
+        return m.high < self.low or self.high < m.low
+
+
+def at_most(limit: float) -> Interval:
+    """Return the numbers up to a limit."""
+    return Interval(high=limit)
+
+
+def at_least(limit: float) -> Interval:
+    """Return the numbers from a limit on."""
+    return Interval(low=limit)
+
+
+def above(limit: float) -> Interval:
+    """Return the numbers above a limit, without it."""
+    return Interval(low=math.nextafter(limit, math.inf))
+
+
+def below(limit: float) -> Interval:
+    """Return the numbers below a limit, without it."""
+    return Interval(high=math.nextafter(limit, -math.inf))
+
+
+def around(number: float, share: float) -> Interval:
+    """Return the numbers within a share of a number."""
+    return Interval(number - share * abs(number), number + share * abs(number))
+
+
+class Point(NamedTuple):
+    """One of several points of a statement."""
+
+    measure: Measure
+    good: Interval
+    none: float = 0.0  # a difference up to this is none; 0: every difference counts
+
+    def stands(self) -> bool | None:
+        """Return true where the statement holds, false where it fails, and None where that is open."""
+        if self.good.holds(self.measure):
+            return True
+        negligible = Interval(-self.none, self.none).holds(self.measure)
+        return False if negligible or self.good.misses(self.measure) else None
+
+
+def find(table: Table, series: str, x: float | None = None) -> Row | None:
+    """Return the row of a series at x (None: its first row), or None where there is none."""
+    for row in table:
+        if row.series == series and (x is None or row.x == x):
+            return row
+    return None
+
+
+def series(table: Table, name: str) -> list[Row]:
+    """Return the rows of a series that have an x, by rising x."""
+    return sorted((r for r in table if r.series == name and not math.isnan(r.x)), key=lambda r: r.x)
+
+
+def matched(table: Table, low: str, high: str, only: Iterable[float] | None = None) -> list[Pair]:
+    """Return the pairs of rows of two series at the same x; `only`: at these x alone."""
+    kept = None if only is None else set(only)
+    pairs = []
+    for row in series(table, low):
+        other = find(table, high, row.x)
+        if other is not None and (kept is None or row.x in kept):
+            pairs.append((row, other))
+    return pairs
+
+
+def neighbours(rows: Sequence[Row]) -> list[Pair]:
+    """Pair each row with the one before it, so that `pairs` states that the series falls."""
+    return [(after, before) for before, after in pairwise(rows)]
+
+
+def word_of(m: Measure, good: Interval, fair: Interval) -> str:
+    """Return the word for a quantity; see the text of the module."""
+    if math.isnan(m.value):
+        return UNDECIDED
+    if good.holds(m):
+        return REPRODUCED
+    if fair.misses(m):
+        return NOT
+    if fair.holds(m) and (good.misses(m) or m.half_width <= SHARP * _margin(good, fair)):
+        return IN_PART
+    return UNDECIDED
+
+
+def _margin(good: Interval, fair: Interval) -> float:
+    """Return the least of half the good interval and the distances between its ends and those of the fair one."""
+    widths = (0.5 * (good.high - good.low), fair.high - good.high, good.low - fair.low)
+    return min((w for w in widths if math.isfinite(w) and w > 0.0), default=0.0)
+
+
+def judge(
+    key: str,
+    statement: str,
+    measure: Measure,
+    good: Interval,
+    fair: Interval | None = None,
+    *,
+    rule: str,
+    paper: float | None = None,
+) -> Verdict:
+    """Judge a statement about one quantity; `fair` None: it holds or not, never in part.
+
+    Args:
+        key: id of the verdict.
+        statement: what is stated.
+        measure: the quantity.
+        good: where the statement holds.
+        fair: where it holds in part; contains `good`.
+        rule: both intervals in words.
+        paper: the number that the paper has.
+    """
+    word = word_of(measure, good, fair or good)
+    return _verdict(key, statement, measure, paper=paper, word=word, rule=rule)
+
+
+def fact(
+    key: str, statement: str, *, holds: bool, measured: float | None, rule: str, paper: float | None = None
+) -> Verdict:
+    """Judge a statement that was computed exactly, and holds or does not; `measured` is only shown."""
+    word = REPRODUCED if holds else NOT
+    shown = exact(math.nan if measured is None else measured)
+    return _verdict(key, statement, shown, paper=paper, word=word, rule=rule)
+
+
+def judge_points(
+    key: str,
+    statement: str,
+    points: Sequence[Point],
+    *,
+    rule: str,
+    paper: float | None = None,
+    shown: Measure | None = None,
+) -> Verdict:
+    """Judge a statement about several points.
+
+    Args:
+        key: id of the verdict.
+        statement: what is stated.
+        points: the points; without any, nothing is decided.
+        rule: what holds at a point, in words.
+        paper: the number that the paper has.
+        shown: what the verdict shows as measured; None: the mean over the points.
+    """
+    stands = [p.stands() for p in points]
+    held, left = sum(s is True for s in stands), sum(s is None for s in stands)
+    least, most = (share([True] * n + [False] * (len(points) - n)) for n in (held, held + left))
+    word = least if points and least == most else UNDECIDED
+    count = f"{held} of {len(points)} points"
+    counted = f"{rule}: holds at {count}" + (f", open at {left}" if left else "")
+    return _verdict(key, statement, shown or _mean(points), paper=paper, word=word, rule=counted)
+
+
+def _mean(points: Sequence[Point]) -> Measure:
+    n = len(points)
+    if n == 0:
+        return estimate(math.nan, math.nan, 0)
+    mean = math.fsum(p.measure.value for p in points) / n
+    error = math.sqrt(math.fsum(p.measure.error**2 for p in points)) / n
+    return estimate(mean, error, min(p.measure.runs for p in points))
+
+
+def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word: str, rule: str) -> Verdict:
+    value, error = (None if math.isnan(x) else x for x in (m.value, m.error))
+    said = rule if word != UNDECIDED else f"{rule}; the error bar is too large to say" if value is not None else rule
+    if value is None and word == UNDECIDED:
+        said = f"{rule}; it could not be measured"
+    return Verdict(
+        key,
+        statement,
+        paper=None if paper is None or math.isnan(paper) else paper,
+        measured=value,
+        error_bar=error,
+        runs=m.runs,
+        verdict=word,
+        rule=said,
+    )
+
+
+def share(held: Sequence[bool]) -> str:
+    """Return `reproduced` if all points hold, `in part` if at least half do, else (or without points) `not`."""
+    if held and all(held):
+        return REPRODUCED
+    return IN_PART if held and 2 * sum(held) >= len(held) else NOT
+
+
+def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> Verdict:
+    """Judge that low is below high at every point; `measured` is the mean difference, run by run.
+
+    A difference that may be 0 and is known to be within `NEGLIGIBLE` of the level counts as none.
+    """
+    rule = f"above 0 by two standard errors (no difference: known to be within {NEGLIGIBLE:.0%} of the level)"
+    return judge_points(key, statement, [lower(low, high) for low, high in points], rule=rule, paper=paper)
+
+
+def lower(low: Row, high: Row) -> Point:
+    """Return the point at which the mean of one row should be below that of another."""
+    level = 0.5 * (abs(low.mean) + abs(high.mean))
+    return Point(difference_of(low, high), above(0.0), NEGLIGIBLE * level)
+
+
+def close(key: str, statement: str, points: Sequence[Pair]) -> Verdict:
+    """Judge that low and high are as good as equal at every point: within one standard deviation over the runs."""
+    near = []
+    for low, high in points:
+        tolerance = max(low.sd, high.sd)
+        near.append(Point(difference_of(low, high), Interval(-tolerance, tolerance)))
+    rule = "the difference and two standard errors of it are within one standard deviation over the runs"
+    return judge_points(key, statement, near, rule=rule)
+
+
+def number(key: str, statement: str, paper: float, measured: float, error: float, runs: int) -> Verdict:
+    """Judge a stated number: within `NEAR` of it, in part within `FAR`; an error of 0 is an exact computation."""
+    return stated(key, statement, paper, estimate(measured, error, runs))
+
+
+def stated(key: str, statement: str, paper: float, m: Measure) -> Verdict:
+    """Judge a stated number as `number` does."""
+    rule = f"within {NEAR:.0%} of it; in part within {FAR:.0%}"
+    return judge(key, statement, m, around(paper, NEAR), around(paper, FAR), rule=rule, paper=paper)
+
+
+def printed(key: str, said: str, number: float, row: Row | None) -> Verdict:
+    """Judge a printed number to its digits: within two units of the last, as its inputs are rounded too."""
+    digits = len(f"{number}".split(".")[1])
+    near = 2.0 * 10.0**-digits
+    fair = max(NEAR * abs(number), near)
+    rule = f"printed digits: off by at most two units of the last; in part within {NEAR:.0%}"
+    value = exact(math.nan if row is None else row.mean)
+    good, part = Interval(number - near, number + near), Interval(number - fair, number + fair)
+    return judge(key, said, value, good, part, rule=rule, paper=number)
+
+
+def factor(key: str, statement: str, paper: float, low: Row | None, high: Row | None) -> Verdict:
+    """Judge a stated quotient high / low, above 1, of two means; None where there is no such row."""
+    m = quotient_of(high, low) if low is not None and high is not None else estimate(math.nan, math.nan, 0)
+    rule = f"within {NEAR:.0%} of it; in part if at least half of the excess over 1"
+    return judge(key, statement, m, around(paper, NEAR), at_least(1.0 + 0.5 * (paper - 1.0)), rule=rule, paper=paper)

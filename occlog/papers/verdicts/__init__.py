@@ -1,1 +1,0 @@
-"""Experiments, and the rules by which statements are judged."""

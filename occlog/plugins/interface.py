@@ -1,0 +1,246 @@
+"""What plug-ins implement: classes with a line of summary, a class of settings, and one function that works.
+
+Detectors: an image in, boxes out.
+
+Exporters: a table in, a file in a format of others out.
+
+Tracking methods of bearings: what a filter is given, and what it gives back.
+
+Metrics: tracks and truth in, figures out.
+
+Readers: a file of a format of others as named columns.
+
+Tracking methods of one camera: boxes in, identities out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, ClassVar, NamedTuple, Protocol
+
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from occlog.array_types import Floats, Floats32, Ints
+from occlog.records.columns import Table
+from occlog.records.frames import Image
+from occlog.records.scene import Scene
+from occlog.records.tables import Errors, Tracks, Truth
+from occlog.settings import Settings, setting
+
+
+class Detected(NamedTuple):
+    """The N boxes in an image; N may be 0.
+
+    Attributes:
+        boxes: (N, 4) left and upper edge, width and height [px], the last two above 0; the centre of the first pixel is
+            (0, 0).
+        scores: (N,) confidence, 0 to 1.
+        embeddings: (N, D) how those look who are in the boxes, D the same in all images; None: the detector tells none.
+    """
+
+    boxes: Floats
+    scores: Floats
+    embeddings: Floats32 | None = None
+
+
+class Detector(Protocol):
+    """A detector of people (group `occlog.detectors`): an object for each camera.
+
+    It draws random numbers from its generator alone, changes nothing that it is given, and writes nothing.
+    """
+
+    summary: ClassVar[str]  # one line for --help
+    settings: ClassVar[type[Settings]]
+
+    def __init__(self, settings: Settings, rng: Generator) -> None:
+        """No image has been seen yet."""
+
+    def detect(self, image: Image) -> Detected:
+        """Find people in an image (height, width, 3), BGR, uint8; images come in the order of time."""
+
+
+class World(NamedTuple):
+    """What must be known beside the rows.
+
+    Attributes:
+        length_unit: of all lengths.
+        scene: cameras, arrays and the room; None: nobody gave one.
+    """
+
+    length_unit: str
+    scene: Scene | None
+
+
+class Exporter(Protocol):
+    """A format that tables are written in (group `occlog.exporters`).  It changes nothing that it is given."""
+
+    summary: ClassVar[str]  # one line for --help
+    settings: ClassVar[type[Settings]]
+    tables: ClassVar[tuple[str, ...]]  # names of the tables that it takes; the first that an input holds is taken
+
+    def __init__(self, settings: Settings) -> None:
+        """Nothing has been written yet."""
+
+    def write(self, rows: Table, world: World, file: IO[bytes]) -> None:
+        """Write all rows; the file can only be written on, may be standard output, and is closed by who opened it."""
+
+
+class Moment(NamedTuple):
+    """What R sensors say of one target at one time.
+
+    Attributes:
+        t_ns: time [ns since the Unix epoch]; it never goes back.
+        sensors: (R,) names; one may be there several times, with candidates that may be of anything.
+        places: (R, 2) where they are, in the scene's unit of length.
+        bearings: (R,) from +x towards +y [rad]; NaN: the sensor looked and did not see the target.
+        sigma: (R,) standard deviations [rad]; NaN where the bearing is.
+    """
+
+    t_ns: int
+    sensors: tuple[str, ...]
+    places: Floats
+    bearings: Floats
+    sigma: Floats
+
+
+class Place(NamedTuple):
+    """Where a target is thought to be.
+
+    Attributes:
+        xy: (2,) in the scene's unit of length.
+        covariance: (2, 2) of xy, symmetric and positive definite.
+        velocity: (2,) per second; None: the method does not estimate it.
+    """
+
+    xy: Floats
+    covariance: Floats
+    velocity: Floats | None = None
+
+
+class Filter(Protocol):
+    """A tracking method of bearings (group `occlog.tracking_methods`): an object for each target.
+
+    It draws random numbers from its generator alone, changes nothing that it is given, and writes nothing.
+    """
+
+    summary: ClassVar[str]  # one line for --help
+    settings: ClassVar[type[Settings]]
+
+    def __init__(self, scene: Scene, settings: Settings, rng: Generator) -> None:
+        """Nothing of the target is known yet."""
+
+    def step(self, moment: Moment) -> Place | None:
+        """Take a moment in; where the target is then, or None where that cannot be told yet."""
+
+
+class Compared(NamedTuple):
+    """Tracks on the ground and what they are compared with.
+
+    Attributes:
+        tracks: rows in the order of time.
+        truth: likewise; `role` tells targets from occluders.
+        errors: of each estimate that has a truth at its time, paired as `occlog evaluate` pairs them.
+        length_unit: of all lengths.
+    """
+
+    tracks: Tracks
+    truth: Truth
+    errors: Errors
+    length_unit: str
+
+
+class Metric(Protocol):
+    """A metric (group `occlog.metrics`).  It changes nothing that it is given, and writes nothing."""
+
+    summary: ClassVar[str]  # one line for --help
+    settings: ClassVar[type[Settings]]
+    units: ClassVar[Mapping[str, str]]  # unit of each figure by its name: `length`, `s`, `1`, ...
+
+    def __init__(self, settings: Settings) -> None:
+        """Nothing has been compared yet."""
+
+    def figures(self, compared: Compared) -> Mapping[str, float]:
+        """Give all figures by their names; NaN: there is nothing to compute it from."""
+
+
+Columns = Mapping[str, ArrayLike]
+"""Values by the name of their column, which may say the unit (`bearing_deg`, `x_cm`); all of one length.
+
+Names and units are those that any table of another program may have.  NaN and None are cells without a value.
+"""
+
+
+class Reader(Protocol):
+    """A reader of a file format (group `occlog.readers`)."""
+
+    summary: ClassVar[str]  # one line for --help
+    settings: ClassVar[type[Settings]]
+    endings: ClassVar[tuple[str, ...]]  # of the names of such files, as (".xyz",)
+    table: ClassVar[str]  # what such files hold, as `bearings`: a name of the tables of this program
+
+    def __init__(self, settings: Settings) -> None:
+        """Nothing has been read yet."""
+
+    def read(self, path: Path) -> Columns:
+        """Read a file; ValueError, which says what is wrong and where, for one that is damaged."""
+
+
+class BoxesInFrame(NamedTuple):
+    """The N boxes that a detector has found in a frame of one camera; N may be 0.
+
+    Attributes:
+        t_ns: time of the frame [ns since the Unix epoch]; it never goes back.
+        frame: number of the frame in the camera's stream; it grows, perhaps by more than 1.
+        boxes: (N, 4) left and upper edge, width and height [px].
+        scores: (N,) confidence of the detector, 0 to 1; NaN: it tells none.
+        embeddings: (N, D) how those look who are in the boxes; D is 0 where nobody tells.
+    """
+
+    t_ns: int
+    frame: int
+    boxes: Floats
+    scores: Floats
+    embeddings: Floats32
+
+
+class ViewTracker(Protocol):
+    """A tracking method in the images of one camera (group `occlog.view_trackers`): an object for each camera.
+
+    It draws random numbers from its generator alone, changes nothing that it is given, and writes nothing.
+    """
+
+    summary: ClassVar[str]  # one line for --help
+    settings: ClassVar[type[Settings]]
+
+    def __init__(self, settings: Settings, rng: Generator) -> None:
+        """Nobody has been seen yet."""
+
+    def step(self, found: BoxesInFrame) -> Ints:
+        """Give the (N,) identities of the boxes, from 0 and each once; -1 for a box that is of nobody (yet)."""
+
+
+__all__ = [
+    "BoxesInFrame",
+    "Columns",
+    "Compared",
+    "Detected",
+    "Detector",
+    "Errors",
+    "Exporter",
+    "Filter",
+    "Image",
+    "Metric",
+    "Moment",
+    "Place",
+    "Reader",
+    "Scene",
+    "Settings",
+    "Tracks",
+    "Truth",
+    "ViewTracker",
+    "World",
+    "setting",
+]
+"""Everything that a plug-in needs of this program."""

@@ -1,0 +1,237 @@
+"""Errors beside the bound, row by row: the RMSE and the bound on it over the times and targets that have both.
+
+Which track errors are of: they name the true target, and a tracker of everybody has names of its own.
+
+How the filter fared, in numbers: effective samples, fallbacks, doubts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.metrics.errors import Sum
+from occlog.io.files.spill import Spool
+from occlog.records.tables import Bound, Diagnostics, Errors, Tracks
+
+WHERE = ("", "_space")
+KINDS = ("bound", "smoothed")
+
+
+def _both(errors: Errors, bound: Bound, target: int, kind: str, where: str) -> tuple[Floats, Floats]:
+    """Errors and bounds of a target at the times that have both."""
+    error, least = getattr(errors, f"error{where}"), getattr(bound, f"{kind}{where}")
+    mine = (errors.target_id == target) & np.isfinite(error)
+    its = (bound.target_id == target) & np.isfinite(least)
+    _, e, b = np.intersect1d(errors.t_ns[mine], bound.t_ns[its], return_indices=True)
+    return error[mine][e], least[its][b]
+
+
+@dataclass
+class _Sums:
+    """Squares of errors and bounds that have one another."""
+
+    rows: int = 0
+    errors: Sum = field(default_factory=Sum)
+    bounds: Sum = field(default_factory=Sum)
+    told: bool = False  # whether any bound of the kind is known
+
+
+@dataclass
+class _Target:
+    """Squares of a target's bounds up to now, whatever errors there are."""
+
+    rows: int = 0
+    squares: dict[str, Sum] = field(default_factory=lambda: {kind: Sum() for kind in KINDS})
+    smoothed: bool = True  # whether all of it is known
+
+
+class BesideBound:
+    """Gathers errors and bounds while both stream by, in stretches of the same time."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self._sums: dict[tuple[int, str, str], _Sums] = {}
+        self._targets: dict[int, _Target] = {}
+
+    def add(self, errors: Errors, bound: Bound) -> Floats:
+        """Another stretch; (N, 2) root mean square of the target's bounds up to each one, and of those of smoothing."""
+        out = np.full((len(bound), 2), np.nan)
+        for target in np.unique(bound.target_id).tolist():
+            for where in WHERE:
+                for kind in KINDS:
+                    self._pairs(errors, bound, target, kind, where)
+            own = self._targets.setdefault(target, _Target())
+            rows = bound.target_id == target
+            count = own.rows + np.arange(1, int(rows.sum()) + 1)
+            for k, kind in enumerate(KINDS):
+                squares = getattr(bound, kind)[rows] ** 2
+                out[rows, k] = np.sqrt((own.squares[kind].value + np.cumsum(squares)) / count)
+                own.squares[kind].add(float(squares.sum()))
+            own.rows = int(count[-1])
+            own.smoothed = own.smoothed and bool(np.isfinite(bound.smoothed[rows]).all())
+        return out
+
+    def _pairs(self, errors: Errors, bound: Bound, target: int, kind: str, where: str) -> None:
+        found, least = _both(errors, bound, target, kind, where)
+        sums = self._sums.setdefault((target, kind, where), _Sums())
+        sums.rows += len(found)
+        sums.errors.add(float(np.sum(found**2)))
+        sums.bounds.add(float(np.sum(least**2)))
+        rows = bound.target_id == target
+        sums.told = sums.told or bool(np.isfinite(getattr(bound, f"{kind}{where}")[rows]).any())
+
+    def figures(self, target: int | None = None, where: str = "", *, smoothed: bool = False) -> tuple[float, float]:
+        """RMSE and root mean square bound over the times and targets that have both; NaN where none has.
+
+        Args:
+            target: of which they are; None: of all.
+            where: "_space": in space; empty: on the ground.
+            smoothed: the bound of smoothing, where it is known.
+        """
+        mine = {key: sums for key, sums in self._sums.items() if key[2] == where and target in (None, key[0])}
+        later = smoothed and any(sums.told for (_, kind, _), sums in mine.items() if kind == "smoothed")
+        own = [sums for (_, kind, _), sums in mine.items() if kind == ("smoothed" if later else "bound")]
+        rows = sum(sums.rows for sums in own)
+        if not rows:
+            return float("nan"), float("nan")
+        return (
+            float(np.sqrt(sum(sums.errors.value for sums in own) / rows)),
+            float(np.sqrt(sum(sums.bounds.value for sums in own) / rows)),
+        )
+
+    def smooths(self, target: int) -> bool:
+        """Whether the bound of smoothing of a target is known all the time."""
+        return target in self._targets and self._targets[target].smoothed
+
+
+LOOKS = 200
+"""Errors of each target that are looked up among the tracks, evenly taken."""
+
+
+def relabelled(found: Mapping[int, int | None]) -> bool:
+    """Whether tracks have names of their own, and errors those of the truth, of what `followers` found."""
+    return any(target != track for target, track in found.items())
+
+
+def followers(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
+    """By the identity that errors name, that of the track whose estimates they are of.
+
+    An error is of the estimate of its time and place.
+
+    Args:
+        errors: of `occlog evaluate`, or some of them.
+        tracks: in the order of time, or some of their times.
+
+    Returns:
+        By target its track; None where errors of one target are of several tracks.  A target is left out if no
+        estimate of its errors is among the tracks.
+    """
+    out: dict[int, int | None] = {}
+    shared = np.isin(errors.t_ns, tracks.t_ns)
+    for target in np.unique(errors.target_id).tolist():
+        rows = np.flatnonzero(shared & (errors.target_id == target))
+        some = np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), LOOKS)).round().astype(np.int64))
+        found: set[int] | None = None
+        for k in rows[some].tolist():
+            start, stop = np.searchsorted(tracks.t_ns, errors.t_ns[k] + np.array([0, 1])).tolist()
+            there = (tracks.x[start:stop] == errors.x[k]) & (tracks.y[start:stop] == errors.y[k])
+            names = set(tracks.target_id[start:stop][there].tolist())
+            if names:
+                found = names if found is None else found & names
+        if found is not None:
+            out[target] = target if target in found else found.pop() if len(found) == 1 else None
+    return out
+
+
+MARKS = 300
+"""Fallbacks of a kind that are drawn."""
+
+
+def has_particles(diagnostics: Diagnostics) -> bool:
+    """Whether the diagnostics are of a particle filter."""
+    return bool(np.isfinite(diagnostics.ess).any())
+
+
+def deviation(tracks: Tracks) -> Floats:
+    """(T,) standard deviation of the position: square root of the covariance's trace."""
+    return np.sqrt(tracks.cov_xx + tracks.cov_yy)
+
+
+@dataclass(frozen=True, eq=False)
+class Fallbacks:
+    """Fallbacks of one kind.
+
+    Attributes:
+        rows: how many there are.
+        t_ns: (M,) times of those that are drawn: where there are very many, every k-th.
+    """
+
+    rows: int
+    t_ns: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Fared:
+    """What all diagnostics tell together.
+
+    Attributes:
+        rows: how many there are.
+        particles: whether they are of a particle filter.
+        lowest: effective sample size.
+        fallbacks: by their kind, which rise.
+        doubtful: rows with a doubt.
+        doubts: kinds of doubts, which rise.
+    """
+
+    rows: int
+    particles: bool
+    lowest: float
+    fallbacks: Mapping[str, Fallbacks]
+    doubtful: int
+    doubts: tuple[str, ...]
+
+
+class FaredStreams:
+    """Gathers how the filter fared while diagnostics stream by."""
+
+    def __init__(self, in_memory: int = 1 << 16) -> None:
+        """Nothing yet; of each kind so many times of fallbacks are kept `in_memory`."""
+        self._in_memory = in_memory
+        self._rows = self._doubtful = 0
+        self._particles, self._lowest = False, np.inf
+        self._start: int | None = None
+        self._fallbacks: dict[str, Spool] = {}
+        self._doubts: set[str] = set()
+
+    def add(self, part: Diagnostics) -> None:
+        """Some more."""
+        if not len(part):
+            return
+        self._start = int(part.t_ns[0]) if self._start is None else self._start
+        self._rows += len(part)
+        self._particles = self._particles or has_particles(part)
+        self._lowest = float(np.minimum(self._lowest, part.ess.min()))
+        for kind in np.unique(part.fallback).tolist():
+            if kind:
+                # Times since the start, which a float carries to the nanosecond
+                since = part.t_ns[part.fallback == kind] - self._start
+                self._fallbacks.setdefault(kind, Spool(self._in_memory)).add(since.astype(np.float64))
+        self._doubtful += int(np.count_nonzero(part.doubt != ""))
+        self._doubts.update(kind for text in np.unique(part.doubt).tolist() if text for kind in text.split(","))
+
+    def finish(self) -> Fared:
+        """All that was gathered."""
+        fallbacks = {kind: self._drawn(times) for kind, times in sorted(self._fallbacks.items())}
+        doubts = tuple(sorted(self._doubts))
+        return Fared(self._rows, self._particles, self._lowest, fallbacks, self._doubtful, doubts)
+
+    def _drawn(self, times: Spool) -> Fallbacks:
+        every, count, parts = -(-times.count // MARKS), 0, list[Ints]()
+        for block in times.blocks():
+            parts.append(block[-count % every :: every].astype(np.int64) + (self._start or 0))
+            count += len(block)
+        return Fallbacks(count, np.concatenate(parts))

@@ -1,0 +1,380 @@
+"""How far tracks are from sight lines, and from where these meet, gathered while both stream by.
+
+What a sensor can see, and where sight lines meet: plane geometry for drawing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.metrics.errors import Sum
+from occlog.core.sight.camera import wrap_angle
+from occlog.core.sight.triangulate import MET, sight_lines_meet
+from occlog.evaluate.errors.sums import quantiles_of
+from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
+from occlog.records.scene import Scene
+from occlog.records.tables import UNLABELLED, Bearings, Tracks
+
+from .thinned import largest
+
+RAYS = 121
+
+
+def visible_area(origin: Floats, yaw: float, fov: float, reach: float, walls: Floats) -> Floats:
+    """Polygon that a sensor sees: a wedge cut off where a wall stands in the way.
+
+    Args:
+        origin: (2,) position of the sensor.
+        yaw: azimuth of the optical axis [rad].
+        fov: full opening angle [rad]; 2 pi or more is all around.
+        reach: farthest distance, finite and > 0.
+        walls: (S, 2, 2) line segments that hide what is behind them.
+
+    Returns:
+        (K, 2) corners, the sensor first (unless it sees all around).
+    """
+    half = min(fov / 2.0, np.pi)
+    corners = walls.reshape(-1, 2) - origin
+    toward = wrap_angle(np.arctan2(corners[:, 1], corners[:, 0]) - yaw)
+    toward = np.concatenate([toward - 1e-6, toward + 1e-6])
+    offsets = np.concatenate([np.linspace(-half, half, RAYS), toward[np.abs(toward) <= half]])
+    azimuth = yaw + np.unique(offsets)
+    direction = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    edge = origin + np.minimum(_hits(origin, direction, walls), reach)[:, None] * direction
+    return edge if half >= np.pi else np.vstack([origin, edge])
+
+
+def _hits(origin: Floats, direction: Floats, walls: Floats) -> Floats:
+    """(R,) distance along each ray to the nearest wall; inf where there is none."""
+    if not len(walls):
+        return np.full(len(direction), np.inf)
+    start, along = walls[:, 0] - origin, walls[:, 1] - walls[:, 0]
+    cross = direction[:, :1] * along[:, 1] - direction[:, 1:] * along[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (start[:, 0] * along[:, 1] - start[:, 1] * along[:, 0]) / cross
+        place = (start[:, 0] * direction[:, 1:] - start[:, 1] * direction[:, :1]) / cross
+    # A sensor may be mounted on the wall itself: such a wall does not hide anything from it.
+    near = 1e-6 * (1.0 + np.abs(walls).max())
+    hit = (distance > near) & (place >= -1e-9) & (place <= 1.0 + 1e-9)
+    return np.asarray(np.where(hit, distance, np.inf).min(axis=1))
+
+
+def edges_of(polygon: Floats) -> Floats:
+    """(K, 2, 2) edges of a closed polygon."""
+    return np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
+
+
+def places(scene: Scene) -> dict[str, Floats]:
+    """(2,) position on the ground of each sensor whose pose is known, by name."""
+    cameras = {c.name: c.ground for c in scene.cameras if c.placed}
+    return cameras | {a.name: a.position[:2] for a in scene.arrays}
+
+
+def positions_at(tracks: Tracks, target: int, t_ns: Ints) -> Floats:
+    """(N, 2) estimated positions of a target at given times, by linear interpolation; NaN outside the track."""
+    rows = np.flatnonzero(tracks.target_id == target)
+    if not len(rows):
+        return np.full((len(t_ns), 2), np.nan)
+    # Times relative to the track's start, so that a float carries nanoseconds.
+    start = tracks.t_ns[rows[0]]
+    known, wanted = (tracks.t_ns[rows] - start).astype(float), (t_ns - start).astype(float)
+    return np.column_stack([np.interp(wanted, known, v[rows], left=np.nan, right=np.nan) for v in (tracks.x, tracks.y)])
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Measured minus expected direction of a target at each sighting, ordered by time."""
+
+    t_ns: Ints
+    sensor: Ints  # index into names
+    names: tuple[str, ...]
+    residual: Floats  # rad, in [-pi, pi)
+    sigma: Floats  # rad
+
+
+@dataclass(frozen=True, eq=False)
+class SightLines:
+    """Sightings of one label by sensors whose place is known, ordered by time."""
+
+    t_ns: Ints  # (N,)
+    sensor: Ints  # (N,) index into the names of `places`
+    bearing: Floats  # (N,) rad
+    sigma: Floats  # (N,) rad
+
+
+def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, SightLines]:
+    """Those of each label."""
+    sensor = _index(bearings.sensor, tuple(places(scene)))
+    seen, out = bearings.seen & (sensor >= 0), {}
+    for label in labels:
+        rows = np.flatnonzero((bearings.target_id == label) & seen)
+        out[label] = SightLines(bearings.t_ns[rows], sensor[rows], bearings.bearing[rows], bearings.sigma[rows])
+    return out
+
+
+def label_of(target: int, labels: Collection[int]) -> int:
+    """The label of bearings that are compared with a target; any object's where none is the target's."""
+    return target if target in labels else UNLABELLED
+
+
+def off_lines(lines: SightLines, estimate: Floats, scene: Scene, *, nearest: bool) -> Residuals:
+    """How far (N, 2) estimates are from sight lines; `nearest`: the nearest line of each time and sensor alone."""
+    known = places(scene)
+    origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
+    delta = estimate - origins
+    value = wrap_angle(lines.bearing - np.arctan2(delta[:, 1], delta[:, 0]))
+    keep = np.flatnonzero(np.isfinite(value))
+    if nearest:
+        keep = _nearest(lines.t_ns, lines.sensor, value, keep)
+    return Residuals(
+        t_ns=lines.t_ns[keep],
+        sensor=lines.sensor[keep],
+        names=tuple(known),
+        residual=value[keep],
+        sigma=lines.sigma[keep],
+    )
+
+
+def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
+    """Of the given rows the one with the smallest value for each time and sensor, ascending."""
+    order = rows[np.lexsort([np.abs(value[rows]), sensor[rows], t_ns[rows]])]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (np.diff(t_ns[order]) != 0) | (np.diff(sensor[order]) != 0)
+    return np.sort(order[first])
+
+
+def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
+    """(N,) position of each name in `known`, -1 where it is not there."""
+    unique, inverse = np.unique(names, return_inverse=True)
+    numbers = np.array([known.index(n) if n in known else -1 for n in unique], dtype=np.int64)
+    return numbers[inverse] if len(unique) else np.empty(0, np.int64)
+
+
+def share_times(t_ns: Ints) -> Bools:
+    """(N,) which of the times, in their order, are there more than once."""
+    same = np.diff(t_ns) == 0
+    return np.append(False, same) | np.append(same, False) if len(t_ns) else np.zeros(0, np.bool_)
+
+
+def period_of(steps: Sequence[float]) -> int:
+    """That of sensors with these usual times between sightings."""
+    return max(int(np.median(steps)) if len(steps) else 1, 1)
+
+
+def scans(lines: SightLines, period_ns: int | None, start_ns: int) -> tuple[Ints, Ints]:
+    """Rows that form scans, and the scan of each, ascending; a scan has each sensor at most once.
+
+    A scan is all rows of equal time; where sensors do not share their times, it is all rows within one period.
+
+    Args:
+        lines: in the order of time.
+        period_ns: of a sensor; None: sensors share their times.
+        start_ns: when the first scan begins.
+    """
+    scan = lines.t_ns if period_ns is None else (lines.t_ns - start_ns) // period_ns
+    if not len(scan):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    _, first = np.unique(np.column_stack([scan, lines.sensor]), axis=0, return_index=True)
+    first = np.sort(first)
+    return first, scan[first]
+
+
+def meet(lines: SightLines, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
+    """First row and meeting point of each scan whose lines meet; see `scans`."""
+    origins = np.array(list(places(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
+    _, first = np.unique(scan, return_index=True)
+    starts = np.append(first, len(rows))
+    meeting = sight_lines_meet(origins, lines.bearing[rows], lines.sigma[rows], starts=starts, loss="huber")
+    met = meeting.status == MET
+    return rows[first][met], meeting.xy[met]
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """What a track leaves of the directions that its target was seen in.
+
+    Attributes:
+        drawn: sightings, or a part of them.
+        rows: of each sensor the number of all sightings.
+        squares: (2,) of each sensor sums of all squared residuals, as angles [rad2] and in standard deviations.
+        every: of each sensor each so manieth sighting is drawn.
+    """
+
+    drawn: Residuals
+    rows: Mapping[str, int]
+    squares: Mapping[str, Floats]
+    every: int = 1
+
+    @property
+    def any(self) -> bool:
+        """Whether there is any sighting."""
+        return any(self.rows.values())
+
+
+def _squares(residual: Floats, sigma: Floats) -> Floats:
+    return np.asarray((np.column_stack([residual, residual / sigma]) ** 2).sum(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Distances of a track from where the sight lines of scans meet.
+
+    Attributes:
+        t_ns: (D,) times of those that are drawn.
+        distance: (D,) these.
+        so_far: (D,) root mean square of all distances up to each.
+        rows: how many there are in all.
+        rms: root mean square of all of them; NaN without any.
+        high: 95 % of all of them are below; NaN without any.
+        every: each so manieth is drawn.
+    """
+
+    t_ns: Ints
+    distance: Floats
+    so_far: Floats
+    rows: int
+    rms: float
+    high: float
+    every: int = 1
+
+
+@dataclass
+class _Off:
+    """What one target's track left up to now."""
+
+    rows: Ints
+    squares: Floats
+    drawn: list[Residuals] = field(default_factory=list)
+    held: tuple[SightLines, Floats] | None = None  # lines of a scan that may not be over, and estimates at them
+    start_ns: int | None = None
+    scans: int = 0
+    total: Sum = field(default_factory=Sum)
+    t_ns: list[Ints] = field(default_factory=list)
+    distance: list[Floats] = field(default_factory=list)
+    so_far: list[Floats] = field(default_factory=list)
+
+
+class OffSightStreams:
+    """Gathers residuals and distances while tracks and bearings stream by."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        targets: Iterable[int],
+        labels: Collection[int],
+        periods_ns: Mapping[int, int | None],
+        every: int = 1,
+        in_memory: int = NUMBERS_IN_MEMORY,
+    ) -> None:
+        """Nothing yet.
+
+        Args:
+            scene: the sensors.
+            targets: that are tracked.
+            labels: of all bearings.
+            periods_ns: of targets whose distances are wanted the period of a scan; None: sensors share their times.
+            every: of residuals of a sensor, and of distances, each so manieth is drawn, and the largest ones between.
+            in_memory: how many distances are kept in memory.
+        """
+        self._scene, self._every, self._periods_ns = scene, every, periods_ns
+        self._labels = {target: label_of(target, labels) for target in targets}
+        count = len(places(scene))
+        self._off = {target: _Off(np.zeros(count, np.int64), np.zeros((count, 2))) for target in self._labels}
+        self._spools = {target: Spool(in_memory // len(periods_ns)) for target in periods_ns}
+
+    def add(self, tracks: Tracks, bearings: Bearings) -> None:
+        """The bearings of another stretch of time, and all estimates between which they are."""
+        lines = sight_lines(bearings, self._scene, set(self._labels.values()))
+        for target, label in self._labels.items():
+            own, mine = self._off[target], lines[label]
+            estimate = positions_at(tracks, target, mine.t_ns)
+            self._residuals(own, off_lines(mine, estimate, self._scene, nearest=label == UNLABELLED))
+            if target in self._periods_ns and label == target:
+                self._distances(target, mine, estimate, last=False)
+
+    def _residuals(self, own: _Off, found: Residuals) -> None:
+        number = np.zeros(len(found.sensor), dtype=np.int64)
+        for i in np.unique(found.sensor).tolist():
+            mine = found.sensor == i
+            number[mine] = own.rows[i] + np.arange(np.count_nonzero(mine))
+            own.rows[i] += int(np.count_nonzero(mine))
+            own.squares[i] += _squares(found.residual[mine], found.sigma[mine])
+        keep = number % self._every == 0
+        keep |= largest(np.abs(found.residual), found.sensor, number // self._every)
+        parts = (each[keep] for each in (found.t_ns, found.sensor, found.residual, found.sigma))
+        t_ns, sensor, residual, sigma = parts
+        own.drawn.append(Residuals(t_ns, sensor, found.names, residual, sigma))
+
+    def _distances(self, target: int, lines: SightLines, estimate: Floats, *, last: bool) -> None:
+        """Distances at the scans that are over."""
+        own, period = self._off[target], self._periods_ns[target]
+        if own.held is not None:
+            lines, estimate = _joined(own.held[0], lines), np.concatenate([own.held[1], estimate])
+        if not len(lines.t_ns):
+            return
+        own.start_ns = int(lines.t_ns[0]) if own.start_ns is None else own.start_ns
+        over = len(lines.t_ns)
+        if period is not None and not last:
+            scan = (lines.t_ns - own.start_ns) // period
+            over = int(np.searchsorted(scan, scan[-1]))
+        own.held = _part(lines, slice(over, None)), estimate[over:]
+        rows, scan = scans(_part(lines, slice(0, over)), period, own.start_ns)
+        first, xy = meet(lines, rows, scan, self._scene)
+        found = np.hypot(*(estimate[first] - xy).T)
+        told = np.isfinite(found)
+        t_ns, found = lines.t_ns[first][told], found[told]
+        number = own.scans + np.arange(len(found))
+        so_far = np.sqrt((own.total.value + np.cumsum(found**2)) / (number + 1))
+        keep = (number % self._every == 0) | largest(found, np.zeros(len(found), np.int64), number // self._every)
+        own.t_ns.append(t_ns[keep])
+        own.distance.append(found[keep])
+        own.so_far.append(so_far[keep])
+        own.total.add(float(np.sum(found**2)))
+        own.scans += len(found)
+        self._spools[target].add(found)
+
+    def finish(self) -> tuple[dict[int, Residual], dict[int, Distances]]:
+        """Everything, by target."""
+        names = tuple(places(self._scene))
+        off, apart = {}, {}
+        for target, own in self._off.items():
+            empty = (np.zeros(0, np.int64), np.zeros(0, np.int64), names, np.zeros(0), np.zeros(0))
+            parts = [Residuals(*empty), *own.drawn]
+            columns = {
+                c: np.concatenate([getattr(p, c) for p in parts]) for c in ("t_ns", "sensor", "residual", "sigma")
+            }
+            rows = {name: int(count) for name, count in zip(names, own.rows, strict=True)}
+            squares = dict(zip(names, own.squares, strict=True))
+            off[target] = Residual(Residuals(names=names, **columns), rows, squares, self._every)
+            if target in self._periods_ns:
+                if own.held is not None:
+                    nothing = _part(own.held[0], slice(0, 0))
+                    self._distances(target, nothing, np.zeros((0, 2)), last=True)
+                apart[target] = self._apart(own, self._spools[target])
+        return off, apart
+
+    def _apart(self, own: _Off, spool: Spool) -> Distances:
+        count = own.scans
+        (high,) = quantiles_of(spool, [0.95])
+        return Distances(
+            np.concatenate([np.zeros(0, np.int64), *own.t_ns]),
+            np.concatenate([np.zeros(0), *own.distance]),
+            np.concatenate([np.zeros(0), *own.so_far]),
+            count,
+            float(np.sqrt(own.total.value / count)) if count else float("nan"),
+            high,
+            self._every,
+        )
+
+
+def _part(lines: SightLines, rows: slice) -> SightLines:
+    return SightLines(lines.t_ns[rows], lines.sensor[rows], lines.bearing[rows], lines.sigma[rows])
+
+
+def _joined(a: SightLines, b: SightLines) -> SightLines:
+    columns = ("t_ns", "sensor", "bearing", "sigma")
+    return SightLines(*(np.concatenate([getattr(a, c), getattr(b, c)]) for c in columns))

@@ -1,1 +1,0 @@
-"""Style, SVG and thinning of curves."""

@@ -1,0 +1,538 @@
+"""Error and bound over time, in total and for each axis, that of the height too where it is known.
+
+How the filter fared: effective sample size, or how well a method without particles knows the position; fallbacks.
+
+Everybody over time: how many people there are, who is there, who sees them, and where identities are in doubt.
+
+Which cameras were selected when, and the error that was expected of them.
+
+Where there is no truth: how far the track is from where the sight lines meet, and from each of them.
+
+What each sensor saw when: one row a sensor, filled as far as it saw the target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.records.tables import Bound, Diagnostics, Errors, Events, PeopleTracks, Tracks
+from occlog.report.content.accuracy import deviation
+from occlog.report.content.looks import MOST_SENSORS, MOST_TARGETS, Looked, Selections, Sightings, known_first
+from occlog.report.content.model import ReportInput, TimeAxis
+from occlog.report.content.people import Crowd, People, true_people, usual_step
+from occlog.report.content.sight import Distances, Residuals
+from occlog.report.drawing import COLOURS, Style, broken, envelope, extremes, gaps, label, sensible_top, target_colour
+
+T = TypeVar("T", Errors, Bound, Tracks)
+BUCKETS, FEWEST = 350, 80
+"""Stretches of a line, of each of which the extremes are drawn; those of each target among many, at least."""
+OF_ALL = 600
+"""The same of the lines of all targets together, so that a page of many stays small."""
+
+
+def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
+    """Draw distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z."""
+    errors = of_target(all_errors, target)
+    names = axes_of(errors)
+    total, *rest = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2.0, *[1.0] * len(names)])
+    bound = None if data.bound is None else of_target(data.bound, target)
+    track = data.followers.get(target, target)
+    tracks = None if data.tracks is None or track is None else of_target(data.tracks, track)
+    colour = COLOURS["ink"] if track is None else target_colour(data.targets.index(track))
+    buckets = max(FEWEST, min(BUCKETS, OF_ALL // len(data.targets)))
+    _distance(total, data, target, errors=errors, bound=bound, colour=colour, buckets=buckets)
+    for axes, name in zip(rest, names, strict=True):
+        _axis_error(axes, data, errors=errors, bound=bound, tracks=tracks, name=name, colour=colour, buckets=buckets)
+    rest[-1].set_xlabel(data.time.label)
+    rest[-1].set_xlim(0.0, max(data.time.length, 1e-9))
+    handles, labels = total.get_legend_handles_labels()
+    more_handles, more_labels = rest[0].get_legend_handles_labels()
+    figure.legend(handles + more_handles, labels + more_labels, loc="outside lower center", ncols=3)
+
+
+def of_target(table: T, target: int) -> T:
+    """Rows of a target; the table itself where it has no others."""
+    own = table.target_id == target
+    return table if own.all() else table.take(own)
+
+
+def axes_of(errors: Errors) -> str:
+    """Axes along which there are errors: x, y and, where any height is known, z."""
+    return "xyz" if np.isfinite(errors.error_z).any() else "xy"
+
+
+def _distance(
+    axes: Axes, data: ReportInput, target: int, errors: Errors, bound: Bound | None, colour: str, buckets: int
+) -> None:
+    """Distance between estimate and truth, its running RMSE, and the bound on both, that of smoothing too."""
+    time, figures = data.time, data.figures
+    assert data.errors is not None
+    line(axes, time, errors.t_ns, errors.error, buckets, color=colour, linewidth=0.8, alpha=0.65, label="error")
+    rms = figures.errors_so_far[data.errors.target_id == target]
+    line(axes, time, errors.t_ns, rms, buckets, color=colour, linewidth=2.0, label="RMSE so far")
+    shown = [errors.error, rms]
+    if data.bound is not None and bound is not None and len(bound):
+        on_rmse, smoothed = figures.bound_so_far[data.bound.target_id == target].T
+        line(axes, time, bound.t_ns, bound.bound, buckets, color=COLOURS["bound"], linewidth=0.8, label="bound")
+        line(
+            axes,
+            time,
+            bound.t_ns,
+            on_rmse,
+            buckets,
+            color=COLOURS["bound"],
+            linewidth=2.0,
+            linestyle=(0, (4, 1.5)),
+            label="bound on the RMSE so far",
+        )
+        shown += [bound.bound, on_rmse]
+        if figures.bound.smooths(target):
+            style = {"color": COLOURS["bound"], "linewidth": 1.6, "linestyle": (0, (1, 1.5))}
+            line(axes, time, bound.t_ns, smoothed, buckets, label="the same of smoothing", **style)
+    axes.set_ylabel(f"error [{label(data.unit)}]")
+    top = sensible_top(*shown)
+    axes.set_ylim(0.0, top)
+    all_there = data.whole["errors"].every == 1
+    mark_clipped(axes, time, t_ns=errors.t_ns, values=errors.error, top=top, unit=data.unit, all_there=all_there)
+
+
+def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = BUCKETS, **style: object) -> None:
+    """One line, thinned to the extremes of so many stretches, broken at gaps."""
+    if len(values):
+        keep = extremes(values, buckets)
+        t, v = broken(t_ns, keep, time.of(t_ns), values)
+        axes.plot(t, v, **style)  # type: ignore[arg-type]
+
+
+def mark_clipped(
+    axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, top: float, unit: str, *, all_there: bool = True
+) -> None:
+    """Marks at the upper edge where values leave the drawing, with the highest one in words.
+
+    How many there are is said only if the values are `all_there`.
+    """
+    over = np.flatnonzero(values > top)
+    if not len(over):
+        return
+    keep = over[extremes(values[over], 40)]
+    axes.plot(time.of(t_ns[keep]), np.full(len(keep), top), "^", color=COLOURS["ink"], markersize=4, clip_on=False)
+    worst = int(over[np.argmax(values[over])])
+    steps = "step" if len(over) == 1 else "steps"
+    when = f"{time.of(t_ns[worst : worst + 1])[0]:.4g} {time.unit}"
+    above = f"{len(over)} {steps} above" if all_there else "above"
+    text = f"{above}, up to {values[worst]:.3g} {label(unit)} at {when}"
+    axes.set_title(text, loc="right", fontsize=8, fontweight="normal", color=COLOURS["muted"])
+
+
+def _axis_error(
+    axes: Axes,
+    data: ReportInput,
+    errors: Errors,
+    bound: Bound | None,
+    tracks: Tracks | None,
+    name: str,
+    colour: str,
+    buckets: int,
+) -> None:
+    """Signed error along one axis with what the filter and the bound say of its spread; heights where known."""
+    # Columns alone: of a long run tables are large
+    t_ns, values = _known(errors.t_ns, getattr(errors, f"error_{name}"))
+    shown = [np.abs(values)]
+    if tracks is not None:
+        of, variance = _known(tracks.t_ns, getattr(tracks, f"cov_{name}{name}"))
+        if len(of):
+            spread = 2.0 * np.sqrt(np.maximum(variance, 0.0))
+            _band(axes, time=data.time, t_ns=of, spread=spread, colour=colour, buckets=buckets)
+            shown.append(spread)
+    if bound is not None:
+        of, variance = _known(bound.t_ns, getattr(bound, f"bound_{name}{name}"))
+        if len(of):
+            spread = 2.0 * np.sqrt(np.maximum(variance, 0.0))
+            style = {"color": COLOURS["bound"], "linewidth": 0.9, "linestyle": (0, (4, 1.5))}
+            line(axes, data.time, of, spread, buckets, label="± 2 × bound of the axis", **style)
+            line(axes, data.time, of, -spread, buckets, **style)
+            shown.append(spread)
+    line(axes, data.time, t_ns, values, buckets, color=colour, linewidth=0.8)
+    axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.6, zorder=1)
+    axes.set_ylabel(f"{name} error [{label(data.unit)}]")
+    top = sensible_top(*shown)
+    axes.set_ylim(-top, top)
+
+
+def _known(t_ns: Ints, values: Floats) -> tuple[Ints, Floats]:
+    """Times and values where these are known."""
+    known = np.isfinite(values)
+    return t_ns[known], values[known]
+
+
+def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str, buckets: int) -> None:
+    """The filter's own +-2 standard deviations, one piece between gaps."""
+    named = "± 2 standard deviations of the filter"
+    for piece in np.split(np.arange(len(t_ns)), np.flatnonzero(gaps(t_ns))):
+        share = max(4, buckets * len(piece) // len(t_ns))
+        t, low, high = envelope(time.of(t_ns[piece]), -spread[piece], spread[piece], share)
+        axes.fill_between(t, low, high, color=colour, alpha=0.16, linewidth=0, label=named)
+        named = ""
+
+
+MAX_PLOTTED_TARGETS = 6
+FALLBACKS = {
+    "sir": ("hidden", "d", "auxiliary stage skipped"),
+    "restart": ("t5", "v", "particles drawn anew"),
+    "gap": ("t5", "s", "particles drawn anew after a gap"),
+    "depleted": ("t1", "d", "fewer than ten effective particles"),
+    "unobservable": ("hidden", "d", "position hardly known"),
+    "contradiction": ("t5", "v", "constraints contradict each other"),
+    "wall": ("t1", "s", "no way around a wall"),
+    "unfinished": ("ink", "x", "search did not converge"),
+    "doubted": ("t2", "v", "fewer than half of the bearings believed"),
+}
+
+
+def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics) -> None:
+    """Draw the effective sample size of each target's filter, with a mark at each fallback.
+
+    A method without particles has none; then the position's standard deviation is drawn.
+    """
+    axes = figure.add_subplot()
+    if data.fared is None or not data.fared.particles:
+        _deviation(axes, data)
+        _finish(figure, axes, data)
+        return
+    targets = np.unique(diagnostics.target_id)
+    for i, target in enumerate(targets[:MAX_PLOTTED_TARGETS]):
+        own = diagnostics.take(diagnostics.target_id == target)
+        name = f"target {target}" if len(targets) > 1 else "effective sample size"
+        line(axes, data.time, own.t_ns, own.ess, color=target_colour(i), linewidth=0.9, label=name)
+    _scale(axes, float(diagnostics.ess.min()), float(diagnostics.ess.max()))
+    axes.set_ylabel("effective sample size")
+    _finish(figure, axes, data)
+
+
+def _deviation(axes: Axes, data: ReportInput) -> None:
+    """The standard deviation of each target's position."""
+    tracks = data.tracks
+    if tracks is None:
+        return
+    targets = np.unique(tracks.target_id)
+    for i, target in enumerate(targets[:MAX_PLOTTED_TARGETS]):
+        own = tracks.take(tracks.target_id == target)
+        name = f"target {target}" if len(targets) > 1 else "standard deviation of the position"
+        line(axes, data.time, own.t_ns, deviation(own), color=target_colour(i), linewidth=0.9, label=name)
+    axes.set_ylim(bottom=0.0)
+    axes.set_ylabel(f"standard deviation [{data.unit}]")
+
+
+def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
+    """Marks, time axis and legend."""
+    _fallbacks(axes, data)
+    axes.set_xlabel(data.time.label)
+    axes.set_xlim(0.0, max(data.time.length, 1e-9))
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+
+
+def _scale(axes: Axes, low: float, high: float) -> None:
+    """From zero, or logarithmic where the sizes differ by more than a factor of 20."""
+    low = max(low, 1.0)
+    if high <= 20.0 * low:
+        axes.set_ylim(0.0, 1.1 * max(high, 1.0))
+        return
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)))
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_ylim(low / 1.8, 1.4 * high)
+
+
+def _fallbacks(axes: Axes, data: ReportInput) -> None:
+    """A row of marks at the lower edge; where there are very many, every k-th is drawn."""
+    for kind, found in data.fared.fallbacks.items() if data.fared is not None else ():
+        colour, marker, text = FALLBACKS.get(kind, ("ink", "x", kind))
+        axes.plot(
+            data.time.of(found.t_ns),
+            np.full(len(found.t_ns), 0.035),
+            marker,
+            color=COLOURS[colour],
+            markersize=4.5,
+            linestyle="none",
+            transform=axes.get_xaxis_transform(),
+            label=f"{text} ({found.rows} ×)",
+        )
+
+
+DOTS = 120
+DOT_COLOURS = ("t0", "t3", "t2", "t1", "t5", "t4")
+DOT_MARKERS = ("o", "s", "^", "v", "D", "P")
+
+
+def draw_sight(figure: FigureBase, data: ReportInput, target: int) -> None:
+    """Draw the distance to the meeting point, and each sensor's residual in degrees below it."""
+    found = data.sight[target]
+    handles: list[Line2D] = []
+    if found.rows:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
+        handles += _plot_distance(above, data, found, target_colour(data.targets.index(target)))
+    else:
+        below = figure.add_subplot()
+    handles += _residuals(below, data, data.residuals[target].drawn)
+    below.set_xlabel(data.time.label)
+    below.set_xlim(0.0, max(data.time.length, 1e-9))
+    if handles:
+        figure.legend(handles=handles[:20], loc="outside lower center", ncols=min(len(handles), 6))
+
+
+def _plot_distance(axes: Axes, data: ReportInput, found: Distances, colour: str) -> list[Line2D]:
+    t_ns, distance = found.t_ns, found.distance
+    line(axes, data.time, t_ns, distance, color=colour, linewidth=0.8, alpha=0.7, label="distance")
+    line(axes, data.time, t_ns, found.so_far, color=colour, linewidth=2.0, label="RMS so far")
+    top = sensible_top(distance)
+    axes.set_ylim(0.0, top)
+    mark_clipped(axes, data.time, t_ns=t_ns, values=distance, top=top, unit=data.unit, all_there=found.every == 1)
+    axes.set_ylabel(f"distance [{label(data.unit)}]")
+    return [handle for handle in axes.get_legend_handles_labels()[0] if isinstance(handle, Line2D)]
+
+
+def _residuals(axes: Axes, data: ReportInput, found: Residuals) -> list[Line2D]:
+    """Residuals as dots, one mark a sensor; handles for the legend."""
+    degrees = np.degrees(found.residual)
+    handles = []
+    for i, name in enumerate(found.names):
+        rows = np.flatnonzero(found.sensor == i)
+        if not len(rows):
+            continue
+        keep = rows[extremes(degrees[rows], DOTS)]
+        style: Style = {
+            "marker": DOT_MARKERS[i % 6],
+            "color": COLOURS[DOT_COLOURS[i % 6]],
+            "linestyle": "none",
+            "markeredgewidth": 0,
+        }
+        axes.plot(data.time.of(found.t_ns[keep]), degrees[keep], markersize=2.6, alpha=0.7, **style)
+        handles.append(Line2D([], [], markersize=6, label=label(name, 18), **style))
+    top = sensible_top(np.abs(degrees))
+    axes.set_ylim(-top, top)
+    axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.6, zorder=1)
+    axes.set_ylabel("off sight line [°]")
+    return handles
+
+
+CELLS_OF_ALL, FEWEST_CELLS = 4800, 60
+"""Cells of all sensors and targets together, so that a page of many stays small; those of each one, at least."""
+HEIGHT = 0.72
+
+
+def watched(data: ReportInput) -> tuple[int, ...]:
+    """Targets that bearings are labelled with; -1 (any object) last and only if there is no other."""
+    return () if data.looked is None else data.looked.watched
+
+
+def sensors(data: ReportInput) -> tuple[str, ...]:
+    """Names of all sensors, in the scene's order, then those that only the bearings know."""
+    return known_first(data.scene, [] if data.looked is None else data.looked.sensors)
+
+
+def draw_visibility(
+    figure: FigureBase, data: ReportInput, looked: Looked, target: int, most: int = MOST_SENSORS
+) -> None:
+    """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
+    axes = figure.add_subplot()
+    names = sensors(data)[:most]
+    cells = max(CELLS_OF_ALL // max(len(names) * min(len(looked.watched), MOST_TARGETS), 1), FEWEST_CELLS)
+    rows = [coarser(looked.sightings(name, target), cells) for name in names]
+    draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
+    kinds = (("seen", "target seen"), ("hidden", "frame, target not seen"), ("absent", "no frame"))
+    handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+
+
+def coarser(found: Sightings, most: int) -> Sightings:
+    """The same frames in at most so many cells: neighbours are one, as many as it takes."""
+    together = -(-len(found.looked) // most)
+    if together <= 1:
+        return found
+    first = np.arange(0, len(found.looked), together)
+    looked, seen = (np.add.reduceat(each, first) for each in (found.looked, found.seen))
+    return replace(found, edges=np.append(found.edges[first], found.edges[-1]), looked=looked, seen=seen)
+
+
+def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[Sightings], names: Sequence[str]) -> None:
+    """Draw a bar for each sensor, with its share of sightings beside it; the first sensor is on top."""
+    shares = []
+    for row, found in enumerate(rows):
+        _bar(axes, time, found, -float(row))
+        whose = "any" if found.any_object else "seen"
+        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {whose}")
+    label_rows(axes, names, shares)
+    axes.set_xlim(0.0, max(time.length, 1e-9))
+    axes.set_xlabel(time.label)
+
+
+def _percent(share: float) -> str:
+    """Whole per cent; never 0 or 100 unless it is exactly that."""
+    if 0.0 < share < 1.0:
+        return f"{min(max(round(100 * share), 1), 99)} %"
+    return f"{100 * share:.0f} %"
+
+
+def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
+    """Write the name of each row at the left and its share at the right; the first row is on top."""
+    ticks = [-float(i) for i in range(len(names))]
+    axes.set_yticks(ticks, names)
+    axes.set_ylim(-len(names) + 1 - 0.6, 0.6)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(False)
+    axes.spines["left"].set_visible(False)
+    right = axes.secondary_yaxis("right")
+    right.set_yticks(ticks, shares)
+    right.tick_params(length=0, labelsize=8, labelcolor=COLOURS["muted"])
+    right.spines["right"].set_visible(False)
+
+
+def _bar(axes: Axes, time: TimeAxis, found: Sightings, y: float) -> None:
+    """Grey where there is no frame, orange where the sensor looked, blue from below as far as it saw."""
+    low = y - HEIGHT / 2
+    axes.fill_between([0.0, time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
+    if not len(found.looked):
+        return
+    edges, share = _merged(found)
+    at = time.of(edges)
+    frames = np.where(np.isnan(share), np.nan, low + HEIGHT)
+    axes.stairs(frames, at, baseline=low, fill=True, color=COLOURS["hidden"], linewidth=0)
+    filled = np.where(share > 0, low + HEIGHT * share, np.nan)
+    axes.stairs(filled, at, baseline=low, fill=True, color=COLOURS["seen"], linewidth=0)
+
+
+def _merged(found: Sightings) -> tuple[Ints, Floats]:
+    """Borders of the cells and share seen (NaN without frames), neighbours of the same share as one cell."""
+    share = np.where(found.looked > 0, found.seen / np.maximum(found.looked, 1), -1.0)
+    first = np.concatenate([[True], np.diff(share) != 0])
+    edges = np.append(found.edges[:-1][first], found.edges[-1])
+    return edges, np.where(share[first] < 0, np.nan, share[first])
+
+
+LONGEST_GAP = 1.5
+"""A row of a track lasts until the next one, but at most so many usual periods."""
+SEEN, ONE_VIEW, UNSEEN = "seen", "view", "hidden"
+"""Colours of people of whom several cameras, one camera or none has a box."""
+
+
+def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, found: People) -> None:
+    """Draw how many people there are, above, and a row for each of them, below."""
+    people, events = found.drawn, data.events
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, max(0.16 * len(people), 0.6)))
+    _counts(above, data, found.crowd)
+    for place, identity in enumerate(people.tolist()):
+        _life(below, data.time, tracks.take(tracks.target_id == identity), -float(place))
+    _doubts(below, data.time, people, events)
+    below.set_yticks(-np.arange(len(people), dtype=float), [str(i) for i in people.tolist()])
+    below.tick_params(axis="y", length=0, labelsize=min(8.0, 330.0 / max(len(people), 1) ** 0.95))
+    below.set_ylim(-len(people) + 0.4, 0.6)
+    below.set_ylabel("identity")
+    below.grid(False)
+    below.spines["left"].set_visible(False)
+    below.set_xlim(0.0, max(data.time.length, 1e-9))
+    below.set_xlabel(data.time.label)
+    figure.legend(handles=_legend(data, events), loc="outside lower center", ncols=4)
+
+
+def draw_seen_by(figure: FigureBase, data: ReportInput, found: People) -> None:
+    """Draw for each camera, over time, the share of the people there of whom it has a box."""
+    names = found.cameras[:MOST_SENSORS]
+    axes = figure.add_subplot()
+    rows = [found.sightings(name) for name in names]
+    draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
+    kinds = (
+        ("seen", "share of the people there that it sees"),
+        ("hidden", "the others"),
+        ("absent", "nobody is there"),
+    )
+    handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+
+
+def _counts(axes: Axes, data: ReportInput, found: Crowd) -> None:
+    if data.truth is not None:
+        times, number = true_people(data.truth, data.whole["truth"].at)
+        line(axes, data.time, times, number, color=COLOURS["muted"], linewidth=2.6, alpha=0.5)
+    line(axes, data.time, found.t_ns, found.people, color=COLOURS["ink"], linewidth=1.1)
+    line(axes, data.time, found.t_ns, found.seen, color=COLOURS[SEEN], linewidth=0.9)
+    axes.set_ylim(bottom=0.0)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
+    axes.set_ylabel("people")
+
+
+def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
+    """A bar where the person is there, in the colour of how many cameras see them."""
+    last = max(int(LONGEST_GAP * usual_step(own.t_ns)), 1)
+    ends = np.append(np.minimum(own.t_ns[1:], own.t_ns[:-1] + last), own.t_ns[-1] + last)
+    kind = np.where(own.seen_by == "", 2, np.where(np.char.find(own.seen_by, ",") < 0, 1, 0))
+    # Neighbours of one kind are one piece
+    first = np.concatenate([[True], (np.diff(kind) != 0) | (own.t_ns[1:] > ends[:-1])])
+    begins, stops, kinds = own.t_ns[first], ends[np.append(first[1:], True)], kind[first]
+    for place, colour in enumerate((SEEN, ONE_VIEW, UNSEEN)):
+        mine = kinds == place
+        spans = np.column_stack([time.of(begins[mine]), time.of(stops[mine]) - time.of(begins[mine])])
+        axes.broken_barh(spans.tolist(), (y - HEIGHT / 2, HEIGHT), facecolor=COLOURS[colour], linewidth=0)
+
+
+def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> None:
+    """A mark in the row of each identity that may have been exchanged."""
+    if events is None:
+        return
+    doubts = events.take((events.kind == "doubt") & np.isin(events.target_id, people))
+    place = {identity: row for row, identity in enumerate(people.tolist())}
+    rows = [-float(place[i]) for i in doubts.target_id.tolist()]
+    axes.plot(time.of(doubts.t_ns), rows, "x", color=COLOURS["t5"], markersize=4.5, markeredgewidth=1.4)
+
+
+def _legend(data: ReportInput, events: Events | None) -> list[Patch | Line2D]:
+    kinds = ((SEEN, "seen by several cameras"), (ONE_VIEW, "by one camera"), (UNSEEN, "by none: predicted"))
+    out: list[Patch | Line2D] = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
+    if events is not None and (events.kind == "doubt").any():
+        out.append(Line2D([], [], linestyle="", marker="x", color=COLOURS["t5"], label="may have been exchanged"))
+    out.append(Line2D([], [], color=COLOURS["ink"], linewidth=1.1, label="people there"))
+    out.append(Line2D([], [], color=COLOURS[SEEN], linewidth=0.9, label="seen by a camera"))
+    if data.truth is not None and (data.truth.role == "target").any():
+        out.append(Line2D([], [], color=COLOURS["muted"], linewidth=2.6, alpha=0.5, label="truth"))
+    return out
+
+
+def cameras_of(data: ReportInput, found: Selections) -> tuple[str, ...]:
+    """Cameras in the scene's order, then those that only the diagnostics know."""
+    known = () if data.scene is None else tuple(c.name for c in data.scene.cameras)
+    return (*known, *sorted(set(found.shares) - set(known)))
+
+
+def draw_selection(figure: FigureBase, data: ReportInput, found: Selections) -> None:
+    """Draw a row for every camera, filled while it was selected, and the share of the time on the right."""
+    axes = figure.add_subplot()
+    names = cameras_of(data, found)[:MOST_SENSORS]
+    shares = []
+    for row, name in enumerate(names):
+        on = np.array([name in cameras for cameras in found.chosen], dtype=np.bool_)
+        _bars(axes, data, found.times, on, -float(row))
+        shares.append(f"{100 * found.shares.get(name, 0.0):.0f} %")
+    label_rows(axes, [label(n, 18) for n in names], shares)
+    axes.set_xlim(0.0, max(data.time.length, 1e-9))
+    axes.set_xlabel(data.time.label)
+
+
+def _bars(axes: Axes, data: ReportInput, times: Ints, on: Bools, y: float) -> None:
+    low = y - HEIGHT / 2
+    axes.fill_between([0.0, data.time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
+    if not on.any():
+        return
+    changes = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0, append=0))
+    edges = data.time.of(times[changes])
+    filled = np.where(np.arange(len(changes) - 1) % 2 == 0, low + HEIGHT, np.nan)
+    axes.stairs(filled, edges, baseline=low, fill=True, color=COLOURS["seen"], linewidth=0)

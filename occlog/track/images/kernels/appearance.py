@@ -1,0 +1,349 @@
+"""Colours inside many ellipses at once: weighted histograms and their likenesses, the p_c of [Qu] Sec. 3.3.
+
+The image comes as a map of bin numbers, made once a frame (`occlog.core.image`).  A
+pixel at squared ellipse distance q weighs 1 - q (Epanechnikov).  The sums are divided by
+the weight of all pixels of the ellipse, those off the image included, so that the
+histogram of an ellipse that reaches over the edge sums to less than 1 and is less alike.
+
+A target's colours are those of the whole ellipse, or of its upper and lower half apart.  People
+wear other colours above than below; with one histogram for both an ellipse may slide down or
+over to a neighbour without looking any different.  A ball rolls and has no such order.
+
+Likelihood of the grey patch inside an ellipse, by principal components of the target's patches, [Qu] Sec. 3.3.
+
+Moghaddam and Pentland, "Probabilistic visual learning for object representation" (PAMI 1997):
+the density of a patch is a Gaussian in the space of the first K components times one, of equal
+variance in all directions, in the rest.  The first is the distance in feature space (DIFS),
+the second the distance from it (DFFS).
+
+A patch is the inside of an ellipse, turned and scaled to a disc, as grey values of mean 0 and
+variance 1: neither brightness nor contrast counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Bytes, Floats, Ints
+from occlog.core.image import N_BINS, column_limits, holds_pixels, quadratic, row_limits
+from occlog.core.numerics.jit import array_kernel, kernel
+
+TWO, THREE, FOUR = np.uint64(2), np.uint64(3), np.uint64(4)
+
+WHOLE, ABOVE, BELOW = 0, 1, 2
+"""Parts of an ellipse."""
+
+_SLOTS = 256
+"""Length of the sums: bin numbers are bytes, so that no number in a map is out of bounds."""
+
+
+@array_kernel
+def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: int, half: int) -> float:
+    """Add the weights 1 - q of the pixels of an ellipse to the sums of their bins.
+
+    Four neighbours at a time, which mostly share a bin, go to four sums: no addition waits
+    for another.  The weights of a row are worked out together before that.  Everything is in
+    one function, because slices of rows would take half of the time.
+
+    Args:
+        sums: (4, 256) added to.
+        weights: (W,) space for the weights of a row.
+        bins: (H, W).
+        ellipse: (5,).
+        step: see `colours_in`.
+        half: `ABOVE` its centre only, `BELOW` and level with it only, or `WHOLE`.
+
+    Returns:
+        The weight of all its pixels there, those off the image included.
+    """
+    mass = 0.0
+    if not holds_pixels(ellipse):
+        return mass
+    # In units of the step every whole number is a pixel that counts, and no row needs a division of whole numbers.
+    unit, cx, cy = 1.0 / step, ellipse[0] / step, ellipse[1] / step
+    highest, rightmost = (bins.shape[0] - 1) // step, (bins.shape[1] - 1) // step
+    one, two, three, four = sums[0], sums[1], sums[2], sums[3]
+    a, b, c = quadratic(unit * ellipse[2], unit * ellipse[3], ellipse[4])
+    first, last = row_limits(cy, unit * ellipse[2], unit * ellipse[3], ellipse[4])
+    if half == ABOVE:
+        last = min(last, math.ceil(cy) - 1)
+    elif half == BELOW:
+        first = max(first, math.ceil(cy))
+    for y in range(first, last + 1):
+        dy = y - cy
+        left, right = column_limits(cx, dy, a, b, c)
+        if left > right:
+            continue
+        # The weight rest - across dx - a dx^2 of the whole row: a sum over an arithmetic sequence of dx
+        rest, across = 1.0 - c * dy * dy, 2.0 * b * dy
+        n, mean = float(right - left + 1), 0.5 * (left + right) - cx
+        mass += n * (rest - across * mean - a * (mean * mean + (n * n - 1.0) / 12.0))
+        start, count = max(left, 0), min(right, rightmost) - max(left, 0) + 1
+        if y < 0 or y > highest or count < 1:
+            continue
+        for i in range(count):
+            dx = start - cx + i
+            weights[i] = rest - dx * (across + a * dx)
+        # Whole numbers without a sign spare the check for indices below 0.
+        row, x, gap = np.uint64(y * step), np.uint64(start * step), np.uint64(step)
+        for i in range(0, count - 3, 4):
+            one[bins[row, x]] += weights[i]
+            two[bins[row, x + gap]] += weights[i + 1]
+            three[bins[row, x + TWO * gap]] += weights[i + 2]
+            four[bins[row, x + THREE * gap]] += weights[i + 3]
+            x += FOUR * gap
+        for i in range(count & ~3, count):
+            one[bins[row, x]] += weights[i]
+            x += gap
+    return mass
+
+
+WIDTH = 2 * N_BINS
+"""Numbers in a target's colours: the histograms of its halves, or that of the whole and zeros."""
+
+
+@kernel
+def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats:
+    """Weighted histograms of the colours in ellipses.
+
+    Args:
+        bins: (H, W) bin number of each pixel, all below `N_BINS` but those of pixels that belong to no target.
+        ellipses: (n, 5).
+        split: (n,) whether the upper and the lower half have a histogram each.
+        step: only pixels whose column and row are multiples of it count; 1: all.
+
+    Returns:
+        (n, WIDTH), each summing to the share of its weight that is on the image: 1 for an ellipse inside
+        it, 0 for one outside it, without a pixel centre or not an ellipse.
+    """
+    out = np.zeros((ellipses.shape[0], WIDTH))
+    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
+    for p in range(ellipses.shape[0]):
+        mass = 0.0
+        for part in range(2 if split[p] else 1):
+            sums[:, :N_BINS] = 0.0
+            mass += _weigh(sums, weights, bins, ellipses[p], step, ABOVE + part if split[p] else WHOLE)
+            for k in range(N_BINS):
+                out[p, part * N_BINS + k] = max(sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k], 0.0)
+        if mass > 0.0:
+            out[p] /= mass
+    return out
+
+
+@kernel
+def colour_likeness(bins: Bytes, ellipses: Floats, owner: Ints, colours: Floats, split: Bools, step: int) -> Floats:
+    """Bhattacharyya coefficients of the colours in ellipses with those of their targets.
+
+    The sums of sqrt(h_k m_k) of `colours_in` h and the targets' m, without the tables in between.
+
+    Args:
+        bins: (H, W) bin number of each pixel.
+        ellipses: (P, 5).
+        owner: (P,) row of each one's target.
+        colours: (n, WIDTH) of the targets.
+        split: (n,) whether they are those of halves.
+        step: see `colours_in`.
+
+    Returns:
+        (P,), 0 (nothing in common) to 1 (equal).
+    """
+    out = np.empty(ellipses.shape[0])
+    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
+    for p in range(ellipses.shape[0]):
+        mass, total = 0.0, 0.0
+        model, halves = colours[owner[p]], split[owner[p]]
+        for part in range(2 if halves else 1):
+            sums[:, :N_BINS] = 0.0
+            mass += _weigh(sums, weights, bins, ellipses[p], step, ABOVE + part if halves else WHOLE)
+            for k in range(N_BINS):
+                common = (sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k]) * model[part * N_BINS + k]
+                if common > 0.0:
+                    total += math.sqrt(common)
+        out[p] = min(total / math.sqrt(mass), 1.0) if mass > 0.0 else 0.0
+    return out
+
+
+def upright(ellipses: Floats, share: float) -> Bools:
+    """(n,) whether ellipses (n, 5) are at least `share` times as high as wide; none for a share of 0."""
+    a, b, s, c = ellipses[:, 2], ellipses[:, 3], np.sin(ellipses[:, 4]), np.cos(ellipses[:, 4])
+    return np.asarray((np.hypot(a * s, b * c) >= share * np.hypot(a * c, b * s)) & (share > 0))
+
+
+def level(ellipses: Floats) -> Floats:
+    """The same ellipses (n, 5) with axis a nearer to the horizontal than axis b, and the angle in [-pi/2, pi/2)."""
+    out = np.array(ellipses, dtype=np.float64)
+    swap = np.abs(np.mod(out[:, 4] + 0.5 * np.pi, np.pi) - 0.5 * np.pi) > 0.25 * np.pi
+    out[swap, 2:4] = out[swap, 3:1:-1]
+    out[:, 4] = np.mod(out[:, 4] + np.where(swap, np.pi, 0.5 * np.pi), np.pi) - 0.5 * np.pi
+    return out
+
+
+SIZE = 16
+"""Width and height [px] of the square about the disc of a patch."""
+FLAT = 1.0
+"""Standard deviation [grey levels] below which a patch counts as flat, that is, as noise only."""
+LEAST = 0.01
+"""Least variance in any direction; few patches would give variances near 0."""
+
+ROUNDING = 1e-12
+"""Share of a patch's square that counts as rounding."""
+
+
+class PatchModels(NamedTuple):
+    """Densities of the patches of M targets, D numbers each."""
+
+    mean: Floats  # (M, D)
+    basis: Floats  # (M, K, D) orthonormal rows
+    variance: Floats  # (M, K) along them
+    rest: Floats  # (M,) in every other direction
+
+
+def disc_points(size: int = SIZE) -> Floats:
+    """(D, 2) points in the unit disc: middles of the pixels of a size x size square about it."""
+    middles = (np.arange(size) + 0.5) * (2.0 / size) - 1.0
+    y, x = (m.ravel() for m in np.meshgrid(middles, middles, indexing="ij"))
+    return np.ascontiguousarray(np.column_stack([x, y])[x * x + y * y <= 1.0])
+
+
+@kernel
+def warp_patches(image: Bytes, ellipses: Floats, points: Floats) -> Floats:
+    """Read the patches inside ellipses, with linear interpolation; beyond the image its edge goes on.
+
+    Args:
+        image: (H, W, C), the mean of the C colours is what counts.
+        ellipses: (P, 5), of any finite numbers.
+        points: (D, 2) places in the unit disc, x along axis a.
+
+    Returns:
+        (P, D) with mean 0 and variance 1 over each patch; 0 for flat ones.
+    """
+    height, width, colours = image.shape
+    out = np.empty((ellipses.shape[0], points.shape[0]))
+    for p in range(ellipses.shape[0]):
+        c, s = math.cos(ellipses[p, 4]), math.sin(ellipses[p, 4])
+        total, square = 0.0, 0.0
+        for k in range(points.shape[0]):
+            u, v = ellipses[p, 2] * points[k, 0], ellipses[p, 3] * points[k, 1]
+            x = min(max(ellipses[p, 0] + c * u - s * v, 0.0), width - 1.0)
+            y = min(max(ellipses[p, 1] + s * u + c * v, 0.0), height - 1.0)
+            left, top = int(x), int(y)
+            right, low = min(left + 1, width - 1), min(top + 1, height - 1)
+            fx, fy, grey = x - left, y - top, 0.0
+            for b in range(colours):
+                up = (1.0 - fx) * image[top, left, b] + fx * image[top, right, b]
+                down = (1.0 - fx) * image[low, left, b] + fx * image[low, right, b]
+                grey += (1.0 - fy) * up + fy * down
+            out[p, k] = grey / colours
+            total += out[p, k]
+            square += out[p, k] * out[p, k]
+        mean = total / points.shape[0]
+        spread = math.sqrt(max(square / points.shape[0] - mean * mean, 0.0))
+        for k in range(points.shape[0]):
+            out[p, k] = (out[p, k] - mean) / spread if spread >= FLAT else 0.0
+    return out
+
+
+def learn_patches(patches: Floats, components: int, least: float = LEAST) -> PatchModels:
+    """Learn the density of one target's patches (M = 1) by principal components.
+
+    Args:
+        patches: (N, D) of the target, N >= 1.
+        components: largest K; no more than N - 1 and D carry any variance.
+        least: lower limit of all variances, > 0.
+
+    Returns:
+        K = min(components, N - 1, D), at least 0; `rest` is the mean of the variances that are left out.
+    """
+    n, d = patches.shape
+    k = max(min(components, n - 1, d), 0)
+    mean = patches.mean(axis=0)
+    _, lengths, rows = np.linalg.svd(patches - mean, full_matrices=False)
+    variance = lengths**2 / n
+    rest = max(float(variance[k:].sum()) / max(d - k, 1), least)
+    kept = np.maximum(variance[:k], least)
+    return PatchModels(mean[None], np.ascontiguousarray(rows[None, :k]), kept[None], np.array([rest]))
+
+
+def stack_models(models: Sequence[PatchModels]) -> PatchModels:
+    """Stack the models of several targets, in this order.
+
+    Models with fewer components get directions of zeros, which add nothing, with the variance of their rest.
+    """
+    k = max(m.basis.shape[1] for m in models)
+    basis, variance = [], []
+    for m in models:
+        more = ((0, 0), (0, k - m.basis.shape[1]))
+        basis.append(np.pad(m.basis, (*more, (0, 0))))
+        variance.append(np.where(np.pad(m.variance, more) > 0.0, np.pad(m.variance, more), m.rest[:, None]))
+    mean, rest = np.concatenate([m.mean for m in models]), np.concatenate([m.rest for m in models])
+    return PatchModels(mean, np.concatenate(basis), np.concatenate(variance), rest)
+
+
+@kernel
+def log_density(patches: Floats, owner: Ints, mean: Floats, basis: Floats, variance: Floats, rest: Floats) -> Floats:
+    """Log densities of patches, each under the model of its target.
+
+    Args:
+        patches: (P, D).
+        owner: (P,) row of the models for each patch.
+        mean: see `PatchModels`, as the rest.
+        basis: (M, K, D).
+        variance: (M, K).
+        rest: (M,).
+
+    Returns:
+        (P,) -1/2 (sum_k y_k^2 / l_k + e^2 / rho + sum_k log l_k + (D - K) log rho + D log 2 pi) with y the
+        coordinates along the components and e^2 the square of what they leave over.
+    """
+    d, components = patches.shape[1], basis.shape[1]
+    out = np.empty(patches.shape[0])
+    for p in range(patches.shape[0]):
+        m = owner[p]
+        over = 0.0
+        for i in range(d):
+            over += (patches[p, i] - mean[m, i]) ** 2
+        whole = over
+        total = d * math.log(2.0 * math.pi) + (d - components) * math.log(rest[m])
+        for k in range(components):
+            y = 0.0
+            for i in range(d):
+                y += basis[m, k, i] * (patches[p, i] - mean[m, i])
+            total += y * y / variance[m, k] + math.log(variance[m, k])
+            over -= y * y
+        # With all D components nothing is left over but rounding.
+        out[p] = -0.5 * (total + (over / rest[m] if over > ROUNDING * whole else 0.0))
+    return out
+
+
+def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: PatchModels) -> Floats:
+    """(P,) log densities of the patches inside ellipses, under the models of their targets.
+
+    The angle of an ellipse is known up to pi: of both ways round the likelier one counts.
+
+    Args:
+        image: (H, W, C) or (H, W).
+        ellipses: (P, 5).
+        owner: (P,) row of the models for each ellipse.
+        models: of patches from `disc_points()`.
+    """
+    patches = warp_patches(np.atleast_3d(image), ellipses, disc_points())
+    back = np.ascontiguousarray(patches[:, ::-1])  # the opposite points are in the opposite order
+    return np.asarray(np.maximum(log_density(patches, owner, *models), log_density(back, owner, *models)))
+
+
+def learn_target(image: Bytes, ellipse: Floats, jitter: Floats, components: int) -> PatchModels:
+    """Learn the density of a target's patches (M = 1) from one image of it.
+
+    Args:
+        image: (H, W, C) or (H, W).
+        ellipse: (5,) of the target.
+        jitter: (N, 5) standard normal draws; ellipses that are off by a little are still the target.
+        components: see `learn_patches`.
+    """
+    sizes = 0.5 * (ellipse[2] + ellipse[3]) * np.array([0.05, 0.05, 0.03, 0.03, 0.0]) + [0, 0, 0, 0, 0.05]
+    near = np.vstack([ellipse, ellipse + jitter * sizes])
+    return learn_patches(warp_patches(np.atleast_3d(image), near, disc_points()), components)

@@ -1,1 +1,0 @@
-"""Tracks of everybody under the identities of a gallery of how people look."""
