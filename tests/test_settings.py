@@ -9,8 +9,8 @@ from occlog.errors import InputError, UsageError
 from occlog.plan.config import PlanConfig
 from occlog.settings import SettingError, configure, declaration, json_schema
 from occlog.simulate.config import WorldConfig
-from occlog.track.apf.config import ApfConfig
 from occlog.track.catalogue import METHODS, settings_of
+from occlog.track.methods.apf.config import ApfConfig
 
 
 def test_texts_are_read_as_the_type_of_the_setting():

@@ -18,7 +18,7 @@ from occlog.core.occlusion.hidden import WORTH, extent, make_grid, rays_to
 from occlog.core.plane import on_floor
 from occlog.core.sight.visibility import seen_from
 from occlog.filtering.likelihood.directions import log_likelihood_among
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
@@ -27,9 +27,9 @@ from occlog.scans.occluder_priors import OccluderFeed
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import FINE, pack_scan
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.model import FINE, pack_scan
 
 NAME = "occlusion"
 SUMMARY = "APF step, 1000 particles, 8 cameras, a static occluder, 40 priors: time to that of plain vectorised NumPy"

@@ -18,7 +18,7 @@ from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.core.plane import make_floor, sample_floor
 from occlog.core.sight.visibility import Sensors, seen_from
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.papers.ercan.formulas.blocking import (
     IMPROVED,
     PRINTED,
@@ -29,7 +29,7 @@ from occlog.papers.ercan.formulas.blocking import (
     seen_exactly,
 )
 from occlog.records.scene import Scene
-from occlog.track.apf.model import pack_sensors
+from occlog.track.methods.apf.model import pack_sensors
 
 ROOT = Path(__file__).resolve().parents[2]
 ORDER = (1, 7, 5, 3, 2, 4, 6, 8)

@@ -18,10 +18,10 @@ from occlog.records.scene import Camera
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.images.interface import Birth, FrameSet
-from occlog.track.images.methods.config import BmctConfig
-from occlog.track.images.methods.state import initial_state
-from occlog.track.images.methods.step import advance, initiate_trackers
+from occlog.track.methods.images.interface import Birth, FrameSet
+from occlog.track.methods.images.methods.config import BmctConfig
+from occlog.track.methods.images.methods.state import initial_state
+from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 NAME = "views"
 SUMMARY = "bmct, 6 targets x 60 particles x 2 views of 320x240, map of bins included: time to that of plain NumPy"

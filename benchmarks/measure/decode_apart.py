@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from occlog.io.files.provenance import Provenance, hash_file
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml
 
 NAME = "decode-apart"
 SUMMARY = (

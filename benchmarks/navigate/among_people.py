@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.track.track import ROOT
 from occlog.errors import InputError
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.papers.lee.navigation.config import NavigateConfig
 from occlog.papers.lee.navigation.course import Course, course_of, people_of
 from occlog.papers.lee.navigation.stage import Drive, End, drive

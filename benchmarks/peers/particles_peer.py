@@ -17,15 +17,15 @@ import numpy as np
 from benchmarks.peers._environments import environment, output_of
 from benchmarks.references import FORMS
 from occlog.array_types import Floats
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.scans.grouping import Rows, Scan, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "particles"
 SUMMARY = "APF step, 1000 particles, 8 cameras, no moving occluders: time to that of the `particles` package"

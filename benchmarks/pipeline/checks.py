@@ -20,10 +20,10 @@ from mcap.summary import Summary
 from benchmarks.pipeline.flips import MADE, SCENE, bearings
 from occlog.io.files.tables import parquet
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.io.frames.codec import decode_image
 from occlog.io.recording import reader
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import read_scene
 from occlog.records.frames import Image
 from occlog.records.tables import Bearings
 

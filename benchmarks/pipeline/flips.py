@@ -23,10 +23,10 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.foreign.source import find_source
+from occlog.io.formats.scenes.scene import read_scene, scene_to_yaml
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import read_scene, scene_to_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings
 

@@ -15,7 +15,7 @@ from occlog.core.sight.camera import planar_offsets, u_to_azimuth
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import (
     APPEARANCE_BINS,

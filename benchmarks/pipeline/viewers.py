@@ -20,10 +20,10 @@ import numpy as np
 from occlog.array_types import NS, Ints
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import read_scene
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes

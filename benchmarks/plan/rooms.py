@@ -34,9 +34,9 @@ from occlog.simulate.config import ObserveConfig, SoundConfig, WorldConfig
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "plan-rooms"
 SUMMARY = "greatest deviation of the expected error from the simulated filter's, in ten rooms"

@@ -7,10 +7,10 @@ from dataclasses import replace
 from occlog.array_types import Floats
 from occlog.papers.rahimi.example import example, identified, sparse_scene
 from occlog.scans.grouping import Rows, scans_of, sensor_names
-from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.problem import Problem
-from occlog.track.map.record import record_of
-from occlog.track.map.search.pending import begin, problem_of, start_of
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.problem import Problem
+from occlog.track.methods.map.record import record_of
+from occlog.track.methods.map.search.pending import begin, problem_of, start_of
 
 
 def sparse_config() -> MapConfig:

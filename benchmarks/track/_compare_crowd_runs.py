@@ -19,8 +19,8 @@ from benchmarks.track._crowd_cases import AREA, DEGREES, Case, columns
 from benchmarks.track._single_people import STEP_NS, annotations, scene_of
 from occlog.array_types import Floats
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.interface import NOBODY, Look
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.interface import NOBODY, Look
 from occlog.track.people.stage import JIPDA
 
 FRAMES, STRETCH = 200, 40

@@ -14,8 +14,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.camera import wrap_angle
-from occlog.io.calibration.common import CalibrationOptions
-from occlog.io.calibration.reader import read_calibration
+from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.reader import read_calibration
 from occlog.measure.detect.bearing import shape_covariance, sights
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings

@@ -22,8 +22,8 @@ from occlog.scans.grouping import Rows, scans_of
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import ground, motion_in_a_step
 from occlog.simulate.world.waypoints import Ground, WaypointMotion, walk_into
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import likelihood, make_model, pack_scan
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.model import likelihood, make_model, pack_scan
 
 PARTICLES = 20_000
 LAG = 10

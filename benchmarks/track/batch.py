@@ -12,12 +12,12 @@ import numpy as np
 
 from benchmarks.track._batch_problem import sparse_problem
 from occlog.array_types import Floats
-from occlog.track.map.config import PACKAGES
-from occlog.track.map.kernels.interior_point import MU_LAST, Options, Solution, minimise
-from occlog.track.map.kernels.problem import Problem
-from occlog.track.map.kernels.quadratic_program import program, sequential_programs
-from occlog.track.map.kernels.windows import minimise_windows
-from occlog.track.map.qp_solvers import program_solver
+from occlog.track.methods.map.config import PACKAGES
+from occlog.track.methods.map.kernels.interior_point import MU_LAST, Options, Solution, minimise
+from occlog.track.methods.map.kernels.problem import Problem
+from occlog.track.methods.map.kernels.quadratic_program import program, sequential_programs
+from occlog.track.methods.map.kernels.windows import minimise_windows
+from occlog.track.methods.map.qp_solvers import program_solver
 
 NAME = "trajectory"
 SUMMARY = "trajectory of 20,000 states: time of Newton on the chain to that of the same problem by Clarabel's programs"

@@ -12,7 +12,7 @@ from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.scene import Scene
 from occlog.simulate.config import ObserveConfig, WorldConfig
-from occlog.track.apf.config import CALIBRATE, ApfConfig
+from occlog.track.methods.apf.config import CALIBRATE, ApfConfig
 
 NAME = "calibration"
 SUMMARY = "fixed errors of camera poses: RMSE with calibrate=joint to that with white noise, 4 cameras"

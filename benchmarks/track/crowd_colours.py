@@ -17,10 +17,10 @@ from benchmarks.track._crowd_cases import Case
 from benchmarks.track._crowd_trackers import Outcome
 from benchmarks.track.crowd import scored
 from occlog.array_types import NS
-from occlog.track.jipda.batch.smooth import smooth
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.filter import begin, step
-from occlog.track.jipda.interface import Moment
+from occlog.track.methods.jipda.batch.smooth import smooth
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.filter import begin, step
+from occlog.track.methods.jipda.interface import Moment
 
 NAME = "crowd-colours"
 SUMMARY = "Tracks of everybody with and without colours, where cameras lose people for a while"

@@ -31,8 +31,8 @@ from occlog.evaluate.mot.on_ground import evaluate_ground
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.open import open_input
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.declared.people import MOST_BINS
 from occlog.records.tables import APPEARANCE_BINS, Gallery, Tracks, Truth, Views
 

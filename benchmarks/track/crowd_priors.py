@@ -26,9 +26,9 @@ from occlog.settings import configure
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "crowd-priors"
 SUMMARY = "RMSE of apf --smooth with priors of 40 moving occluders to that without, four cameras"

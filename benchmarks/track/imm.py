@@ -1,7 +1,7 @@
 """One step of the filter of several motion models, for a target among unlabelled bearings, against two plain forms.
 
-`kernel` is `occlog.track.imm.kernel.step`, `filter` the whole of `occlog.track.imm.filter.step` with association
-`any`: the same with the room for it, probabilities that targets exist and sound, and a report.
+`kernel` is `occlog.track.methods.imm.kernel.step`, `filter` the whole of `occlog.track.methods.imm.filter.step` with
+association `any`: the same with the room for it, probabilities that targets exist and sound, and a report.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from benchmarks.track._imm_problem import (
 )
 from occlog.array_types import Floats
 from occlog.filtering.motion.coordinated_turn import acceleration_root, three_models
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.scans.grouping import Scan
-from occlog.track.imm import filter as imm_filter
-from occlog.track.imm import kernel as imm
-from occlog.track.imm.config import ImmConfig
+from occlog.track.methods.imm import filter as imm_filter
+from occlog.track.methods.imm import kernel as imm
+from occlog.track.methods.imm.config import ImmConfig
 
 NAME = "imm"
 SUMMARY = "step of imm, 5000 particles under 3 models, 3 bearings: time to the better of plain NumPy and a numba loop"

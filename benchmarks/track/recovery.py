@@ -12,8 +12,8 @@ from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "recovery"
 SUMMARY = "share of runs in which a lost target is not found within 20 steps of being seen by two cameras"

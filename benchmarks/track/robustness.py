@@ -12,7 +12,7 @@ from occlog.measure.priors.from_positions import virtual_priors
 from occlog.records.scene import Scene
 from occlog.scans.occluder_priors import OccluderFeed
 from occlog.simulate.config import ObserveConfig, WorldConfig
-from occlog.track.apf.config import ApfConfig
+from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "robustness"
 SUMMARY = "RMSE with 5 % false bearings and 10 % misses to that without, 4 cameras, 40 occluders with priors"

@@ -10,16 +10,16 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.scans.grouping import Rows, Scan, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
 from occlog.track.interface import Estimate
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 ORDER = (1, 7, 5, 3, 2, 4, 6, 8)

@@ -22,14 +22,14 @@ from occlog.array_types import Bools, Floats
 from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Residuals, Tracks, Truth
 from occlog.settings import configure
-from occlog.track.apf.config import SelectConfig
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import SelectConfig
 
 NAME = "single-people"
 SUMMARY = "median RMSE [m] of map on real people (WILDTRACK), 4 px noise, 15 % misses, 5 % false bearings"

@@ -34,14 +34,14 @@ from benchmarks.track._single_people import annotations
 from benchmarks.track.crowd import cell, scored
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.track.jipda.batch import smooth as smoother
-from occlog.track.jipda.batch.association import Expected, Found, Seen, find
-from occlog.track.jipda.batch.chains import NONE
-from occlog.track.jipda.batch.tracks import tracks_from
-from occlog.track.jipda.cues import law_of
-from occlog.track.jipda.filter import State, begin, step
-from occlog.track.jipda.interface import HEIGHT, WIDTH, Look, Moment
-from occlog.track.jipda.kernels.detections import Boxes, Rates
+from occlog.track.methods.jipda.batch import smooth as smoother
+from occlog.track.methods.jipda.batch.association import Expected, Found, Seen, find
+from occlog.track.methods.jipda.batch.chains import NONE
+from occlog.track.methods.jipda.batch.tracks import tracks_from
+from occlog.track.methods.jipda.cues import law_of
+from occlog.track.methods.jipda.filter import State, begin, step
+from occlog.track.methods.jipda.interface import HEIGHT, WIDTH, Look, Moment
+from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
 from occlog.track.people.inputs import PeopleInput
 from occlog.track.request import PeopleRequest
 

@@ -17,10 +17,10 @@ from occlog.core.sight.projected_planes import XY
 from occlog.filtering.kernel_density import best_width, moments, redraw
 from occlog.filtering.motion.white_acceleration import moved
 from occlog.filtering.particles import effective_size, normalise
-from occlog.track.in_space import direct3d, projected_planes
-from occlog.track.in_space.config import Direct3dConfig, PpsConfig
-from occlog.track.in_space.planes import log_likelihood, plane_angles, sights_in_plane
-from occlog.track.in_space.sensing import make_space, pack_directions
+from occlog.track.methods.in_space import direct3d, projected_planes
+from occlog.track.methods.in_space.config import Direct3dConfig, PpsConfig
+from occlog.track.methods.in_space.planes import log_likelihood, plane_angles, sights_in_plane
+from occlog.track.methods.in_space.sensing import make_space, pack_directions
 
 NAME = "space"
 SUMMARY = "step of direct3d and of a plane of pps, 10000 particles: time to the better of plain NumPy and a numba loop"

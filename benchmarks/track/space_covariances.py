@@ -16,10 +16,10 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.papers.lee.space import worlds
-from occlog.track.in_space import direct3d
-from occlog.track.in_space.config import Direct3dConfig
-from occlog.track.in_space.importance_step import drift_matrix
 from occlog.track.interface import Estimate, Past
+from occlog.track.methods.in_space import direct3d
+from occlog.track.methods.in_space.config import Direct3dConfig
+from occlog.track.methods.in_space.importance_step import drift_matrix
 
 RUNS, STEPS, PARTICLES = 30, 50, (1000, 2000, 10000)
 ITERATIONS = 20

@@ -16,18 +16,18 @@ from benchmarks.references import reference
 from occlog.core.plane import on_floor
 from occlog.filtering.likelihood.directions import log_likelihood
 from occlog.filtering.motion import waypoint
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.scans.grouping import Rows, Scan, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.kernels import importance
-from occlog.track.apf.model import pack_scan
-from occlog.track.apf.propose import destinations, move
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.kernels import importance
+from occlog.track.methods.apf.model import pack_scan
+from occlog.track.methods.apf.propose import destinations, move
 
 NAME = "track"
 SUMMARY = "APF step with a look at the scan, 1000 particles, 8 cameras, a static occluder: time to that of plain NumPy"

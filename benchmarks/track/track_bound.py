@@ -16,15 +16,15 @@ import numpy as np
 from benchmarks.track._true_dynamics import estimated
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "track_bound"
 SUMMARY = "RMSE over that of a filter with the true dynamics: 100x100 room, 8 cameras, waypoints+, ten seeds"

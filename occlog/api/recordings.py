@@ -312,7 +312,7 @@ class Inputs:
         if isinstance(value, Table | Recording):
             return value.source
         if isinstance(value, Scene):
-            from occlog.io.scenes.scene import scene_to_yaml
+            from occlog.io.formats.scenes.scene import scene_to_yaml
 
             path = self._folder.file("scene.yaml")
             path.write_text(scene_to_yaml(value), encoding="utf-8")

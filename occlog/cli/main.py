@@ -51,14 +51,14 @@ COMMANDS = {
     "appearance": Command("occlog.measure.appearance.request:VERBS", "Learn how people look from several sides."),
     "priors": Command("occlog.measure.priors.request:VERBS", "Find where moving occluders are."),
     "fit-motion": Command(
-        "occlog.track.map.fit_motion.request:FitMotionRequest", "Identify a motion model from trajectories."
+        "occlog.track.methods.map.fit_motion.request:FitMotionRequest", "Identify a motion model from trajectories."
     ),
     "fit-readers": Command(
-        "occlog.track.readers.fit.request:FitReadersRequest", "Learn how strongly readers read tags."
+        "occlog.track.methods.readers.fit.request:FitReadersRequest", "Learn how strongly readers read tags."
     ),
     "track": Command("occlog.track.catalogue:VERB", "Estimate target tracks from bearings."),
     "ground": Command(
-        "occlog.track.images.ground.request:GroundRequest",
+        "occlog.track.methods.images.ground.request:GroundRequest",
         "Bring tracks in the images of calibrated cameras together in the world.",
     ),
     "label": Command("occlog.measure.label.request:VERB", "Give candidates the identity of the track they agree with."),

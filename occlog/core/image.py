@@ -17,7 +17,7 @@ Ellipses in an image as states of trackers, [Qu] Sec. 3.1: size in a direction, 
 
 An ellipse is a row (cx, cy, a, b, rho): centre [px], half axes a and b [px] and the angle
 rho [rad] of axis a, from +x (to the right) to +y (down).  The axes may come in any order.
-Pixel centres are at whole numbers.  `occlog.track.images.kernels.appearance`
+Pixel centres are at whole numbers.  `occlog.track.methods.images.kernels.appearance`
 compares the colours inside.
 """
 

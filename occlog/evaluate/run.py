@@ -25,10 +25,10 @@ from occlog.console.summary import plausible_in_words
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.texts.documents import write_json
+from occlog.io.formats.scenes.scene import scene_to_yaml
+from occlog.io.formats.sound.csv_log import DoaOptions
+from occlog.io.formats.sound.directions import read_doa
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
-from occlog.io.scenes.scene import scene_to_yaml
-from occlog.io.sound.csv_log import DoaOptions
-from occlog.io.sound.directions import read_doa
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
@@ -37,7 +37,7 @@ from occlog.records.verdicts import Verdict, summary_of, texts_of
 from occlog.request import Form
 from occlog.runner import Done, Job
 from occlog.settings import configure, declaration, declared
-from occlog.track.images.run.inputs import born_from_detections, other_video, own_notes
+from occlog.track.methods.images.run.inputs import born_from_detections, other_video, own_notes
 
 from .bearings.detections import doa_metrics
 from .bearings.noise import MeasuredNoise, comment, scene_with

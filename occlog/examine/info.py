@@ -154,7 +154,7 @@ def describe(path: Path, rows: int) -> Description:
         return _describe_bag(path)
     opened = open_if_ours(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet, .arrow, .csv)")
     if opened is None and kind in (".yaml", ".yml"):
-        from occlog.io.scenes.scene import read_scene
+        from occlog.io.formats.scenes.scene import read_scene
 
         return _describe_scene(read_scene(path))
     if opened is None and kind in TABLES_OR_RECORDINGS:
@@ -363,7 +363,7 @@ def _describe_recording(recording: Recording) -> Description:
 
 def _epipolar_lines(recording: Recording) -> Iterator[str]:
     """Iterate over the pairs of views whose fundamental matrix a recording holds, a line each."""
-    from occlog.io.models.fundamental_matrices import attached_epipolar
+    from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 
     found = attached_epipolar(recording)
     for pair in found.pairs if found is not None else ():

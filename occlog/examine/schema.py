@@ -58,21 +58,21 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.measure.label.config:NamingConfig",
     ),
     "appearance": ("occlog.measure.appearance.config:LearnConfig",),
-    "fit-motion": ("occlog.track.map.fit_motion.config:FitConfig",),
-    "fit-readers": ("occlog.track.readers.fit.config:FitReadersConfig",),
+    "fit-motion": ("occlog.track.methods.map.fit_motion.config:FitConfig",),
+    "fit-readers": ("occlog.track.methods.readers.fit.config:FitReadersConfig",),
     "evaluate": (
         "occlog.evaluate.matching.config:EvaluateConfig",
         "occlog.evaluate.mot.config:ManyConfig",
     ),
-    "ground": ("occlog.track.images.ground.config:GroundConfig",),
+    "ground": ("occlog.track.methods.images.ground.config:GroundConfig",),
     "report": ("occlog.report.beside.config:BesideConfig",),
     "navigate": ("occlog.papers.lee.navigation.config:NavigateConfig",),
     "plan": ("occlog.plan.config:PlanConfig",),
 }
 """Classes of settings of each verb but `track`."""
 AROUND_METHODS = (
-    "occlog.track.images.births.config:ViewsConfig",
-    "occlog.track.apf.config:SelectConfig",
+    "occlog.track.methods.images.births.config:ViewsConfig",
+    "occlog.track.methods.apf.config:SelectConfig",
     "occlog.scans.config:MeasuredConfig",
 )
 """Settings that several methods of `track` share."""
@@ -125,7 +125,7 @@ def settings_schemas() -> dict[str, Callable[[], dict[str, object]]]:
 
 def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
     """Every schema by its published name: tables, messages, file formats, settings, and what `doctor` prints."""
-    from occlog.io.models.schemas import SCHEMAS
+    from occlog.io.formats.models.schemas import SCHEMAS
 
     from .doctor.findings import finding_schema
 
@@ -150,7 +150,7 @@ def command(name: str | None, output: Path | None, overwrite: bool, as_json: boo
     """
     if output is not None:
         from occlog.io.files.atomic import write_bytes
-        from occlog.io.models.schemas import schema_text
+        from occlog.io.formats.models.schemas import schema_text
 
         schemas = every_schema()
         for each in schemas:

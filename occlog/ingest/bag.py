@@ -13,9 +13,9 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, OcclogError, UsageError
-from occlog.io.calibration.common import Pose, build_camera
 from occlog.io.files.times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
+from occlog.io.formats.calibration.common import Pose, build_camera
 from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagSurvey, Messages, survey, taken_lines
 from occlog.io.messages.contents import BoxRows, Placed, Transforms, direction_rows, intrinsics, stored, truth_rows
 from occlog.io.messages.kinds import (

@@ -12,9 +12,9 @@ import numpy as np
 
 from occlog.array_types import Bools
 from occlog.console.text import counted
-from occlog.io.boxes.datasets import camera_folders, label_files
-from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
-from occlog.io.boxes.rows import in_words
+from occlog.io.formats.boxes.datasets import camera_folders, label_files
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
+from occlog.io.formats.boxes.rows import in_words
 from occlog.io.frames.streams import are_times, list_images, numbers_of
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Scene

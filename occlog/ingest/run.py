@@ -15,21 +15,21 @@ import numpy as np
 
 from occlog.console.text import counted
 from occlog.errors import InputError
-from occlog.io.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.limits import check_input
 from occlog.io.files.provenance import InputDigests, Provenance, hash_file
 from occlog.io.files.times import FrameTimes
+from occlog.io.formats.boxes.reader import BoxSurvey, read_boxes
+from occlog.io.formats.sound.csv_log import DoaOptions
+from occlog.io.formats.sound.directions import read_doa
+from occlog.io.formats.sound.formats import parse_hop
+from occlog.io.formats.tags import ReadLog, read_reads
+from occlog.io.formats.truth import TruthOptions, read_truth
 from occlog.io.frames.camera_source import CameraSource
 from occlog.io.frames.decoders.process import Delivered
 from occlog.io.messages.bag import Bag, BagSurvey, open_bag
 from occlog.io.recording.chunks import is_of_occlog
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.sound.csv_log import DoaOptions
-from occlog.io.sound.directions import read_doa
-from occlog.io.sound.formats import parse_hop
-from occlog.io.tags import ReadLog, read_reads
-from occlog.io.truth import TruthOptions, read_truth
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene

@@ -20,13 +20,13 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.sight.camera import seems_upright, turn_upright, vertical
 from occlog.errors import InputError, UsageError
-from occlog.io.calibration.common import CalibrationOptions
-from occlog.io.calibration.reader import Calibration, describe, read_calibration
 from occlog.io.files.names import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line
+from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.reader import Calibration, describe, read_calibration
+from occlog.io.formats.sound.formats import read_arrays
+from occlog.io.formats.tags import read_readers
 from occlog.io.open import load_scene
-from occlog.io.sound.formats import read_arrays
-from occlog.io.tags import read_readers
 from occlog.records.names import first_double
 from occlog.records.scene import HEIGHT_SLACK, Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
 from occlog.records.tables import Truth

@@ -16,11 +16,11 @@ import numpy as np
 from occlog.array_types import Bools, Ints, Strings, Uints
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
-from occlog.io.boxes.rows import fingerprints
 from occlog.io.files.times import FrameTimes, as_rate, parse_time, read_sidecar
+from occlog.io.formats.boxes.rows import fingerprints
+from occlog.io.formats.truth import read_sync_times
 from occlog.io.frames.camera_source import CameraSource, image_source, video_source
 from occlog.io.frames.streams import ImageFolder, rate_times, read_folders, sidecar_times, video_times
-from occlog.io.truth import read_sync_times
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Clock, Scene

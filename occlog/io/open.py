@@ -207,7 +207,7 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
 
 def _refuse_stations(path: Path) -> None:
     """InputError for a text table of stations, which is a scene."""
-    from occlog.io.scenes.stations import holds_stations
+    from occlog.io.formats.scenes.stations import holds_stations
 
     if content_of(path) is Content.OTHER and holds_stations(path):
         raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
@@ -282,8 +282,8 @@ def scene_in(path: Path) -> Scene | None:
         from occlog.io.recording.reader import open_recording
 
         return open_recording(path).scene
-    from occlog.io.scenes.scene import read_scene
-    from occlog.io.scenes.stations import holds_stations, read_stations
+    from occlog.io.formats.scenes.scene import read_scene
+    from occlog.io.formats.scenes.stations import holds_stations, read_stations
 
     return read_stations(path) if content is Content.OTHER and holds_stations(path) else read_scene(path)
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from occlog.settings import Settings, like, setting
 from occlog.simulate.config import WorldConfig
-from occlog.track.apf.config import ApfConfig
+from occlog.track.methods.apf.config import ApfConfig
 
 MOST_PEOPLE = 1000
 

@@ -22,9 +22,9 @@ from occlog.core.numerics.interpolate import Grid
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together, check_outputs
 from occlog.io.files.provenance import Provenance
+from occlog.io.formats.scenes.paths import read_paths
 from occlog.io.open import Opened, load_scene, open_input
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.paths import read_paths
 from occlog.records.columns import Table
 from occlog.records.scene import Scene, Script
 from occlog.records.tables import Tracks, Truth

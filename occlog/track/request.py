@@ -142,7 +142,7 @@ class TrackRequest(_InWorld):
         "Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), or truth (known "
         "exactly)."
     )
-    select: Mapping[str, object] = group(lambda: load("occlog.track.apf.config:SelectConfig"))
+    select: Mapping[str, object] = group(lambda: load("occlog.track.methods.apf.config:SelectConfig"))
     starts: tuple[str, ...] = setting(
         (),
         "Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. For --method imm "
@@ -224,7 +224,7 @@ class SingleViewRequest(Tracking):
 class ReadsRequest(_InWorld):
     """Reads of tags to locate these by."""
 
-    RUN: ClassVar[str] = "occlog.track.readers.run:run_track_reads"
+    RUN: ClassVar[str] = "occlog.track.methods.readers.run:run_track_reads"
 
     sights: Path | None = source(
         "Bearings of the cameras of --refine: a table, or a recording. [default: those of the recording]"
@@ -240,7 +240,7 @@ class ReadsRequest(_InWorld):
 class ViewsRequest(Tracking):
     """A recording to track in the images of."""
 
-    RUN: ClassVar[str] = "occlog.track.images.run.run:run_track_views"
+    RUN: ClassVar[str] = "occlog.track.methods.images.run.run:run_track_views"
 
     output: Path = output_file("Tracks (Parquet).", "view_tracks")
     initial: Path | None = source(

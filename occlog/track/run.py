@@ -13,7 +13,7 @@ from occlog import console
 from occlog.consistency.bearings import Compared, Compass, Sharp
 from occlog.consistency.verdict import Evidence
 from occlog.errors import InputError, UsageError, option
-from occlog.io.models.motion_models import lost_in_models, read_motion, read_path_loss
+from occlog.io.formats.models.motion_models import lost_in_models, read_motion, read_path_loss
 from occlog.io.open import open_input
 from occlog.records.declared.world import END_TO_END
 from occlog.records.tables import Bearings, Delays
@@ -25,11 +25,11 @@ from occlog.scans.inputs import Inputs
 from occlog.scans.measured import MeasuredFeed, Radio, Shadowing
 from occlog.scans.sources import in_turn, only_measured
 from occlog.settings import METRES, Settings, configure
-from occlog.track.apf.config import SelectConfig
 from occlog.track.drivers.rows import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.imm.config import START_NUMBERS, ImmConfig
+from occlog.track.methods.apf.config import SelectConfig
+from occlog.track.methods.imm.config import START_NUMBERS, ImmConfig
 from occlog.track.request import TrackRequest
 
 from .catalogue import METHODS, settings_of, tracker

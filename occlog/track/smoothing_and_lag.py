@@ -1,7 +1,7 @@
 """Settings of methods that can look back: whether estimates use what was recorded after them.
 
-Particle filters look back in `occlog.track.drivers.online`, `map` in `occlog.track.map.method`, `jipda` in
-`occlog.track.jipda.batch`.
+Particle filters look back in `occlog.track.drivers.online`, `map` in `occlog.track.methods.map.method`, `jipda` in
+`occlog.track.methods.jipda.batch`.
 """
 
 from __future__ import annotations

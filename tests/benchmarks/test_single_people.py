@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.track._single_people import LEAST, Noise, people, scene_of
 from benchmarks.track.single_people import ELLIPSE, LIMIT, follow, longest
-from occlog.track.apf.config import SelectConfig
+from occlog.track.methods.apf.config import SelectConfig
 
 
 def test_people_who_are_there_for_long_are_followed_among_false_bearings(shared_data: Path) -> None:

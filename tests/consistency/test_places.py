@@ -15,9 +15,9 @@ from occlog.consistency.verdict import DOUBTED, FEWEST, Evidence
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
 from occlog.records.verdicts import findings
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 SIGMA = 0.01

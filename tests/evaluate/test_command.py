@@ -15,8 +15,8 @@ from occlog.evaluate.results import LABEL, number, summary_lines
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_from_yaml, scene_to_yaml
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml, scene_to_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Bound, Errors, Tracks, Truth, TruthBoxes
 

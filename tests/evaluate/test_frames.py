@@ -12,8 +12,8 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Tracks, Truth, TruthBoxes, Views
 
 NS = 1_000_000_000

@@ -15,8 +15,8 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import Bearings, Tracks
 
 MADE = Provenance("track", {"method": "apf", "sensors": ["a", "b", "c", "ear"], "window_ns": 40_000_000})

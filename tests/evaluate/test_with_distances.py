@@ -23,7 +23,7 @@ from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import read_scene, scene_to_yaml
+from occlog.io.formats.scenes.scene import read_scene, scene_to_yaml
 from occlog.records.declared.sensors import Measurements
 from occlog.scans.config import MeasuredConfig
 

@@ -13,7 +13,7 @@ from places import ROOT
 from occlog.cli.main import COMMANDS, run
 from occlog.errors import ExitCode
 from occlog.examine.schema import every_schema, part_key, settings_of, settings_schema, settings_schemas, verbs
-from occlog.io.models.schemas import SCHEMAS, schema_text
+from occlog.io.formats.models.schemas import SCHEMAS, schema_text
 from occlog.settings import declared
 from occlog.track.catalogue import METHODS
 

@@ -15,36 +15,36 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import OcclogError
-from occlog.io.boxes.mot_challenge import has_classes, read_marks
-from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
-from occlog.io.calibration.common import CalibrationOptions
-from occlog.io.calibration.reader import describe as describe_calibration
-from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.tables.parquet import describe, first_rows, read_header, read_provenance, read_table
 from occlog.io.files.texts.documents import read_json
 from occlog.io.files.times import read_sidecar
+from occlog.io.formats.boxes.mot_challenge import has_classes, read_marks
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.reader import describe as describe_calibration
+from occlog.io.formats.calibration.reader import read_calibration
+from occlog.io.formats.models.ellipses import read_ellipses
+from occlog.io.formats.models.fundamental_matrices import read_epipolar, read_matches
+from occlog.io.formats.models.motion_models import read_motion, read_path_loss
+from occlog.io.formats.models.networks import read_network
+from occlog.io.formats.models.onnx_file import read_onnx
+from occlog.io.formats.scenes.paths import read_paths
+from occlog.io.formats.sound.csv_log import DoaOptions
+from occlog.io.formats.sound.directions import read_doa
+from occlog.io.formats.sound.formats import read_arrays
+from occlog.io.formats.sound.wav import open_sound
+from occlog.io.formats.tags import read_readers, read_reads
+from occlog.io.formats.truth import TruthOptions, read_sync_times, read_truth
 from occlog.io.frames.codec import decode_image, packet_size
 from occlog.io.frames.streams import rate_times
 from occlog.io.messages.bag import BagSurvey, Messages, is_bag, open_bag, survey
 from occlog.io.messages.contents import BoxRows, Placed, direction_rows, intrinsics, pixels, stored, truth_rows
 from occlog.io.messages.kinds import BoxMessage, DirectionMessage, ImageMessage, InfoMessage, PoseMessage
 from occlog.io.messages.topics import read_topic_map
-from occlog.io.models.ellipses import read_ellipses
-from occlog.io.models.fundamental_matrices import read_epipolar, read_matches
-from occlog.io.models.motion_models import read_motion, read_path_loss
-from occlog.io.models.networks import read_network
-from occlog.io.models.onnx_file import read_onnx
 from occlog.io.open import open_input, scene_in
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.rows import RECORDED
 from occlog.io.recording.salvage.recover import recover_recording
-from occlog.io.scenes.paths import read_paths
-from occlog.io.sound.csv_log import DoaOptions
-from occlog.io.sound.directions import read_doa
-from occlog.io.sound.formats import read_arrays
-from occlog.io.sound.wav import open_sound
-from occlog.io.tags import read_readers, read_reads
-from occlog.io.truth import TruthOptions, read_sync_times, read_truth
 from occlog.io.video.reader import read_container
 from occlog.pipeline.run.stages import read_config
 from occlog.pipeline.sweep.plan import read_sweep

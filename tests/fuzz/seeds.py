@@ -29,9 +29,9 @@ from video_samples import avi, faststart, fragmented, jpeg, write_video
 
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.io.recording.rows import RECORDED
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import read_scene
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES
 

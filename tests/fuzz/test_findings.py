@@ -17,11 +17,11 @@ from scipy.io import wavfile
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.calibration import colmap
+from occlog.io.formats.calibration import colmap
+from occlog.io.formats.models.fundamental_matrices import read_epipolar
+from occlog.io.formats.models.motion_models import read_motion
+from occlog.io.formats.truth import read_sync_times
 from occlog.io.frames.codec import image_size
-from occlog.io.models.fundamental_matrices import read_epipolar
-from occlog.io.models.motion_models import read_motion
-from occlog.io.truth import read_sync_times
 from occlog.records.declared.tracks import Cooperation
 from occlog.records.declared.world import Occluders
 

@@ -12,9 +12,9 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError, UsageError
 from occlog.ingest.scene import find_turn, read_up
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.scene import Camera, Scene, camera_fov, camera_rotation
 from occlog.records.tables import Truth
 

@@ -10,6 +10,7 @@ import pytest
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.open import (
     Content,
     check_unit,
@@ -21,7 +22,6 @@ from occlog.io.open import (
     scene_in,
 )
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Doa, Hulls, Tracks, Truth, TruthBoxes

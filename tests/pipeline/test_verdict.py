@@ -20,8 +20,8 @@ from occlog.errors import ExitCode
 from occlog.io.files.inputs import verdicts_of_file
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.models.schemas import verdict_schema
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.models.schemas import verdict_schema
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.tables import PeopleTracks
 from occlog.records.verdicts import all_plausible, found_by_stage
 

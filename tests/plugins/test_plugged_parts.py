@@ -21,8 +21,8 @@ from occlog.cli.main import cli, run
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.texts.by_reader import reader_of
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.pipeline.run.stages import plan, read_config
 from occlog.records.tables import Boxes, Views
 

@@ -24,7 +24,7 @@ from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occluders, PeopleTracks, Tracks, Truth

@@ -15,9 +15,9 @@ import occlog
 from occlog.cli.main import run
 from occlog.errors import ExitCode, OutputError, UsageError
 from occlog.io.files.tables.parquet import read_table
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import read_scene
 from occlog.records.tables import Bearings, Doa, Reads, TagTracks, Truth, TruthBoxes
 from occlog.simulate.config import ObserveConfig, RenderConfig, WorldConfig
 from occlog.simulate.render.people import render

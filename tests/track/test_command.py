@@ -17,9 +17,9 @@ from occlog.errors import ExitCode, InputError, UsageError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import UNLABELLED, Bearings, Calibration, Diagnostics, Doa, Tracks
 from occlog.track.run import one_at_a_time, parse_start

@@ -16,7 +16,7 @@ from occlog.core.sight.camera import planar_offsets, u_to_azimuth
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.tables import Bearings, Truth
 
 SIZE = np.array([10.0, 8.0])

@@ -18,9 +18,9 @@ from occlog.io.open import open_input
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Diagnostics, Tracks, TruthBoxes
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 
 @pytest.mark.slow

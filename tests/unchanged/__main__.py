@@ -9,7 +9,7 @@ of packages and the command may differ. BASE's results are kept in DIR and used 
     python -m tests.unchanged ../base . --kept ../kept --only single,people --rtol 1e-12
     python -m tests.unchanged ../base . --kept ../kept --verdicts
     python -m tests.unchanged ../base . --benchmarks track,occlusion
-    python -m tests.unchanged . --mutants occlog/track/jipda/kernels=tests/track/jipda
+    python -m tests.unchanged . --mutants occlog/track/methods/jipda/kernels=tests/track/jipda
 
 Exit code 1: something differs, or too few mutants are noticed.
 """

@@ -16,10 +16,10 @@ from scipy.io import savemat
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.io.boxes.columns import rows_of
-from occlog.io.calibration.common import MAX_BYTES
 from occlog.io.files.limits import LONG_TEXT, MAX_TEXTS_BYTES, RECORDING_MAGIC, check_texts
 from occlog.io.files.texts.csv_rows import MAX_CELL, Rows
+from occlog.io.formats.boxes.columns import rows_of
+from occlog.io.formats.calibration.common import MAX_BYTES
 from occlog.io.messages import bag
 from occlog.io.messages.bag import open_bag
 from occlog.io.recording import chunks

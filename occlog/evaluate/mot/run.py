@@ -18,20 +18,27 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.request import EvaluateRequest
 from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import opened_rows, rows_of
-from occlog.io.boxes.datasets import is_kitti
-from occlog.io.boxes.mot_challenge import DISTRACTORS, MotSequence, SequenceInfo, has_classes, read_marks, write_layout
-from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
-from occlog.io.boxes.rows import fill_frames
 from occlog.io.files.texts.csv_rows import first_line, is_header
 from occlog.io.files.texts.documents import write_json
 from occlog.io.files.times import FrameTimes
+from occlog.io.formats.boxes.datasets import is_kitti
+from occlog.io.formats.boxes.mot_challenge import (
+    DISTRACTORS,
+    MotSequence,
+    SequenceInfo,
+    has_classes,
+    read_marks,
+    write_layout,
+)
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.formats.boxes.rows import fill_frames
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
 from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes, windows
 from occlog.runner import Job
 from occlog.settings import configure
-from occlog.track.images.run.inputs import born_from_detections, other_video, own_notes
+from occlog.track.methods.images.run.inputs import born_from_detections, other_video, own_notes
 
 from .config import ManyConfig
 from .stage import ComparedBoxes, Sides

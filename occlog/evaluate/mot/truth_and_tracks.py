@@ -27,13 +27,13 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import box_overlap
 from occlog.core.metrics.mot.frame_pairs import EPS, Objects
 from occlog.errors import InputError, UsageError, option
-from occlog.io.boxes.mot_challenge import PEDESTRIAN, Marks
-from occlog.io.boxes.reader import BoxOptions, table_times
 from occlog.io.files.texts.formats import Probe, recognise
 from occlog.io.files.times import FrameTimes, as_rate
+from occlog.io.formats.boxes.mot_challenge import PEDESTRIAN, Marks
+from occlog.io.formats.boxes.reader import BoxOptions, table_times
+from occlog.io.formats.truth import FORMATS, TruthOptions, read_truth
 from occlog.io.frames.streams import rate_times
 from occlog.io.open import open_if_ours
-from occlog.io.truth import FORMATS, TruthOptions, read_truth
 from occlog.records.tables import Boxes, TruthBoxes
 
 from .config import ManyConfig

@@ -21,12 +21,12 @@ from mcap.opcode import Opcode
 from occlog.array_types import NS
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
+from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 from occlog.io.frames.decoders.apart import decode_apart
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 from occlog.io.messages.bag import CLOCKS_APART_S, Bag, Messages, open_bag
 from occlog.io.messages.kinds import Kind, kind_of
 from occlog.io.messages.mcap_file import McapFile
-from occlog.io.models.fundamental_matrices import attached_epipolar
 from occlog.io.recording.chunks import MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import check_index, open_mcap
 from occlog.io.recording.reader import (

@@ -13,10 +13,10 @@ from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
 from occlog.io.files.tables.parquet import is_ours
 from occlog.io.foreign.source import FILE_MAGIC, STREAM_MAGIC, find_source
+from occlog.io.formats.sound.wav import open_sound
 from occlog.io.frames.codec import image_kind
 from occlog.io.messages.bag import METADATA
 from occlog.io.recording.reader import open_recording
-from occlog.io.sound.wav import open_sound
 from occlog.io.video.reader import read_container
 
 from .findings import Finding, Findings

@@ -13,11 +13,6 @@ import numpy as np
 
 from occlog.array_types import Ints, Uints
 from occlog.errors import InputError, UsageError
-from occlog.io.boxes.columns import BoxSource
-from occlog.io.boxes.reader import box_rows, box_source, is_json, note_times
-from occlog.io.boxes.rows import BoxRows, fingerprints
-from occlog.io.calibration.common import CalibrationOptions
-from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.limits import read_configuration
 from occlog.io.files.texts.csv_rows import Rows, bad_lines_told_to
 from occlog.io.files.texts.documents import MAX_JSON_BYTES, parse_json, parse_xml, toml_values
@@ -26,8 +21,13 @@ from occlog.io.files.texts.yaml import yaml_documents
 from occlog.io.files.times import iter_times, looks_like_times, parse_times
 from occlog.io.foreign.source import find_source
 from occlog.io.foreign.table import ForeignTable, best_fit
-from occlog.io.scenes.scene import read_scene
-from occlog.io.scenes.stations import read_stations
+from occlog.io.formats.boxes.columns import BoxSource
+from occlog.io.formats.boxes.reader import box_rows, box_source, is_json, note_times
+from occlog.io.formats.boxes.rows import BoxRows, fingerprints
+from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.reader import read_calibration
+from occlog.io.formats.scenes.scene import read_scene
+from occlog.io.formats.scenes.stations import read_stations
 
 from .clock import Clock, judge_clocks
 from .findings import Findings

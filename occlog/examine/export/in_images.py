@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.errors import InputError, UsageError
-from occlog.io.boxes.mot_challenge import SequenceInfo
+from occlog.io.formats.boxes.mot_challenge import SequenceInfo
 from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Views

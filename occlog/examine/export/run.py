@@ -19,10 +19,10 @@ import numpy as np
 from occlog import console
 from occlog.console.notes import begin_work
 from occlog.errors import InputError, PluginError, UsageError
-from occlog.io.boxes.mot_challenge import SEQUENCE_INFO, mot_text
 from occlog.io.files.atomic import Together, check_outputs, open_output
+from occlog.io.formats.boxes.mot_challenge import SEQUENCE_INFO, mot_text
+from occlog.io.formats.trajectories import FARTHEST, Origin
 from occlog.io.open import Opened, load_scene, open_input
-from occlog.io.trajectories import FARTHEST, Origin
 from occlog.plugins.interface import Exporter, World
 from occlog.plugins.loading import Chosen, said_by
 from occlog.records.columns import Table

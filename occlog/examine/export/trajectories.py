@@ -23,7 +23,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.spill import Spool
 from occlog.io.files.texts.csv_rows import no_formula
 from occlog.io.foreign.names import POWERS, ending
-from occlog.io.trajectories import COLLECTION, KEYS, ORIGIN, Origin, degrees_of
+from occlog.io.formats.trajectories import COLLECTION, KEYS, ORIGIN, Origin, degrees_of
 from occlog.records.columns import Column, Table
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth

@@ -70,7 +70,7 @@ class PackedScan(NamedTuple):
 
     Numba wants a tuple of arrays of one kind each, and a look's measurements side by side: rows that
     saw nothing are gone, pixels and bearings share a column, and every measurement has a variance.
-    `occlog.track.apf.model.pack_scan` makes it of an `occlog.scans.grouping.Scan`.
+    `occlog.track.methods.apf.model.pack_scan` makes it of an `occlog.scans.grouping.Scan`.
     """
 
     sensor: Ints  # (n,) rows of the sensors

@@ -124,7 +124,7 @@ class MeasurementModel(NamedTuple):
     """
 
     predict: Callable[[Floats, Geometry], tuple[Floats, Floats]]
-    compiled: int  # the kind by which `occlog.track.apf.kernels.importance.linearise` knows it
+    compiled: int  # the kind by which `occlog.track.methods.apf.kernels.importance.linearise` knows it
     angular: bool = False  # residuals are wrapped to [-pi, pi)
     delayed: bool = False  # a signal without a free path comes late, so that values are too long
     column: str | None = None  # of the table `measurements`, for values that are taken as they stand there

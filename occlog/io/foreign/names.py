@@ -14,13 +14,13 @@ from functools import cache
 from typing import NamedTuple
 
 from occlog.errors import InputError
-from occlog.io.boxes.columns import COLUMNS as BOXES
 from occlog.io.files.stated_units import STATED
 from occlog.io.files.times import TIME_COLUMNS, UNITS
-from occlog.io.sound.csv_log import ANGLES
-from occlog.io.sound.csv_log import FORMAT as DIRECTIONS
-from occlog.io.tags import TAG_READS as READS
-from occlog.io.truth import POSITIONS
+from occlog.io.formats.boxes.columns import COLUMNS as BOXES
+from occlog.io.formats.sound.csv_log import ANGLES
+from occlog.io.formats.sound.csv_log import FORMAT as DIRECTIONS
+from occlog.io.formats.tags import TAG_READS as READS
+from occlog.io.formats.truth import POSITIONS
 from occlog.records.columns import Column, Table
 from occlog.records.declared.sensors import VALUES, Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Failures, Hulls, Occluders, Reads, Tracks, Truth, TruthBoxes

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.boxes.columns import both_sizes, disagree
 from occlog.io.files.limits import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
+from occlog.io.formats.boxes.columns import both_sizes, disagree
 from occlog.records.columns import Table, first_row, key_of, largest, repeated_rows
 from occlog.records.declared.sensors import LEAST_SIGMA_PX, LEAST_SIGMA_RAD, VALUES, WITH_A_RANGE, Measurements
 from occlog.records.tables import TABLES, WIDER, Bearings, Boxes, Doa, Reads, Tracks, Truth, TruthBoxes, has_all

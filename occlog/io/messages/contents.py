@@ -25,7 +25,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.calibration.common import fit_rational
+from occlog.io.formats.calibration.common import fit_rational
 from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
 from occlog.io.frames.decoders.apart import decode_apart
 from occlog.io.frames.limits import MAX_PIXELS

@@ -19,8 +19,8 @@ from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.frames.decoders.apart import VideoApart, decode_apart
-from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.columns import Table, bounded_ns
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss

@@ -18,7 +18,7 @@ from occlog.errors import InputError, option
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.models.fundamental_matrices import attached_epipolar, read_epipolar
+from occlog.io.formats.models.fundamental_matrices import attached_epipolar, read_epipolar
 from occlog.io.recording.reader import Recording
 from occlog.records.scene import Scene
 from occlog.records.view_pairs import ViewPairs

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from occlog.errors import InputError, UsageError, option
-from occlog.io.models.fundamental_matrices import (
+from occlog.io.formats.models.fundamental_matrices import (
     EPIPOLAR_ATTACHMENT,
     attached_epipolar,
     epipolar_bytes,
@@ -15,7 +15,7 @@ from occlog.io.models.fundamental_matrices import (
     read_matches,
     write_epipolar,
 )
-from occlog.io.models.motion_models import lost_in_models
+from occlog.io.formats.models.motion_models import lost_in_models
 from occlog.io.open import load_scene, names_recording, open_input
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import Recording, open_recording

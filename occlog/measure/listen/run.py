@@ -15,9 +15,9 @@ from occlog.errors import InputError, UsageError, option
 from occlog.ingest.plan import for_sensor, pairs
 from occlog.io.files.names import match_sensor
 from occlog.io.files.times import parse_time, to_world_time
+from occlog.io.formats.sound.formats import read_arrays
+from occlog.io.formats.sound.wav import Sound, open_sound
 from occlog.io.open import load_scene
-from occlog.io.sound.formats import read_arrays
-from occlog.io.sound.wav import Sound, open_sound
 from occlog.records.losses import Loss
 from occlog.records.names import first_double
 from occlog.records.scene import MicrophoneArray, Scene

@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Floats32
 from occlog.errors import InputError, UsageError
-from occlog.io.models.onnx_file import OnnxFile, Port, read_onnx
+from occlog.io.formats.models.onnx_file import OnnxFile, Port, read_onnx
 from occlog.records.frames import Image
 
 from .config import CORNER, IMAGENET, IMAGENET_BGR, LARGEST_SIDE, LETTERBOX, PAD, RAW, UNIT

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of, quotient_of
 from occlog.pipeline.sweep.trial import Spec, errors_of
@@ -21,11 +21,11 @@ from occlog.settings import Settings
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.rows import Tracked
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.joint.config import JointConfig
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.joint.config import JointConfig
 
 from .trial import SQUARE_ORDER, names, square_room
 

@@ -37,12 +37,12 @@ from occlog.core.sight.visibility import behind_objects
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.residuals import meeting_points
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
-from occlog.io.calibration.common import CalibrationOptions
-from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.times import FrameTimes, as_rate
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.open import scene_in
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.label.config import LabelConfig
@@ -56,9 +56,9 @@ from occlog.records.tables import UNLABELLED, Bearings, Boxes, Occluders, Tracks
 from occlog.scans.occluder_priors import known_positions
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig, SelectConfig, read_selection
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig, SelectConfig, read_selection
 
 from .selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, HEURISTICS, RANDOM
 from .trial import KNOWN, LAB_SIZE, NONE, PRIOR

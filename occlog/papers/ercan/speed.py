@@ -12,7 +12,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors
 from occlog.filtering.likelihood.directions import PackedScan, log_likelihood, log_likelihood_among
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of, quotient_of
@@ -23,8 +23,16 @@ from occlog.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import FINE, occlusion_of, pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.model import (
+    FINE,
+    occlusion_of,
+    pack_detection,
+    pack_noise,
+    pack_scan,
+    pack_sensors,
+    read_noise,
+)
 
 from .trial import KNOWN, NONE, SQUARE_ORDER, names, square_room
 

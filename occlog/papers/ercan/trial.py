@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.papers.verdicts import EXTRAS, Execute, Row, Size, Table, Verdict, find, mean_of, sample, stated
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure

@@ -12,8 +12,8 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, quotient_of
-from occlog.track.readers.refine import PARALLEL, PRINTED, RAYS, Sights, refine
-from occlog.track.readers.virtual import locate, most_virtual_sensors, virtual_sensors
+from occlog.track.methods.readers.refine import PARALLEL, PRINTED, RAYS, Sights, refine
+from occlog.track.methods.readers.virtual import locate, most_virtual_sensors, virtual_sensors
 
 SIDE = 10.0
 """Side of the room [m]."""

@@ -19,10 +19,10 @@ from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
-from occlog.track.images.interface import START, Birth, Outlines
-from occlog.track.images.methods.config import BmctConfig, MipfConfig
-from occlog.track.images.methods.state import VisualState, initial_state
-from occlog.track.images.methods.step import advance, initiate_trackers
+from occlog.track.methods.images.interface import START, Birth, Outlines
+from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
+from occlog.track.methods.images.methods.state import VisualState, initial_state
+from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 from .staged import Staging, video_of
 from .timing import likelihood_seconds

@@ -24,7 +24,7 @@ from occlog.records.tables import TruthBoxes
 from occlog.runner import run
 from occlog.simulate.request import PeopleRequest
 from occlog.simulate.run import parameters, people_setup, write_recording
-from occlog.track.images.interface import MODES
+from occlog.track.methods.images.interface import MODES
 from occlog.track.request import ViewsRequest
 
 from .follow import Followed

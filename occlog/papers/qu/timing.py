@@ -10,11 +10,11 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Ints
-from occlog.track.images.interface import FrameSet
-from occlog.track.images.kernels.collaboration import Neighbours, reweighted
-from occlog.track.images.methods.config import BmctConfig
-from occlog.track.images.methods.state import VisualState
-from occlog.track.images.methods.weigh import LocalWeights, arrival_of, local_weights, weighing_model
+from occlog.track.methods.images.interface import FrameSet
+from occlog.track.methods.images.kernels.collaboration import Neighbours, reweighted
+from occlog.track.methods.images.methods.config import BmctConfig
+from occlog.track.methods.images.methods.state import VisualState
+from occlog.track.methods.images.methods.weigh import LocalWeights, arrival_of, local_weights, weighing_model
 
 
 def likelihood_seconds(

@@ -25,8 +25,8 @@ from occlog.errors import InputError
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
-from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES
-from occlog.track.images.methods.config import CONFIGS, MipfConfig
+from occlog.track.methods.images.interface import BAD, GOOD, LEFT, LOST, MODES
+from occlog.track.methods.images.methods.config import CONFIGS, MipfConfig
 
 from .follow import Astray, Followed, Runner, follow
 from .staged import Staging, staging_of

@@ -18,7 +18,7 @@ from occlog.measure.epipolar.views import Geometry, View
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame
-from occlog.track.images.interface import Birth, FrameSet
+from occlog.track.methods.images.interface import Birth, FrameSet
 
 from .staged import Staging, video_of
 

@@ -14,14 +14,14 @@ from scipy.ndimage import gaussian_filter1d
 
 from occlog.array_types import Floats, Ints
 from occlog.core.sight.camera import u_to_azimuth
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.cameras import observe
-from occlog.track.map.fit_motion.em import fit_em
-from occlog.track.map.fit_motion.parameters import Shape
-from occlog.track.map.fit_motion.smoother import Path
+from occlog.track.methods.map.fit_motion.em import fit_em
+from occlog.track.methods.map.fit_motion.parameters import Shape
+from occlog.track.methods.map.fit_motion.smoother import Path
 
 HALF = 5.0
 """Half the side of the square room [m]."""

@@ -18,9 +18,9 @@ from occlog.records.tables import Bearings, Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.map import method as batch_map
-from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.interior_point import Iterate
+from occlog.track.methods.map import method as batch_map
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.interior_point import Iterate
 
 from .example import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
 

@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane import sight_blocked
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of, share_of
 from occlog.pipeline.sweep.trial import Spec
@@ -29,11 +29,11 @@ from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.map import method as batch_map
-from occlog.track.map.config import MapConfig
-from occlog.track.map.fit_motion.em import fit_em
-from occlog.track.map.fit_motion.parameters import Shape
-from occlog.track.map.fit_motion.smoother import Path
+from occlog.track.methods.map import method as batch_map
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.fit_motion.em import fit_em
+from occlog.track.methods.map.fit_motion.parameters import Shape
+from occlog.track.methods.map.fit_motion.smoother import Path
 
 STEP_S, SPEED = 0.25, 0.7
 SMOOTHING, MOVED = 3.0, 0.15

@@ -16,10 +16,10 @@ from typing import Any
 from occlog import console
 from occlog.cli.input_paths import standard_input
 from occlog.errors import InputError, UsageError, did_you_mean, option
-from occlog.io.boxes.datasets import names_of_classes
 from occlog.io.files.limits import STANDARD_INPUT
 from occlog.io.files.texts.by_reader import NamedReader, named_reader
-from occlog.io.models.onnx_file import read_onnx
+from occlog.io.formats.boxes.datasets import names_of_classes
+from occlog.io.formats.models.onnx_file import read_onnx
 from occlog.io.recording.reader import linked_videos
 from occlog.plugins.loading import READER, Chosen, Plugin, find, installed
 from occlog.request import Entry, Form, Request, group

@@ -16,9 +16,9 @@ from occlog.io.files.limits import check_input
 from occlog.io.files.texts.yaml import lines_of, read_yaml
 from occlog.settings import SettingError, Settings, check_setting
 from occlog.simulate.config import ObserveConfig, WorldConfig
-from occlog.track.apf.config import SelectConfig
 from occlog.track.catalogue import BEARINGS, entry
 from occlog.track.catalogue import settings_of as settings_of_method
+from occlog.track.methods.apf.config import SelectConfig
 
 from .trial import PRIORS
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks, Truth
@@ -27,11 +27,11 @@ from occlog.settings import configure
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import read_selection
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.rows import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import read_selection
 
 Values = Mapping[str, Any]
 """Plain values by name, as JSON and YAML have them."""

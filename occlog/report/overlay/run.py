@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import write_bytes
+from occlog.io.formats.models.motion_models import lost_in_models
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import SHOWN, ShownVideo
-from occlog.io.models.motion_models import lost_in_models
 from occlog.io.open import load_scene, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import IMAGE_SCHEMA, Recording, open_recording
 from occlog.io.recording.writer import VIDEO_FRAME
@@ -17,7 +17,7 @@ from occlog.records.losses import Loss
 from occlog.records.tables import Tracks
 from occlog.report.request import OverlayRequest
 from occlog.runner import Done, Job
-from occlog.track.images.run.inputs import other_video
+from occlog.track.methods.images.run.inputs import other_video
 
 from .pictures import Pictures
 

@@ -16,7 +16,7 @@ from occlog.records.declared.people import FLOOR
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Camera
 from occlog.records.tables import TruthBoxes
-from occlog.track.images.births.births import anchors
+from occlog.track.methods.images.births.births import anchors
 
 from .draw import Outline, Place, Shot
 

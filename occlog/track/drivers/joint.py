@@ -14,11 +14,11 @@ from occlog.errors import InputError, UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation, Hulls, Occluders
 from occlog.scans.grouping import scans_of, sensor_names
-from occlog.track.imm import ask_cameras as when_to_ask
-from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
-from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import ImmState, Listener, Report
 from occlog.track.interface import Config, Joint, State, Together
+from occlog.track.methods.imm import ask_cameras as when_to_ask
+from occlog.track.methods.imm.ask_cameras import CameraRequest, CameraRequests
+from occlog.track.methods.imm.config import ImmConfig
+from occlog.track.methods.imm.filter import ImmState, Listener, Report
 
 from .online import lookback
 from .rows import ROWS_PER_CHUNK, Row, Tracked, tables

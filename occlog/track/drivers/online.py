@@ -19,8 +19,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.scans.grouping import Scan, sensor_names
 from occlog.scans.measured import MeasuredFeed
-from occlog.track.apf.selector import Selector, TargetFilter
 from occlog.track.interface import Config, Online, Smoothing, State
+from occlog.track.methods.apf.selector import Selector, TargetFilter
 from occlog.track.smoothing_and_lag import MOST_STEPS
 
 from .rows import ROWS_PER_CHUNK, Row, Tracked, tables, thinned

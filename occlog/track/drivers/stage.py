@@ -12,8 +12,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
 from occlog.scans.measured import MeasuredFeed
 from occlog.track.catalogue import tracker
-from occlog.track.imm.config import ImmConfig
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online, Together
+from occlog.track.methods.imm.config import ImmConfig
 
 from .batch import track_batch
 from .joint import track_joint, track_together

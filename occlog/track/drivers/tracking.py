@@ -13,8 +13,8 @@ from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.scans.grouping import Rows, Scan, scans_of, sensor_names
 from occlog.scans.measured import MeasuredFeed
 from occlog.scans.occluder_priors import OccluderFeed
-from occlog.track.apf.config import SelectConfig
 from occlog.track.interface import Batch, Config, Online, State
+from occlog.track.methods.apf.config import SelectConfig
 
 
 @dataclass(frozen=True)

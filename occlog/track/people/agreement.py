@@ -11,7 +11,7 @@ from occlog.consistency.verdict import FEWEST as FEWEST_BOXES
 from occlog.consistency.verdict import beyond
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
-from occlog.track.jipda.interface import Moment
+from occlog.track.methods.jipda.interface import Moment
 
 from .boxes_by_moment import BoxTally, FrameLook
 from .delay import Delays

@@ -17,7 +17,7 @@ from occlog.records.columns import Table, column
 from occlog.records.scene import Camera
 from occlog.records.tables import APPEARANCE_BINS, Boxes, Views
 from occlog.scans.grouping import nearest
-from occlog.track.jipda.interface import Look
+from occlog.track.methods.jipda.interface import Look
 
 SAME = 0.9
 """Intersection over union from which two boxes of one frame are one box that is reported twice."""

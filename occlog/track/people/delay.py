@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from occlog.array_types import NS, Bools, Bytes, Floats
 from occlog.records.scene import Camera
-from occlog.track.jipda.interface import HEIGHT, STATE, WIDTH, Moment, X, Y
-from occlog.track.jipda.kernels.body_box import pack_views, project
+from occlog.track.methods.jipda.interface import HEIGHT, STATE, WIDTH, Moment, X, Y
+from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 
 from .boxes_by_moment import FrameLook
 

@@ -22,8 +22,8 @@ from occlog.records.tables import Bearings, Boxes, Doa, Views
 from occlog.scans.grouping import nearest
 from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.interface import Directions
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.interface import Directions
 from occlog.track.request import PeopleRequest
 
 from .boxes_by_moment import (

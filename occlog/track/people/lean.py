@@ -9,8 +9,8 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.metrics.consistency import BatchMeans
 from occlog.records.scene import Camera
-from occlog.track.jipda.interface import STATE, Moment
-from occlog.track.jipda.kernels.body_box import pack_views, project
+from occlog.track.methods.jipda.interface import STATE, Moment
+from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 
 from .boxes_by_moment import FrameLook
 

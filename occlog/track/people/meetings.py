@@ -22,8 +22,8 @@ from scipy.spatial import cKDTree
 
 from occlog.array_types import NS, Floats
 from occlog.core.numerics.jit import kernel
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.interface import STATE, VX, VY, Event, Moment, Support, X, Y
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.interface import STATE, VX, VY, Event, Moment, Support, X, Y
 
 NEAR, PARTED = 1.5, 2.2
 """Two people met who come nearer than the first, and have parted beyond the second; in mean widths of a person."""

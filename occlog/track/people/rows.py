@@ -11,8 +11,8 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.records.declared.people import BOX, EXCHANGE, FLOOR, ONE_VIEW, UNSEEN, words_of
 from occlog.records.scene import Camera
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
-from occlog.track.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
-from occlog.track.jipda.kernels.body_box import pack_views, project
+from occlog.track.methods.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
+from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 
 from .boxes_by_moment import FrameLook
 

@@ -11,11 +11,11 @@ from numpy.random import Generator
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_from, map_origin, scene_from
-from occlog.track.jipda import filter as joint_filter
-from occlog.track.jipda.batch import smooth as window
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.hearing import hear
-from occlog.track.jipda.interface import Directions, Look, Moment
+from occlog.track.methods.jipda import filter as joint_filter
+from occlog.track.methods.jipda.batch import smooth as window
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.hearing import hear
+from occlog.track.methods.jipda.interface import Directions, Look, Moment
 
 from .agreement import Agreement
 from .boxes_by_moment import FrameLook

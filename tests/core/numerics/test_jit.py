@@ -116,7 +116,7 @@ def test_a_kernel_is_compiled_again_when_a_constant_behind_a_package_changes(tmp
     assert found == ["6.0", "6.0", "14.0"]
 
 
-@pytest.mark.parametrize("module", ["occlog.track.jipda.kernels.marginals", "occlog.core.plane"])
+@pytest.mark.parametrize("module", ["occlog.track.methods.jipda.kernels.marginals", "occlog.core.plane"])
 def test_the_stamp_of_a_kernel_covers_all_of_occlog_that_its_module_loads(module: str) -> None:
     code = f"import sys, {module}; print(*(name for name in sys.modules if name.startswith('occlog')))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

@@ -15,7 +15,7 @@ from occlog.evaluate.bearings.held_out import held_out_box_metrics
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Boxes
 

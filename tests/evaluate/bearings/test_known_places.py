@@ -13,7 +13,7 @@ from occlog.errors import ExitCode
 from occlog.evaluate.bearings.noise import FEWEST_READINGS, measured_noise
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import read_scene, scene_to_yaml
+from occlog.io.formats.scenes.scene import read_scene, scene_to_yaml
 from occlog.records.tables import Truth
 
 

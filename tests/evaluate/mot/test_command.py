@@ -17,9 +17,9 @@ from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 

@@ -16,7 +16,7 @@ from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.trajectories import Origin
+from occlog.io.formats.trajectories import Origin
 from occlog.records.columns import Table
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth

@@ -10,9 +10,9 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.boxes.reader import BoxFile, BoxOptions, survey_boxes
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, survey_boxes
 from occlog.io.open import open_input
 from occlog.records.columns import MAX_NS
 from occlog.records.tables import Boxes, Doa, Failures

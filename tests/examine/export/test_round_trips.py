@@ -17,13 +17,13 @@ from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.examine.export.run import ExportRequest, run_export
-from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.formats.trajectories import Origin, degrees_of, places_of_degrees
+from occlog.io.formats.truth import TruthOptions, read_truth
 from occlog.io.frames.streams import rate_times
 from occlog.io.open import check_unit, of_others, open_input
-from occlog.io.trajectories import Origin, degrees_of, places_of_degrees
-from occlog.io.truth import TruthOptions, read_truth
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES, Boxes, Tracks, Truth
 

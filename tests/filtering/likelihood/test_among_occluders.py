@@ -23,7 +23,7 @@ from occlog.filtering.likelihood.directions import (
     log_likelihood,
     log_likelihood_among,
 )
-from occlog.track.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 FLOOR = 1e-4

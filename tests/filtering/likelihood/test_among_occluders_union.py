@@ -26,7 +26,7 @@ from occlog.filtering.likelihood.directions import (
     log_likelihood_among,
 )
 from occlog.records.scene import Occluder, Scene
-from occlog.track.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 D, FLOOR, SOFTEN = 3.33, 1e-3, 0.02

@@ -23,7 +23,7 @@ from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.kalman.stations import extended
+from occlog.track.methods.kalman.stations import extended
 
 TARGETS, STEPS, DT = 100, 15, 0.5
 SIGMA_RANGE, SIGMA_BEARING = 0.2, math.radians(1.0)

@@ -12,7 +12,7 @@ from tracker_scenes import room100, scan, true_u, with_array, wrap
 
 from occlog.core.sight.visibility import seen_from
 from occlog.filtering.likelihood.directions import Detection, agreement, factors, log_likelihood
-from occlog.track.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 
 PAPER = Detection(hit=1.0, miss=1.0, false=0.0, soften=0.0, candidate=0.9, clutter=1.0)
 SCENE = room100()

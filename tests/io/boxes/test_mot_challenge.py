@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, OutputError, OutputExistsError
-from occlog.io.boxes.mot_challenge import (
+from occlog.io.formats.boxes.mot_challenge import (
     MotSequence,
     SequenceInfo,
     write_layout,
@@ -18,7 +18,7 @@ from occlog.io.boxes.mot_challenge import (
     write_sequence,
     write_sequence_list,
 )
-from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes, TruthBoxes
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
-from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes
 
@@ -222,8 +222,8 @@ def test_every_frame_of_every_camera_has_its_boxes_or_one_empty_row(
 
 
 def test_long_files_come_in_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import occlog.io.boxes.columns as module
-    import occlog.io.boxes.rows as box_rows
+    import occlog.io.formats.boxes.columns as module
+    import occlog.io.formats.boxes.rows as box_rows
     from occlog.io.files.texts.csv_rows import read_rows
 
     monkeypatch.setattr(box_rows, "FRAMES_PER_CHUNK", 7)

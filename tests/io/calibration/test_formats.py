@@ -12,12 +12,12 @@ import pytest
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
-from occlog.io.calibration.common import CalibrationOptions
-from occlog.io.calibration.opencv_toml import rotation_from_vector
-from occlog.io.calibration.projection import take_apart
-from occlog.io.calibration.reader import IMPORTERS, describe, meeting_point, read_calibration
-from occlog.io.calibration.tsai import rotation_zyx
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.opencv_toml import rotation_from_vector
+from occlog.io.formats.calibration.projection import take_apart
+from occlog.io.formats.calibration.reader import IMPORTERS, describe, meeting_point, read_calibration
+from occlog.io.formats.calibration.tsai import rotation_zyx
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Camera
 
 CMC_SIZE = CalibrationOptions(image_size=(1920, 1024))

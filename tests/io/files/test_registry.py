@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.io.boxes.reader import FORMATS as BOXES
-from occlog.io.calibration.reader import IMPORTERS
 from occlog.io.files.texts.formats import START, FileFormat, Probe, by_cells, by_text, is_folder, recognise
-from occlog.io.sound.directions import FORMATS as DIRECTIONS
-from occlog.io.truth import FORMATS as TRUTH
+from occlog.io.formats.boxes.reader import FORMATS as BOXES
+from occlog.io.formats.calibration.reader import IMPORTERS
+from occlog.io.formats.sound.directions import FORMATS as DIRECTIONS
+from occlog.io.formats.truth import FORMATS as TRUTH
 
 PAIR = {
     "first": FileFormat(len, "two cells", by_cells(lambda cells: cells == ["a", "b"])),

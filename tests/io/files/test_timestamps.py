@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from occlog.errors import InputError
 from occlog.io.files.times import FrameTimes, as_rate, frames_to_ns, parse_time, read_sidecar
-from occlog.io.truth import read_sync_times
+from occlog.io.formats.truth import read_sync_times
 from occlog.records.columns import MAX_NS
 
 

@@ -11,7 +11,7 @@ from view_videos import SMALL, record_balls, small_balls
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.models.ellipses import FIRST, read_ellipses
+from occlog.io.formats.models.ellipses import FIRST, read_ellipses
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Bearings, Boxes, TruthBoxes
 

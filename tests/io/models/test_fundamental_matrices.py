@@ -7,7 +7,12 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.models.fundamental_matrices import attached_epipolar, epipolar_bytes, read_epipolar, write_epipolar
+from occlog.io.formats.models.fundamental_matrices import (
+    attached_epipolar,
+    epipolar_bytes,
+    read_epipolar,
+    write_epipolar,
+)
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.view_pairs import ViewPair, ViewPairs

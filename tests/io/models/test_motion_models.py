@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from occlog.errors import InputError, OcclogError
 from occlog.io.files.provenance import Provenance
-from occlog.io.models.motion_models import MotionModel, motion_schema, read_motion, write_motion
+from occlog.io.formats.models.motion_models import MotionModel, motion_schema, read_motion, write_motion
 
 A = np.kron(np.eye(2), [[1.0, 0.25], [0.0, 1.0]])
 GOOD = {"occlog_motion": 1, "length_unit": "m", "step_s": 0.25, "A": A.tolist(), "sigma": np.eye(4).tolist()}

@@ -7,7 +7,7 @@ import pytest
 from small_networks import constant_network, helper, numpy_helper, onnx, save
 
 from occlog.errors import InputError
-from occlog.io.models.onnx_file import DEEPEST, Port, read_onnx
+from occlog.io.formats.models.onnx_file import DEEPEST, Port, read_onnx
 
 
 def network(folder: Path) -> Path:

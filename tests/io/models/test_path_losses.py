@@ -10,7 +10,7 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.models.motion_models import (
+from occlog.io.formats.models.motion_models import (
     CoverageSpec,
     PathLossSpec,
     ReaderLoss,

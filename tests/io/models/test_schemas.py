@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from places import ROOT
 
-from occlog.io.models.schemas import SCHEMAS, schema_text
+from occlog.io.formats.models.schemas import SCHEMAS, schema_text
 
 FOLDER = ROOT / "schemas"
 

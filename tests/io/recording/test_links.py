@@ -9,10 +9,10 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance, hash_file
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.recording.metadata import linked_path
 from occlog.io.recording.reader import linked_videos, open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml
 
 AVI = b"RIFF\x10\0\0\0AVI LIST"
 SCENE = scene_from_yaml(

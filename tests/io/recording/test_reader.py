@@ -17,10 +17,10 @@ from mcap.writer import CompressionType, Writer
 
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance, hash_file
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.rows import RECORDED, message_schema
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Truth
 

@@ -16,10 +16,10 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.salvage.recover import recover_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings
 

@@ -7,8 +7,8 @@ import pytest
 from places import ROOT
 
 from occlog.errors import InputError
-from occlog.io.scenes.paths import paths_from_yaml, read_paths
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.paths import paths_from_yaml, read_paths
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.scene import Segment
 
 EXAMPLES = ROOT / "examples"

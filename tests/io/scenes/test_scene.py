@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from occlog.errors import InputError
-from occlog.io.models.schemas import scene_schema
-from occlog.io.scenes.scene import read_scene, scene_from_yaml, scene_to_yaml
+from occlog.io.formats.models.schemas import scene_schema
+from occlog.io.formats.scenes.scene import read_scene, scene_from_yaml, scene_to_yaml
 from occlog.records.scene import Camera, Scene
 
 GOOD = """

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
+from occlog.io.formats.scenes.stations import holds_stations, read_stations
 from occlog.io.open import scene_in
-from occlog.io.scenes.stations import holds_stations, read_stations
 
 
 def stations(folder: Path, *lines: str) -> Path:

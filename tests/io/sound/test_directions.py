@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.io.sound.csv_log import DoaOptions
-from occlog.io.sound.directions import read_doa, to_world
-from occlog.io.sound.formats import read_arrays
+from occlog.io.formats.sound.csv_log import DoaOptions
+from occlog.io.formats.sound.directions import read_doa, to_world
+from occlog.io.formats.sound.formats import read_arrays
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
 

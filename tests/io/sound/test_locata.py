@@ -11,8 +11,8 @@ import pytest
 from occlog.cli.main import run
 from occlog.core.sight.camera import array_rotation
 from occlog.errors import ExitCode, InputError
+from occlog.io.formats.sound.formats import STILL_M, read_array, read_source
 from occlog.io.recording.reader import open_recording
-from occlog.io.sound.formats import STILL_M, read_array, read_source
 from occlog.records.tables import Truth
 
 HEAD = ["year", "month", "day", "hour", "minute", "second", "x", "y", "z", "ref_vec_x", "ref_vec_y", "ref_vec_z"]

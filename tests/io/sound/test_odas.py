@@ -12,10 +12,10 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError, UsageError
+from occlog.io.formats.sound.csv_log import DoaOptions
+from occlog.io.formats.sound.directions import read_doa
+from occlog.io.formats.sound.formats import parse_hop
 from occlog.io.recording.reader import open_recording
-from occlog.io.sound.csv_log import DoaOptions
-from occlog.io.sound.directions import read_doa
-from occlog.io.sound.formats import parse_hop
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa

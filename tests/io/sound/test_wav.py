@@ -10,7 +10,7 @@ import pytest
 from scipy.io import wavfile
 
 from occlog.errors import InputError
-from occlog.io.sound.wav import open_sound
+from occlog.io.formats.sound.wav import open_sound
 
 
 def wav(

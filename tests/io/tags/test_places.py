@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.tags import read_readers
+from occlog.io.formats.tags import read_readers
 
 
 def table(tmp_path: Path, text: str) -> Path:

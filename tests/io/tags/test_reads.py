@@ -9,7 +9,7 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.io.tags import read_reads
+from occlog.io.formats.tags import read_reads
 from occlog.records.scene import Clock
 
 READERS = ("A", "B")

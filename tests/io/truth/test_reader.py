@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, UsageError
+from occlog.io.formats.truth import TruthOptions, read_board, read_sync_times, read_truth
 from occlog.io.frames.streams import rate_times
-from occlog.io.truth import TruthOptions, read_board, read_sync_times, read_truth
 from occlog.records.tables import Truth, TruthBoxes
 
 RATE = rate_times(Fraction(10), "given")

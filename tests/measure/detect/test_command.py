@@ -12,9 +12,9 @@ from detect_scenes import BLUE, RED, STEP_NS, picture, scene, walk
 from occlog.cli.main import run
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import ExitCode
-from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, read_provenance, read_table
+from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.recording.writer import RecordingWriter
 from occlog.measure.regions.regions import histogram
 from occlog.records.tables import Bearings, Boxes, Views

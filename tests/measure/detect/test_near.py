@@ -13,8 +13,8 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.open import open_input
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.detect.by_background.one_camera import TargetMemory, choose
 from occlog.measure.detect.near import MOST_AGE_S, allowed, directions, limited, near_of
 from occlog.measure.regions.regions import Regions

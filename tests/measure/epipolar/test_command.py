@@ -13,13 +13,13 @@ from view_scenes import view_tracks, walks
 from occlog.cli.main import run
 from occlog.core.sight.fundamental import epipolar_distances
 from occlog.errors import ExitCode
-from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.models.fundamental_matrices import read_epipolar
+from occlog.io.formats.calibration.reader import read_calibration
+from occlog.io.formats.models.fundamental_matrices import read_epipolar
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.epipolar.of_scene import ideal_pixels
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene

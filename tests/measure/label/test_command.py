@@ -14,8 +14,8 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import UNLABELLED, Bearings, Doa, Tracks
 

@@ -18,7 +18,7 @@ from small_networks import colour_network, helper, save
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
-from occlog.io.models.onnx_file import read_onnx
+from occlog.io.formats.models.onnx_file import read_onnx
 from occlog.io.recording.writer import RecordingWriter
 from occlog.measure.networks.running.apart import Apart
 from occlog.measure.networks.running.messages import receive, send

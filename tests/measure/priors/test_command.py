@@ -73,7 +73,7 @@ def views(steps: int = 5) -> Views:
 
 
 def principal() -> float:
-    from occlog.io.scenes.scene import scene_from_yaml
+    from occlog.io.formats.scenes.scene import scene_from_yaml
 
     return float(scene_from_yaml(SCENE, "room").cameras[0].principal_px[0])
 

@@ -10,7 +10,7 @@ from places import EXAMPLES
 
 from occlog.core.occlusion.priors import Priors
 from occlog.errors import InputError
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.measure.priors.config import KalmanConfig
 from occlog.measure.priors.from_positions import kalman_priors, virtual_priors
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import UsageError
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.papers import catalogue
 from occlog.papers.ercan import selection as selection_period
 from occlog.papers.ercan.formulas.accuracy import fig17, judge17

@@ -17,9 +17,9 @@ from occlog.papers.qu.trial import alarms, on_own, run_views_trial, runner_of, s
 from occlog.papers.qu.world import births_of, boxes_of, geometry_of, truth_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.images.interface import BAD, GOOD
-from occlog.track.images.methods.state import initial_state
-from occlog.track.images.methods.step import initiate_trackers
+from occlog.track.methods.images.interface import BAD, GOOD
+from occlog.track.methods.images.methods.state import initial_state
+from occlog.track.methods.images.methods.step import initiate_trackers
 
 SMALL = {"frames": 6, "balls": 3, "radius": 9.0, "width": 80, "height": 64, "clutter": 0}
 

@@ -23,7 +23,7 @@ from occlog.records.tables import Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.map.config import MapConfig
+from occlog.track.methods.map.config import MapConfig
 
 SMALL = Size(3, 80, quick=True)
 

@@ -17,7 +17,7 @@ from occlog.io.files.atomic import alone_with
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.texts.documents import write_json
-from occlog.io.models.onnx_file import OnnxFile
+from occlog.io.formats.models.onnx_file import OnnxFile
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter

@@ -9,15 +9,15 @@ import pytest
 from sweep_scene import SCENE, trial, without_times
 
 from occlog.errors import InputError, UsageError
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.pipeline.sweep.trial import errors_of, rmse_of_priors, run_trial
 from occlog.records.tables import Occluders, Tracks, Truth
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 
 def test_a_trial_gives_what_the_stages_give():

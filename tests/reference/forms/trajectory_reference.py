@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from occlog.track.map.kernels.gauss_markov import GaussMarkov
-from occlog.track.map.kernels.problem import HalfPlanes, Problem, SightLines, Steps, chain
+from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov
+from occlog.track.methods.map.kernels.problem import HalfPlanes, Problem, SightLines, Steps, chain
 
 PAPER_A = np.array([[1.0, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]])
 PAPER_SIGMA = 1e-6 * np.diag([1e-4, 1.0, 1e-4, 1.0])

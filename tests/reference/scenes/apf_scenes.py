@@ -7,7 +7,7 @@ import numpy as np
 from tracker_scenes import PILLAR, ROOM, true_u
 
 from occlog.filtering.motion.waypoint import Particles
-from occlog.track.apf import filter as apf
+from occlog.track.methods.apf import filter as apf
 
 L = 300
 

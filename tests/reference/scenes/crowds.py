@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.records.scene import Camera, Scene, camera_fov, camera_rotation
-from occlog.track.jipda.interface import NOBODY, Look
+from occlog.track.methods.jipda.interface import NOBODY, Look
 
 RINGS = ((0.0, 0.6), (0.08, 0.7), (0.3, 0.75), (0.5, 0.9), (0.65, 1.0), (0.8, 1.0), (0.86, 0.5), (1.0, 0.2))
 """Height and radius of the rings of a body, as shares of its height and of half its width."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from occlog.track.jipda.batch.appearance import Alike, no_sums
-from occlog.track.jipda.batch.chains import NONE, Chain, Places, Walk
-from occlog.track.jipda.cues import law_of
+from occlog.track.methods.jipda.batch.appearance import Alike, no_sums
+from occlog.track.methods.jipda.batch.chains import NONE, Chain, Places, Walk
+from occlog.track.methods.jipda.cues import law_of
 
 WALK = Walk(
     drift=np.array([[0.06, 1e-3, 1e-3], [1.0, 1e-3, 1e-3], [1.0, 0.5, 0.2]]),

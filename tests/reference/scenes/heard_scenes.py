@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.core.sight.camera import wrap_angle
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.tables import Bearings
 
 NS = 1_000_000_000

@@ -8,7 +8,7 @@ from tracker_scenes import SECOND, camera
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan
 from occlog.track.interface import Smoothed
-from occlog.track.map.record import Record
+from occlog.track.methods.map.record import Record
 
 FOCAL = 500.0
 CLEAN = {"focal": FOCAL, "sigma_position": 0.0, "sigma_yaw": 0.0, "sigma_read_px": 0.5, "fov": np.radians(60.0)}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.scene import Camera, Scene, camera_fov
 from occlog.records.tables import Boxes, Truth
 

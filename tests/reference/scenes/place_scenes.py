@@ -3,7 +3,7 @@
 import numpy as np
 from epipolar_rigs import looking
 
-from occlog.track.images.ground.place import Rig, Sights
+from occlog.track.methods.images.ground.place import Rig, Sights
 
 
 def room_rig(rng, views):

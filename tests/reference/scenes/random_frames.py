@@ -10,8 +10,8 @@ from jipda_reference import Detector, body_box
 
 from occlog.array_types import Floats
 from occlog.records.scene import Camera
-from occlog.track.jipda.kernels.body_box import Views, pack_views
-from occlog.track.jipda.kernels.detections import Boxes, Rates
+from occlog.track.methods.jipda.kernels.body_box import Views, pack_views
+from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
 
 BORDER_PX = 3.0
 

@@ -9,8 +9,8 @@ import numpy as np
 from occlog.filtering.motion.coordinated_turn import acceleration_root
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan
-from occlog.track.in_space import direct3d
-from occlog.track.in_space.config import Direct3dConfig
+from occlog.track.methods.in_space import direct3d
+from occlog.track.methods.in_space.config import Direct3dConfig
 
 SOURCE = np.array([3.0, 2.0, 1.4])
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from trajectory_reference import make_steps
 
-from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity
-from occlog.track.map.kernels.problem import HalfPlanes, Problem, SightLines
+from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov, constant_velocity
+from occlog.track.methods.map.kernels.problem import HalfPlanes, Problem, SightLines
 
 SIDE, HALF_VIEW, RANGE, SPEED, STEP_S, SIGMA = 5.0, np.radians(20.0), 3.5, 0.5, 0.5, 0.01
 CAMERAS = [(-5, -5, 45), (0, -5, 90), (5, -5, 135), (5, 0, 180), (5, 5, 225), (0, 5, 270), (-5, 5, 315), (-5, 0, 0)]

@@ -14,10 +14,10 @@ from occlog.measure.epipolar.views import Geometry, View
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.images.interface import Birth, FrameSet, Outlines
-from occlog.track.images.methods.config import CONFIGS
-from occlog.track.images.methods.state import initial_state
-from occlog.track.images.methods.step import advance, initiate_trackers
+from occlog.track.methods.images.interface import Birth, FrameSet, Outlines
+from occlog.track.methods.images.methods.config import CONFIGS
+from occlog.track.methods.images.methods.state import initial_state
+from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 PERIOD_NS = 40_000_000
 SMALL = BallsConfig(frames=40, width=120, height=90, balls=3, radius=9.0, speed=2.0, clutter=2)

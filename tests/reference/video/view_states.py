@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.track.images.interface import Birth, FrameSet
-from occlog.track.images.methods.config import MipfConfig
-from occlog.track.images.methods.state import VisualState, initial_state
-from occlog.track.images.methods.step import initiate_trackers
+from occlog.track.methods.images.interface import Birth, FrameSet
+from occlog.track.methods.images.methods.config import MipfConfig
+from occlog.track.methods.images.methods.state import VisualState, initial_state
+from occlog.track.methods.images.methods.step import initiate_trackers
 
 W, H = 120, 90
 VIEWS = (View("a", W, H), View("b", W, H))

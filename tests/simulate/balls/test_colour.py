@@ -8,8 +8,8 @@ from view_reference import bins_of
 
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import render_balls
-from occlog.track.images.kernels.appearance import colour_likeness, colours_in
-from occlog.track.images.methods.config import MipfConfig
+from occlog.track.methods.images.kernels.appearance import colour_likeness, colours_in
+from occlog.track.methods.images.methods.config import MipfConfig
 
 RING = np.array([[np.cos(t), np.sin(t)] for t in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
 

@@ -6,8 +6,8 @@ import pytest
 from places import EXAMPLES
 
 from benchmarks.track.track_bound import ratios
-from occlog.io.scenes.scene import read_scene
-from occlog.track.apf.config import ApfConfig
+from occlog.io.formats.scenes.scene import read_scene
+from occlog.track.methods.apf.config import ApfConfig
 
 ROOM = EXAMPLES / "room100.yaml"
 

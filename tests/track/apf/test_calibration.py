@@ -17,12 +17,12 @@ from occlog.scans.grouping import Rows, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf import filter as apf
-from occlog.track.apf.calibration import begin, corrected, corrected_sensors
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import pack_noise, pack_sensors, read_noise
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.calibration import begin, corrected, corrected_sensors
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.model import pack_noise, pack_sensors, read_noise
 
 
 def recorded(scene, noise, seed, steps):

@@ -14,9 +14,9 @@ from benchmarks.track.false_bearings import ELLIPSE, follow
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.records.tables import Diagnostics, Tracks, Truth
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 pytestmark = [pytest.mark.jit]
 SKIP_S = 2.0

@@ -11,11 +11,11 @@ from tracker_scenes import PILLAR, camera, observe, room100, scan, true_u, walk,
 from occlog.core.plane import on_floor
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import likelihood, pack_scan
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.model import likelihood, pack_scan
 
 
 def run(scene, scans, config, seed=0):

@@ -7,9 +7,9 @@ import pytest
 
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.scans.grouping import Scan
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import pack_noise, pack_scan, pack_sensors, read_noise, sight_lines, wander
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise, sight_lines, wander
 
 pytestmark = pytest.mark.jit
 

@@ -13,8 +13,8 @@ from occlog.scans.grouping import Rows, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
 
 RUNS = 12
 HIDDEN = 60

@@ -10,14 +10,14 @@ from tracker_scenes import PLACES, SECOND, observe, room100, walk, with_array
 
 from occlog.core.occlusion.priors import gaussian_priors
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks
-from occlog.track.apf import selector as stage
-from occlog.track.apf.config import ApfConfig, SelectConfig
-from occlog.track.apf.filter import METHOD
-from occlog.track.apf.selector import choose, network
 from occlog.track.drivers.rows import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Cloud
+from occlog.track.methods.apf import selector as stage
+from occlog.track.methods.apf.config import ApfConfig, SelectConfig
+from occlog.track.methods.apf.filter import METHOD
+from occlog.track.methods.apf.selector import choose, network
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)

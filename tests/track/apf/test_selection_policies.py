@@ -12,11 +12,11 @@ from tracker_scenes import PLACES, room100
 
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
 from occlog.errors import InputError, UsageError
-from occlog.track.apf import selector as selection_policies
-from occlog.track.apf.config import POLICIES, SelectConfig, read_selection
-from occlog.track.apf.kernels.selection_metric import Moments, mean_square_errors
-from occlog.track.apf.selector import choose, greedy, network
 from occlog.track.interface import Cloud
+from occlog.track.methods.apf import selector as selection_policies
+from occlog.track.methods.apf.config import POLICIES, SelectConfig, read_selection
+from occlog.track.methods.apf.kernels.selection_metric import Moments, mean_square_errors
+from occlog.track.methods.apf.selector import choose, greedy, network
 
 pytestmark = pytest.mark.jit
 SCENE = room100()

@@ -10,10 +10,10 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.records.tables import Bearings, Diagnostics, Tracks
-from occlog.track.apf.config import ApfConfig, SelectConfig
 from occlog.track.drivers.rows import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig, SelectConfig
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)

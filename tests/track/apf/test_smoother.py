@@ -12,10 +12,10 @@ from benchmarks.track._metric_rooms import record
 from benchmarks.track.false_bearings import ELLIPSE, follow
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
 
 pytestmark = pytest.mark.jit
 

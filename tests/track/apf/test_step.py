@@ -9,8 +9,8 @@ from apf_scenes import L, Recorder, readings, reference_scene, state_with
 from tracker_scenes import room100, scan
 
 from occlog.filtering.motion.waypoint import CHANGE
-from occlog.track.apf import filter as apf
-from occlog.track.apf.config import ApfConfig
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf.config import ApfConfig
 
 
 @pytest.mark.parametrize("pillar", [True, False])

@@ -11,10 +11,10 @@ from tracker_scenes import room100, scan
 
 from occlog.core.occlusion.priors import gaussian_priors
 from occlog.filtering.motion.waypoint import CHANGE
-from occlog.track.apf import filter as apf
-from occlog.track.apf import propose
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.model import FINE
+from occlog.track.methods.apf import filter as apf
+from occlog.track.methods.apf import propose
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.model import FINE
 
 
 def people(seed, isotropic):

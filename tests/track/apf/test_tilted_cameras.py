@@ -15,9 +15,9 @@ from occlog.records.tables import Bearings, Truth
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 HEIGHT = 1.7  # of the point of the target that is seen
 SIZE = (640, 480)

@@ -19,9 +19,9 @@ from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Batch, OccluderTerms, Smoothed
-from occlog.track.map.config import MapConfig
-from occlog.track.map.method import lag_ns
-from occlog.track.map.search.pending import begin
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.method import lag_ns
+from occlog.track.methods.map.search.pending import begin
 
 pytestmark = pytest.mark.jit
 

@@ -10,7 +10,7 @@ from occlog.errors import InputError, UsageError
 from occlog.records.tables import Bearings, Cooperation, Tracks
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.imm.config import ImmConfig
+from occlog.track.methods.imm.config import ImmConfig
 
 pytestmark = pytest.mark.jit
 SCENE = room()

@@ -11,10 +11,10 @@ from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.errors import UsageError
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
-from occlog.track.apf.selector import SelectConfig
 from occlog.track.drivers.online import FIRST_TARGET, track_online
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction
+from occlog.track.methods.apf.selector import SelectConfig
 
 SCENE = room100(pillar=False)
 NAMES = [c.name for c in SCENE.cameras]

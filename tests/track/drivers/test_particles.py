@@ -12,11 +12,11 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Particles, Tracks
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.rows import MOST, particle_rows, thinned
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Cloud
+from occlog.track.methods.apf.config import ApfConfig
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 

@@ -11,10 +11,10 @@ from tracker_scenes import SECOND, observe, room100, walk
 from occlog.errors import UsageError
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
 from occlog.scans.grouping import choose_sensors
-from occlog.track.apf.config import ApfConfig
 from occlog.track.catalogue import BEARINGS, METHODS, settings_of, tracker
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 pytestmark = pytest.mark.jit
 

@@ -13,7 +13,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.tables import Tracks
 
 STEPS = 12

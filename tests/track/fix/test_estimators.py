@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from occlog.track.fix.config import ESTIMATORS
-from occlog.track.fix.estimators import Fix, crossings, fix, inverse_kappa, repeated_median
+from occlog.track.methods.fix.config import ESTIMATORS
+from occlog.track.methods.fix.estimators import Fix, crossings, fix, inverse_kappa, repeated_median
 
 NAMES = {"MLE": "mle", "H-1.5": "huber", "A-1.5": "andrews", "RMR": "rmr", "JRMR": "jrmr"}
 STATED = 0.05

@@ -10,7 +10,7 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.records.tables import UNLABELLED, Bearings
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.fix.config import FixConfig
+from occlog.track.methods.fix.config import FixConfig
 
 CORNERS = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
 NS = 1_000_000_000

@@ -14,8 +14,8 @@ from occlog.filtering.likelihood.distances import (
     nothing,
     residuals,
 )
-from occlog.track.fix.estimators import Modes, modes, spread_of
-from occlog.track.fix.mixed import Lines, contested, modes_of
+from occlog.track.methods.fix.estimators import Modes, modes, spread_of
+from occlog.track.methods.fix.mixed import Lines, contested, modes_of
 
 BEND = 3.7
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0], [10.0, 8.0]])

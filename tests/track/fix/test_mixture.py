@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.track.fix.estimators import WORTH, modes, pooled_factor, spread_of
+from occlog.track.methods.fix.estimators import WORTH, modes, pooled_factor, spread_of
 
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0], [5.0, 0.0]])
 BEND = 3.7

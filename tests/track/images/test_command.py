@@ -15,16 +15,16 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.reader import open_recording
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.measure.epipolar.geometry import view_geometry
 from occlog.measure.epipolar.views import View
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Boxes, Tracks, TruthBoxes
 from occlog.track.catalogue import METHODS
-from occlog.track.images.methods.config import CONFIGS
-from occlog.track.images.run.inputs import first_free
+from occlog.track.methods.images.methods.config import CONFIGS
+from occlog.track.methods.images.run.inputs import first_free
 
 pytestmark = pytest.mark.jit
 

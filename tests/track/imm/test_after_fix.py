@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.triangulate import sight_lines_meet
-from occlog.track.imm.ask_cameras import PLACE, expected_variance, moved_to, root, updated
+from occlog.track.methods.imm.ask_cameras import PLACE, expected_variance, moved_to, root, updated
 
 PLACE_FOUND = np.array([4.0, -2.0])
 R = np.array([[0.5, 0.2], [0.2, 0.3]])

@@ -8,8 +8,8 @@ import pytest
 from heard_scenes import ROOM, line, room, rows, table
 
 from occlog.scans.grouping import Rows, scans_of
-from occlog.track.imm.ask_cameras import Ask, CameraRequests
-from occlog.track.imm.config import ImmConfig
+from occlog.track.methods.imm.ask_cameras import Ask, CameraRequests
+from occlog.track.methods.imm.config import ImmConfig
 
 CONFIG = ImmConfig.in_unit("m")
 SCENE = room()

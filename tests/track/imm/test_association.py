@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from occlog.track.imm import association
-from occlog.track.imm.association import Direction, associate, both, close_by, direction, hear, reweigh
+from occlog.track.methods.imm import association
+from occlog.track.methods.imm.association import Direction, associate, both, close_by, direction, hear, reweigh
 
 CLUTTER = 0.05
 

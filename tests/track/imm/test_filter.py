@@ -8,11 +8,19 @@ import pytest
 from heard_scenes import NS, ROOM, room
 
 from occlog.scans.grouping import Scan, concat, in_vain
-from occlog.track.imm import kernel as imm
-from occlog.track.imm.association import hear
-from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import init, step
-from occlog.track.imm.tracks import UNLABELLED_TRACK, UNNUMBERED, after, make_world, move_track, on_line, switching
+from occlog.track.methods.imm import kernel as imm
+from occlog.track.methods.imm.association import hear
+from occlog.track.methods.imm.config import ImmConfig
+from occlog.track.methods.imm.filter import init, step
+from occlog.track.methods.imm.tracks import (
+    UNLABELLED_TRACK,
+    UNNUMBERED,
+    after,
+    make_world,
+    move_track,
+    on_line,
+    switching,
+)
 
 SCENE = room(ROOM.replace("position: [2, 2, 1], sigma_deg: 2", "position: [2, 2, 1], sigma_deg: 2, range: 9"))
 STILL = replace(

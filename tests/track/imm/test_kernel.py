@@ -9,8 +9,8 @@ import pytest
 from occlog.array_types import Floats
 from occlog.core.sight.camera import wrap_angle
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
-from occlog.track.imm import kernel as imm
-from occlog.track.imm.kernel import Cloud, MotionModels
+from occlog.track.methods.imm import kernel as imm
+from occlog.track.methods.imm.kernel import Cloud, MotionModels
 
 SENSOR = np.array([25.0, 22.0])
 

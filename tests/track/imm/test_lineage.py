@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.imm.tracks import MADE_UP, Lineage, begun, made_up
+from occlog.track.methods.imm.tracks import MADE_UP, Lineage, begun, made_up
 
 
 def test_each_particle_is_a_family_at_first_and_draws_leave_fewer() -> None:

@@ -5,7 +5,7 @@ import pytest
 from heard_scenes import NS, ROOM, room, table
 
 from occlog.scans.grouping import Rows, scans_of
-from occlog.track.imm.filter import Listener
+from occlog.track.methods.imm.filter import Listener
 
 SCENE = room(ROOM.replace(", rate_hz: 5}\n- {name: a2", "}\n- {name: a2"))
 """a1 has no stated rate; a2 has 5 Hz."""

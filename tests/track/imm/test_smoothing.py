@@ -10,9 +10,9 @@ import pytest
 from heard_scenes import NS
 
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
-from occlog.track.imm import kernel as imm
-from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.tracks import Track, back, moved_back, noise_back, trace_of
+from occlog.track.methods.imm import kernel as imm
+from occlog.track.methods.imm.config import ImmConfig
+from occlog.track.methods.imm.tracks import Track, back, moved_back, noise_back, trace_of
 
 pytestmark = pytest.mark.jit
 

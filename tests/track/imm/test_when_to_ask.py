@@ -9,11 +9,11 @@ from heard_scenes import NS, room
 
 from occlog.errors import InputError
 from occlog.scans.grouping import Scan, concat, in_vain
-from occlog.track.imm import kernel as imm
-from occlog.track.imm.ask_cameras import Answer, Memory, asks, located, others
-from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import Belief, Count, ImmState, Report
-from occlog.track.imm.tracks import UNNUMBERED, known, make_world, standing
+from occlog.track.methods.imm import kernel as imm
+from occlog.track.methods.imm.ask_cameras import Answer, Memory, asks, located, others
+from occlog.track.methods.imm.config import ImmConfig
+from occlog.track.methods.imm.filter import Belief, Count, ImmState, Report
+from occlog.track.methods.imm.tracks import UNNUMBERED, known, make_world, standing
 
 SCENE = room()
 RNG = np.random.default_rng

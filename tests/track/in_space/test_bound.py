@@ -23,8 +23,8 @@ from occlog.papers.lee.space.worlds import (
 )
 from occlog.papers.verdicts import Size
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.track.in_space import direct3d
-from occlog.track.in_space.config import Direct3dConfig
+from occlog.track.methods.in_space import direct3d
+from occlog.track.methods.in_space.config import Direct3dConfig
 
 pytestmark = pytest.mark.jit
 SIZE = Size(20, 50)

@@ -12,8 +12,8 @@ import pytest
 from space_scenes import follow, nees, noisy_scan, room, walk
 
 from occlog.papers.lee.space import worlds
-from occlog.track.in_space import direct3d, projected_planes
-from occlog.track.in_space.config import Direct3dConfig, PpsConfig
+from occlog.track.methods.in_space import direct3d, projected_planes
+from occlog.track.methods.in_space.config import Direct3dConfig, PpsConfig
 
 pytestmark = pytest.mark.jit
 METHODS = {"direct3d": (direct3d, Direct3dConfig), "pps": (projected_planes, PpsConfig)}

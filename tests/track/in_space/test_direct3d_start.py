@@ -7,7 +7,7 @@ import pytest
 from space_scenes import SOURCE, place, room, run, scan
 
 from occlog.errors import InputError
-from occlog.track.in_space.config import Direct3dConfig
+from occlog.track.methods.in_space.config import Direct3dConfig
 
 pytestmark = pytest.mark.jit
 

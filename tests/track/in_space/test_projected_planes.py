@@ -13,10 +13,18 @@ from occlog.core.sight.projected_planes import XY, YZ, ZX, select_as_printed
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.scans.grouping import Scan
-from occlog.track.in_space import projected_planes
-from occlog.track.in_space.config import PpsConfig
-from occlog.track.in_space.planes import PLANE_ROWS, Flat, begun, choose_pair, combine, plane_angles, shared_axis
-from occlog.track.in_space.sensing import pack_directions, pack_ears
+from occlog.track.methods.in_space import projected_planes
+from occlog.track.methods.in_space.config import PpsConfig
+from occlog.track.methods.in_space.planes import (
+    PLANE_ROWS,
+    Flat,
+    begun,
+    choose_pair,
+    combine,
+    plane_angles,
+    shared_axis,
+)
+from occlog.track.methods.in_space.sensing import pack_directions, pack_ears
 
 pytestmark = pytest.mark.jit
 

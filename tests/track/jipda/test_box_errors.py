@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.detectors import Edges, first_edges, lasting_of, learn_edges, noise_of, slowness_of, sway_of
-from occlog.track.jipda.kernels.detections import Boxes
-from occlog.track.jipda.kernels.disagreement import Disagreement
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.detectors import (
+    Edges,
+    first_edges,
+    lasting_of,
+    learn_edges,
+    noise_of,
+    slowness_of,
+    sway_of,
+)
+from occlog.track.methods.jipda.kernels.detections import Boxes
+from occlog.track.methods.jipda.kernels.disagreement import Disagreement
 
 N = 8
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.jipda.cues import ENOUGH, KEEPS, MOST, TAKEN, bonus, likeness, log_ratio, no_cues, remember
-from occlog.track.jipda.interface import NOBODY, Look
-from occlog.track.jipda.people import born
+from occlog.track.methods.jipda.cues import ENOUGH, KEEPS, MOST, TAKEN, bonus, likeness, log_ratio, no_cues, remember
+from occlog.track.methods.jipda.interface import NOBODY, Look
+from occlog.track.methods.jipda.people import born
 
 
 def two():

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.detectors import (
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.detectors import (
     MOST_AGAIN,
     Counts,
     Nobodys,
@@ -25,9 +25,9 @@ from occlog.track.jipda.detectors import (
     seen_again,
     turning_rate,
 )
-from occlog.track.jipda.kernels.detections import Boxes, Rates
-from occlog.track.jipda.kernels.joint import BLIND_FRAME, Result
-from occlog.track.jipda.people import People, born
+from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
+from occlog.track.methods.jipda.kernels.joint import BLIND_FRAME, Result
+from occlog.track.methods.jipda.people import People, born
 
 N = 6
 

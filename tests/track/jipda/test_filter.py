@@ -8,9 +8,9 @@ from crowds import Crowd, crowd
 from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import NS
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.filter import APART_NS, begin, step
-from occlog.track.jipda.interface import NOBODY, Look, Moment
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.filter import APART_NS, begin, step
+from occlog.track.methods.jipda.interface import NOBODY, Look, Moment
 
 pytestmark = pytest.mark.jit
 

@@ -9,10 +9,10 @@ import pytest
 from people_boxes import box, camera
 
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.filter import begin, step
-from occlog.track.jipda.hearing import hear
-from occlog.track.jipda.interface import Directions, Look, Moment
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.filter import begin, step
+from occlog.track.methods.jipda.hearing import hear
+from occlog.track.methods.jipda.interface import Directions, Look, Moment
 
 pytestmark = pytest.mark.jit
 STEP_S, SIGMA = 0.1, 0.05

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS, Floats
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.people import (
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.people import (
     BENDING,
     CALM,
     DOUBLE,

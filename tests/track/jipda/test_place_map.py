@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.jipda.people import LEAST_BIRTHS, arrivals, first_velocity, leaving_at, no_map, watch
+from occlog.track.methods.jipda.people import LEAST_BIRTHS, arrivals, first_velocity, leaving_at, no_map, watch
 
 NONE = np.zeros((0, 2))
 DOOR, HALL = np.array([[0.0, 0.0]]), np.array([[10.0, 5.0]])

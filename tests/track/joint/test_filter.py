@@ -17,15 +17,15 @@ from occlog.filtering.likelihood.measurement_model import rows_of
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
-from occlog.track.apf.config import SelectConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.joint import filter as joint
-from occlog.track.joint.config import JointConfig
-from occlog.track.kalman.config import EkfConfig
+from occlog.track.methods.apf.config import SelectConfig
+from occlog.track.methods.joint import filter as joint
+from occlog.track.methods.joint.config import JointConfig
+from occlog.track.methods.kalman.config import EkfConfig
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)

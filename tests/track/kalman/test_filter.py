@@ -17,13 +17,13 @@ from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.scenes.scene import scene_to_yaml
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.kalman.config import EkfConfig
+from occlog.track.methods.kalman.config import EkfConfig
 
 pytestmark = pytest.mark.jit
 METHODS = ("ekf", "ukf", "iekf")

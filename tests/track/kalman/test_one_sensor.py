@@ -9,10 +9,10 @@ from tracker_scenes import room100
 from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.measurement_model import Rows, World, azimuths, measured
-from occlog.track.apf.model import pack_noise, pack_sensors
-from occlog.track.kalman import updates
-from occlog.track.kalman.config import IGNORE, IekfConfig
-from occlog.track.kalman.updates import along_the_ray
+from occlog.track.methods.apf.model import pack_noise, pack_sensors
+from occlog.track.methods.kalman import updates
+from occlog.track.methods.kalman.config import IGNORE, IekfConfig
+from occlog.track.methods.kalman.updates import along_the_ray
 
 pytestmark = pytest.mark.jit
 SCENE = room100()

@@ -12,8 +12,8 @@ from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.distances import RANGE, Distances, residuals
 from occlog.filtering.likelihood.measurement_model import Rows, World
-from occlog.track.apf.model import pack_noise, pack_sensors
-from occlog.track.kalman.stations import extended, first_position, inside_gate, unscented
+from occlog.track.methods.apf.model import pack_noise, pack_sensors
+from occlog.track.methods.kalman.stations import extended, first_position, inside_gate, unscented
 
 SCENE = room100(pillar=False)
 WORLD = World(pack_sensors(SCENE), pack_noise(SCENE), make_floor(SCENE.region, []))

@@ -10,9 +10,9 @@ from tracker_scenes import room100
 from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.measurement_model import Rows, World, linearised, measured
-from occlog.track.apf.model import pack_noise, pack_sensors
-from occlog.track.kalman import updates
-from occlog.track.kalman.config import DESCENT, IGNORE, VISIBLE, IekfConfig, UkfConfig
+from occlog.track.methods.apf.model import pack_noise, pack_sensors
+from occlog.track.methods.kalman import updates
+from occlog.track.methods.kalman.config import DESCENT, IGNORE, VISIBLE, IekfConfig, UkfConfig
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=True)

@@ -13,11 +13,11 @@ from shapely.geometry import Point, Polygon
 
 from occlog.core.sight.visibility import in_view
 from occlog.records.scene import Occluder
-from occlog.track.map.barriers import BORDER, obstacles, view_polygon
-from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.detours import Obstacle
-from occlog.track.map.measurements import stations
-from occlog.track.map.method import advance, begin
+from occlog.track.methods.map.barriers import BORDER, obstacles, view_polygon
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.detours import Obstacle
+from occlog.track.methods.map.measurements import stations
+from occlog.track.methods.map.method import advance, begin
 
 EXTENT = 28.0
 L_ROOM = np.array([[-10.0, -10], [10, -10], [10, 0], [0, 0], [0, 10], [-10, 10]])

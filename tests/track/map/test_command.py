@@ -16,9 +16,9 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.models.motion_models import read_motion
+from occlog.io.formats.models.motion_models import read_motion
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.reader import open_recording
-from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Residuals, Tracks, Truth
 
 pytestmark = pytest.mark.jit

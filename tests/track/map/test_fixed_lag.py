@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.map.method import lag_ns, settled
+from occlog.track.methods.map.method import lag_ns, settled
 
 TIMES = np.array([0, 10, 20, 30, 40])
 

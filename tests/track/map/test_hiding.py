@@ -12,12 +12,12 @@ from numpy.testing import assert_allclose
 from occlog.core.occlusion.hidden import IMPROVED, unhidden
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.track.interface import Smoothed
-from occlog.track.map.config import MapConfig
-from occlog.track.map.hiding import FAR, cavity, matched, quadrature
-from occlog.track.map.kernels.interior_point import cost, derivatives
-from occlog.track.map.kernels.problem import MIXTURE, NO_PLANES, Hints, Problem
-from occlog.track.map.kernels.terms import belief, leaning, loss_value
-from occlog.track.map.method import advance, begin
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.hiding import FAR, cavity, matched, quadrature
+from occlog.track.methods.map.kernels.interior_point import cost, derivatives
+from occlog.track.methods.map.kernels.problem import MIXTURE, NO_PLANES, Hints, Problem
+from occlog.track.methods.map.kernels.terms import belief, leaning, loss_value
+from occlog.track.methods.map.method import advance, begin
 
 CORNERS = ((-5, -4, 45), (5, -4, 135), (5, 4, 225), (-5, 4, -45))
 ROOM = {"half": 6.0, "fov": np.radians(100.0), "sigma_read_px": 3.0}

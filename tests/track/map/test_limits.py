@@ -13,9 +13,9 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.track.interface import Smoothed
-from occlog.track.map.config import MapConfig
-from occlog.track.map.method import advance, begin
-from occlog.track.map.record import Record
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.method import advance, begin
+from occlog.track.methods.map.record import Record
 
 NS = 1_000_000_000
 WALL = np.array([[-0.2, -10.0], [0.2, -10.0], [0.2, 4.0], [-0.2, 4.0]])

@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from shapely.geometry import LineString, Polygon
 
 from occlog.records.scene import Occluder
-from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.problem import slack
-from occlog.track.map.kernels.terms import residuals
-from occlog.track.map.measurements import constraints, convex_hull, first_hit, sight_lines, stations
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.problem import slack
+from occlog.track.methods.map.kernels.terms import residuals
+from occlog.track.methods.map.measurements import constraints, convex_hull, first_hit, sight_lines, stations
 
 ORIGIN = np.zeros(2)
 L_ROOM = np.array([[-10.0, -10], [10, -10], [10, 0], [0, 0], [0, 10], [-10, 10]])

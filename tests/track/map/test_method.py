@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 
 from occlog.errors import InputError
 from occlog.track.interface import Smoothed
-from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.windows import Knowledge
-from occlog.track.map.method import advance, begin
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.windows import Knowledge
+from occlog.track.methods.map.method import advance, begin
 
 pytestmark = pytest.mark.jit
 

@@ -8,14 +8,14 @@ import pytest
 from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, log_likelihood
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Measured, Scan
-from occlog.track.map import mixed
-from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.interior_point import covariance
-from occlog.track.map.kernels.problem import Problem
-from occlog.track.map.mixed import local, mixed_search, terms
-from occlog.track.map.record import after, fill, join, record_of
-from occlog.track.map.search.pending import begin, problem_of
-from occlog.track.map.search.start import filtered_start
+from occlog.track.methods.map import mixed
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.interior_point import covariance
+from occlog.track.methods.map.kernels.problem import Problem
+from occlog.track.methods.map.mixed import local, mixed_search, terms
+from occlog.track.methods.map.record import after, fill, join, record_of
+from occlog.track.methods.map.search.pending import begin, problem_of
+from occlog.track.methods.map.search.start import filtered_start
 
 NS = 1_000_000_000
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0]])

@@ -12,11 +12,11 @@ from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.tables.parquet import read_table
-from occlog.io.scenes.scene import read_scene
+from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.tables import Tracks
-from occlog.track.map.config import MapConfig
-from occlog.track.map.kernels.gauss_markov import transitions
-from occlog.track.map.search.pending import FAR, forgets_ns, motion_of
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.gauss_markov import transitions
+from occlog.track.methods.map.search.pending import FAR, forgets_ns, motion_of
 
 SCENE = """occlog_scene: 1
 room: [[0, 0], [20, 0], [20, 20], [0, 20]]

@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 from scipy import sparse
 
 from occlog.errors import UsageError
-from occlog.track.map.config import PACKAGES, MapConfig
-from occlog.track.map.kernels.quadratic_program import Program
-from occlog.track.map.method import advance, begin
-from occlog.track.map.qp_solvers import program_solver
+from occlog.track.methods.map.config import PACKAGES, MapConfig
+from occlog.track.methods.map.kernels.quadratic_program import Program
+from occlog.track.methods.map.method import advance, begin
+from occlog.track.methods.map.qp_solvers import program_solver
 
 
 @pytest.mark.parametrize("name", PACKAGES)

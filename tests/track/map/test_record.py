@@ -8,9 +8,9 @@ from numpy.testing import assert_array_equal
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.track.map.config import MapConfig
-from occlog.track.map.method import lag_ns
-from occlog.track.map.record import EMPTY, Record, fill
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.method import lag_ns
+from occlog.track.methods.map.record import EMPTY, Record, fill
 
 
 def silent(t_ns) -> Record:

@@ -7,9 +7,9 @@ import pytest
 from map_scenes import joined, place, record, scans_of
 
 from occlog.track.interface import Smoothed
-from occlog.track.map.config import MapConfig
-from occlog.track.map.method import advance, begin
-from occlog.track.map.record import Record
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.method import advance, begin
+from occlog.track.methods.map.record import Record
 
 pytestmark = pytest.mark.jit
 

@@ -9,7 +9,7 @@ import pytest
 from people_boxes import camera
 
 from occlog.records.verdicts import findings
-from occlog.track.jipda.interface import Look, Moment, Support
+from occlog.track.methods.jipda.interface import Look, Moment, Support
 from occlog.track.people.agreement import FEWEST, Agreement
 from occlog.track.people.boxes_by_moment import BoxTally, FrameLook
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from people_boxes import hall
 
-from occlog.track.jipda.interface import NOBODY, Look, Moment, no_support
+from occlog.track.methods.jipda.interface import NOBODY, Look, Moment, no_support
 from occlog.track.people.boxes_by_moment import FrameLook
 from occlog.track.people.delay import LOOKS, MOMENTS, Delays
 

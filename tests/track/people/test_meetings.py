@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from occlog.array_types import NS, Floats
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.interface import NOBODY, Event, Moment, Support, no_support
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.interface import NOBODY, Event, Moment, Support, no_support
 from occlog.track.people.meetings import LEAST, Meetings, exchange_probability, log_ratio
 
 STEP_S = 0.1

@@ -8,8 +8,8 @@ from people_boxes import HEIGHT, STEP_NS, WIDTH, box, boxes, hall, place
 
 from occlog.core.numerics.assignment import assign
 from occlog.records.tables import PeopleTracks
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.interface import NOBODY, Event, Look, Moment, Support
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.interface import NOBODY, Event, Look, Moment, Support
 from occlog.track.people.boxes_by_moment import BoxTally, FrameLook, looks_of, moments_of, rows_of_boxes
 from occlog.track.people.rows import SeenMoment
 from occlog.track.people.stage import Follower, Tabulator, follow

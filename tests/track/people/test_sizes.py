@@ -7,7 +7,7 @@ import pytest
 from people_boxes import HEIGHT, boxes, camera, hall
 
 from occlog.settings import LENGTH_POWER, declaration, declared
-from occlog.track.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.people.boxes_by_moment import BoxTally, FrameLook, looks_of, rows_of_boxes
 from occlog.track.people.inputs import in_units_of, odd_cameras, statures, typical
 

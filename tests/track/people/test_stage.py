@@ -9,8 +9,8 @@ from people_boxes import hall
 
 from occlog.array_types import Floats
 from occlog.records.scene import scene_from
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.interface import Look, Moment, no_support
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.interface import Look, Moment, no_support
 from occlog.track.people.boxes_by_moment import FrameLook
 from occlog.track.people.stage import JIPDA, ROWS_PER_PART, Follower, follow
 

@@ -13,7 +13,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.io.models.motion_models import read_path_loss
+from occlog.io.formats.models.motion_models import read_path_loss
 from occlog.records.tables import Bearings, TagTracks, Tracks, VirtualSensors
 
 READERS = [(x, y) for x in (1.0, 5.0, 9.0) for y in (1.0, 5.0, 9.0)]

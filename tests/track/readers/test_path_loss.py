@@ -6,7 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from occlog.track.readers.rssi import PathLoss, no_shadowing, predict_shadowing, update_shadowing
+from occlog.track.methods.readers.rssi import PathLoss, no_shadowing, predict_shadowing, update_shadowing
 
 MODEL = PathLoss(
     places=np.array([[0.0, 0.0, 1.0], [30.0, 0.0, 1.0]]),

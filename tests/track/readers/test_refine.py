@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from occlog.array_types import Floats
-from occlog.track.readers.refine import FORMS, Sights, refine
+from occlog.track.methods.readers.refine import FORMS, Sights, refine
 
 CAMERAS, YAWS = np.array([[0.0, 5.0], [5.0, 0.0]]), np.array([0.0, 0.5 * np.pi])
 """In the middle of the left and of the bottom wall, as in [Lee] Fig. 5-36."""

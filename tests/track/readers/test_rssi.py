@@ -9,7 +9,7 @@ import pytest
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.track.readers.rssi import Located, PathLoss, Rules, begin, step
+from occlog.track.methods.readers.rssi import Located, PathLoss, Rules, begin, step
 
 ROOM = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 12.0], [0.0, 12.0]])
 PLACES = np.array([[x, y, 1.0] for x in (1.0, 6.0, 11.0) for y in (1.0, 6.0, 11.0)])

@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.records.tables import Reads
-from occlog.track.readers.inputs import Windows, windows_of
+from occlog.track.methods.readers.inputs import Windows, windows_of
 
 START = 1_700_000_000 * NS
 

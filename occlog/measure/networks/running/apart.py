@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.children import environment_for_children, how_it_ended, widen
-from occlog.io.models.onnx_file import OnnxFile
+from occlog.io.formats.models.onnx_file import OnnxFile
 
 from .messages import Feeds, receive, send
 

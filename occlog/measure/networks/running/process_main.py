@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from occlog.errors import InputError, UsageError
+from occlog.io.formats.models.onnx_file import read_onnx
 from occlog.io.frames.limits import Clock, lower_limits
-from occlog.io.models.onnx_file import read_onnx
 
 from .apart import SECONDS
 from .messages import Feeds, receive, send

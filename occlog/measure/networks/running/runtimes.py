@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.names import utf8_name
-from occlog.io.models.onnx_file import OnnxFile
+from occlog.io.formats.models.onnx_file import OnnxFile
 
 from ..config import ONNXRUNTIME, OPENCV, OPENVINO
 from .messages import Feeds

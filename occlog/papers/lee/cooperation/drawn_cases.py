@@ -24,11 +24,11 @@ from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan
 from occlog.settings import configure
-from occlog.track.imm import kernel as imm
-from occlog.track.imm.ask_cameras import Memory, asks
-from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import init, step
-from occlog.track.imm.tracks import Track, known
+from occlog.track.methods.imm import kernel as imm
+from occlog.track.methods.imm.ask_cameras import Memory, asks
+from occlog.track.methods.imm.config import ImmConfig
+from occlog.track.methods.imm.filter import init, step
+from occlog.track.methods.imm.tracks import Track, known
 
 from .trial import FORMS, SCENES, START_SIGMA, START_SIGMA_V
 

@@ -23,8 +23,8 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.interpolate import Grid
 from occlog.core.plane import inside_polygon
-from occlog.io.scenes.paths import paths_from_yaml
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.paths import paths_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.scene import Scene, Script
 from occlog.records.tables import Bearings
 from occlog.scans.sources import bearings_of_doa, in_time

@@ -15,8 +15,8 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.sight.triangulate import MET, sight_lines_meet
 from occlog.records.scene import Camera, Scene
-from occlog.track.imm.ask_cameras import CameraRequest
-from occlog.track.readers.refine import PARALLEL, PRINTED, Sights, refine
+from occlog.track.methods.imm.ask_cameras import CameraRequest
+from occlog.track.methods.readers.refine import PARALLEL, PRINTED, Sights, refine
 
 LINES = "sight lines"
 

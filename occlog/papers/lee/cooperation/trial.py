@@ -18,10 +18,10 @@ from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec
 from occlog.scans.grouping import Rows, scans_of
 from occlog.settings import configure
-from occlog.track.imm.ask_cameras import CAUSES, CameraRequest, CameraRequests, Memory, asks, located, others
-from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import ImmState, Listener, Report, init, step
-from occlog.track.imm.tracks import known
+from occlog.track.methods.imm.ask_cameras import CAUSES, CameraRequest, CameraRequests, Memory, asks, located, others
+from occlog.track.methods.imm.config import ImmConfig
+from occlog.track.methods.imm.filter import ImmState, Listener, Report, init, step
+from occlog.track.methods.imm.tracks import known
 
 from .environments import Environment, environment
 from .projected_places import PROJECTIONS, relocated

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.core.metrics.errors import ratio
 from occlog.evaluate.bearings.detections import Counts, add_counts, count, looks_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.io.scenes.scene import scene_from_yaml
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.stage import fuse
@@ -26,9 +26,9 @@ from occlog.settings import configure
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.methods.apf.config import ApfConfig
 
 DIAMETER = 3.33
 """Diameter of all people in the room, in units of the scene."""

@@ -29,8 +29,8 @@ from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan
-from occlog.track.in_space import direct3d, projected_planes
-from occlog.track.in_space.config import Direct3dConfig, PpsConfig
+from occlog.track.methods.in_space import direct3d, projected_planes
+from occlog.track.methods.in_space.config import Direct3dConfig, PpsConfig
 
 SIGMA = math.radians(math.sqrt(3.0))
 """Standard deviation of both angles; the thesis states variances of 3, in degrees squared."""

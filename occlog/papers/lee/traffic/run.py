@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from occlog.io.models.networks import NetworkSpec, read_network
+from occlog.io.formats.models.networks import NetworkSpec, read_network
 from occlog.records.tables import Delays
 from occlog.runner import Job
 from occlog.settings import configure

@@ -19,7 +19,7 @@ from occlog.papers.qu.world import geometry_of
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of, share_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
-from occlog.track.images.interface import Outlines
+from occlog.track.methods.images.interface import Outlines
 
 SHOWN = ("mipf", "idmot", "bmct")
 """The methods of the figure."""

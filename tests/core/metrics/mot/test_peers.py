@@ -20,8 +20,8 @@ from mot_environment import ask
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, clear_mot
 from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes, of_points, reaches
 from occlog.core.metrics.mot.hota import hota, identity
-from occlog.io.boxes.mot_challenge import SequenceInfo, write_mot, write_sequence, write_sequence_list
-from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.formats.boxes.mot_challenge import SequenceInfo, write_mot, write_sequence, write_sequence_list
+from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes, TruthBoxes
 

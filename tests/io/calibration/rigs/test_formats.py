@@ -15,8 +15,8 @@ from scipy.io import savemat
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, OcclogError
-from occlog.io.calibration.common import CalibrationOptions
-from occlog.io.calibration.reader import Calibration, describe, read_calibration
+from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.reader import Calibration, describe, read_calibration
 from occlog.records.scene import Camera
 
 SIZE = (640, 480)

@@ -14,12 +14,12 @@ from mcap.writer import IndexType, Writer
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
+from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.messages.mcap_file import McapFile
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.salvage.ends import Part
 from occlog.io.recording.salvage.recover import Recovered, recover_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 

@@ -7,7 +7,7 @@ from occlog.papers.lee.cooperation.environments import environment
 from occlog.papers.lee.cooperation.parallel_projection import judge_errors
 from occlog.papers.lee.cooperation.projected_places import PROJECTIONS, crossed, projected, relocated, sights_of
 from occlog.papers.verdicts import Row
-from occlog.track.imm.ask_cameras import Answer, Ask, CameraRequest
+from occlog.track.methods.imm.ask_cameras import Answer, Ask, CameraRequest
 
 
 def seen(cameras, xy):

@@ -8,8 +8,8 @@ from scipy.stats import chisquare, multivariate_normal, norm
 
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import CHANGE, TOWARDS, WAIT, WaypointModel
-from occlog.track.apf.kernels.backward import parents_of
-from occlog.track.apf.smoother import kernel_variance
+from occlog.track.methods.apf.kernels.backward import parents_of
+from occlog.track.methods.apf.smoother import kernel_variance
 
 PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9, sigma_waiting=0.1)
 PEOPLE = WaypointModel(1.0, 0.1, 0.0, 0.7, 0.25, 0.05, 0.9, sigma_velocity=0.5, sigma_waiting=0.05)

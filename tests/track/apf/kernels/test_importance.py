@@ -13,10 +13,10 @@ from occlog.filtering.likelihood import distances
 from occlog.filtering.likelihood.directions import factors
 from occlog.filtering.likelihood.distances import log_density
 from occlog.scans.grouping import Scan
-from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.kernels import importance
-from occlog.track.apf.kernels.importance import linearise
-from occlog.track.apf.model import make_model, pack_scan
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.apf.kernels import importance
+from occlog.track.methods.apf.kernels.importance import linearise
+from occlog.track.methods.apf.model import make_model, pack_scan
 
 PLACE = np.array([31.0, 46.0])
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from occlog.core.sight.camera import noise_variance, planar_offsets
-from occlog.track.apf.kernels.pose_errors import (
+from occlog.track.methods.apf.kernels.pose_errors import (
     NEAREST,
     PRIOR_COUNT,
     LabelledBearings,

@@ -10,7 +10,7 @@ import pytest
 from tracker_scenes import room100
 
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
-from occlog.track.apf.kernels.selection_metric import (
+from occlog.track.methods.apf.kernels.selection_metric import (
     Moments,
     mean_square_errors,
     perspective_moments,
@@ -18,7 +18,7 @@ from occlog.track.apf.kernels.selection_metric import (
     views,
     weak_moments,
 )
-from occlog.track.apf.model import pack_noise, pack_sensors, read_noise
+from occlog.track.methods.apf.model import pack_noise, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 SCENE = room100()

@@ -15,14 +15,14 @@ import pytest
 from tracker_scenes import room100
 
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
-from occlog.track.apf.kernels.selection_metric import (
+from occlog.track.methods.apf.kernels.selection_metric import (
     mean_square_errors,
     perspective_moments,
     seen_together,
     views,
     weak_moments,
 )
-from occlog.track.apf.model import pack_noise, pack_sensors, read_noise
+from occlog.track.methods.apf.model import pack_noise, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 SCENE = room100()

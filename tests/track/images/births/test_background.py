@@ -8,8 +8,14 @@ import pytest
 from occlog.measure.epipolar.views import View
 from occlog.measure.regions.background import make_subtractor
 from occlog.records.frames import Frame
-from occlog.track.images.births.regions import MOST, BackgroundModel, background_models, foreground_mask, with_cameras
-from occlog.track.images.run.frames_in_step import in_step
+from occlog.track.methods.images.births.regions import (
+    MOST,
+    BackgroundModel,
+    background_models,
+    foreground_mask,
+    with_cameras,
+)
+from occlog.track.methods.images.run.frames_in_step import in_step
 
 VIEWS = (View("a", 80, 60),)
 RNG = np.random.default_rng(3)

@@ -7,9 +7,9 @@ import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.records.tables import Boxes
-from occlog.track.images.births.births import anchors, births_and_ends, loop_distances, no_candidates
-from occlog.track.images.births.config import ViewsConfig
-from occlog.track.images.births.regions import Regions, RegionStream, regions_of_boxes
+from occlog.track.methods.images.births.births import anchors, births_and_ends, loop_distances, no_candidates
+from occlog.track.methods.images.births.config import ViewsConfig
+from occlog.track.methods.images.births.regions import Regions, RegionStream, regions_of_boxes
 
 VIEWS = (View("a", 320, 240), View("b", 320, 240))
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from place_scenes import covariances, rig_of, room, room_rig, seen
 
-from occlog.track.images.ground.place import MET, Height, Odds, contest_places, meet_in_space
+from occlog.track.methods.images.ground.place import MET, Height, Odds, contest_places, meet_in_space
 
 HEIGHT = Height(0.9, 0.1)
 SINE = np.sin(np.radians(5.0))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.track.images.ground.stage import CONTESTED, Exchanges, among_others
+from occlog.track.methods.images.ground.stage import CONTESTED, Exchanges, among_others
 
 
 def after(exchanges, contested, views, seconds=2):

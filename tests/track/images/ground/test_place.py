@@ -6,7 +6,16 @@ from epipolar_rigs import looking
 from place_scenes import covariances, rig_of, room, room_rig, seen
 from scipy.optimize import minimize
 
-from occlog.track.images.ground.place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Sights, meet_in_space
+from occlog.track.methods.images.ground.place import (
+    APART,
+    BEHIND,
+    MET,
+    NEAR_PARALLEL,
+    TOO_FEW,
+    Height,
+    Sights,
+    meet_in_space,
+)
 
 HEIGHT = Height(0.9, 0.1)
 

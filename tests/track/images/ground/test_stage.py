@@ -10,8 +10,8 @@ from view_scenes import TICK, view_tracks, walks
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import FusedTracks, Tracks
-from occlog.track.images.ground.config import GroundConfig, in_scene
-from occlog.track.images.ground.stage import ground_tracks
+from occlog.track.methods.images.ground.config import GroundConfig, in_scene
+from occlog.track.methods.images.ground.stage import ground_tracks
 
 BROWN = np.array([-0.25, 0.06, 0.002, -0.001, 0.0])
 PLACES = {"a": (7, 0, 2.5), "b": (0, 7, 2.5), "c": (-5, -5, 3)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ellipse_reference import ellipse_distance
 
-from occlog.track.images.kernels.appearance import WIDTH, colour_likeness, colours_in, level, upright
+from occlog.track.methods.images.kernels.appearance import WIDTH, colour_likeness, colours_in, level, upright
 
 W, H = 40, 30
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from occlog.track.images.kernels.joint_samples import crowding_of_samples, distinct_size, overlap, run_chain
+from occlog.track.methods.images.kernels.joint_samples import crowding_of_samples, distinct_size, overlap, run_chain
 
 DRAWS = 200_000
 

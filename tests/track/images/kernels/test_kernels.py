@@ -6,9 +6,9 @@ from ellipse_reference import pixels_inside
 
 from occlog.core.image import N_BINS, support_radius
 from occlog.core.sight import fundamental
-from occlog.track.images.kernels.appearance import WIDTH, colour_likeness, colours_in
-from occlog.track.images.kernels.collaboration import Interaction, neighbours, repel_into
-from occlog.track.images.kernels.epipolar_lines import (
+from occlog.track.methods.images.kernels.appearance import WIDTH, colour_likeness, colours_in
+from occlog.track.methods.images.kernels.collaboration import Interaction, neighbours, repel_into
+from occlog.track.methods.images.kernels.epipolar_lines import (
     APART,
     TOGETHER,
     UNKNOWN,
@@ -20,7 +20,7 @@ from occlog.track.images.kernels.epipolar_lines import (
     loop_check,
     reach_across,
 )
-from occlog.track.images.kernels.motion import (
+from occlog.track.methods.images.kernels.motion import (
     EllipseMotion,
     boxes_of,
     covariance_and_ess,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.track.images.kernels.appearance import (
+from occlog.track.methods.images.kernels.appearance import (
     PatchModels,
     disc_points,
     learn_patches,

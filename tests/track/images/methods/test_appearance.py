@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.track.images.interface import Birth, FrameSet
-from occlog.track.images.kernels.appearance import disc_points, learn_target, patch_log_likelihood
-from occlog.track.images.methods.config import CONFIGS, MipfConfig
-from occlog.track.images.methods.state import COMPONENTS, PATCHES, initial_state, learn_appearance, log_patches
-from occlog.track.images.methods.step import advance, initiate_trackers
+from occlog.track.methods.images.interface import Birth, FrameSet
+from occlog.track.methods.images.kernels.appearance import disc_points, learn_target, patch_log_likelihood
+from occlog.track.methods.images.methods.config import CONFIGS, MipfConfig
+from occlog.track.methods.images.methods.state import COMPONENTS, PATCHES, initial_state, learn_appearance, log_patches
+from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 W, H = 100, 80
 VIEWS = (View("left", W, H), View("right", W, H))

@@ -8,14 +8,14 @@ from view_reference import bins_of
 
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.track.images.interface import LEFT, LOST, MODES, Birth, FrameSet
-from occlog.track.images.kernels.appearance import colour_likeness
-from occlog.track.images.kernels.joint_samples import overlap
-from occlog.track.images.methods.config import McmcConfig
-from occlog.track.images.methods.joint import ViewFrame, run_mcmc, run_sir
-from occlog.track.images.methods.state import end_trackers, initial_state
-from occlog.track.images.methods.step import advance, initiate_trackers
-from occlog.track.images.methods.weigh import arrival_of
+from occlog.track.methods.images.interface import LEFT, LOST, MODES, Birth, FrameSet
+from occlog.track.methods.images.kernels.appearance import colour_likeness
+from occlog.track.methods.images.kernels.joint_samples import overlap
+from occlog.track.methods.images.methods.config import McmcConfig
+from occlog.track.methods.images.methods.joint import ViewFrame, run_mcmc, run_sir
+from occlog.track.methods.images.methods.state import end_trackers, initial_state
+from occlog.track.methods.images.methods.step import advance, initiate_trackers
+from occlog.track.methods.images.methods.weigh import arrival_of
 
 W, H, R = 120, 90, 9.0
 VIEWS = (View("left", W, H), View("right", W, H))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from view_states import BLIND, BLUE, RED, ROWS, changed, disc, frames_at, painted, state_of
 
-from occlog.track.images.interface import MODES
-from occlog.track.images.methods.config import CmctConfig
-from occlog.track.images.methods.restart import APART, adapt_colours, propose_on_lines
-from occlog.track.images.methods.step import advance
-from occlog.track.images.methods.weigh import arrival_of, local_weights, weigh
+from occlog.track.methods.images.interface import MODES
+from occlog.track.methods.images.methods.config import CmctConfig
+from occlog.track.methods.images.methods.restart import APART, adapt_colours, propose_on_lines
+from occlog.track.methods.images.methods.step import advance
+from occlog.track.methods.images.methods.weigh import arrival_of, local_weights, weigh
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))

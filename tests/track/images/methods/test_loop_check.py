@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from view_states import BLIND, BLUE, RED, ROWS, changed, disc, painted, state_of
 
-from occlog.track.images.interface import BAD, GOOD, NONE
-from occlog.track.images.methods.config import BmctConfig, CmctConfig
-from occlog.track.images.methods.restart import check_loops, check_new_pairs, counterpart_status, helpers
+from occlog.track.methods.images.interface import BAD, GOOD, NONE
+from occlog.track.methods.images.methods.config import BmctConfig, CmctConfig
+from occlog.track.methods.images.methods.restart import check_loops, check_new_pairs, counterpart_status, helpers
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))

@@ -11,10 +11,10 @@ from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import BallPaths, ball_paths
 from occlog.simulate.balls.video import render_balls
-from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES, NONE, Birth, FrameSet
-from occlog.track.images.methods.config import BmctConfig, MipfConfig
-from occlog.track.images.methods.state import end_trackers, initial_state
-from occlog.track.images.methods.step import advance, initiate_trackers
+from occlog.track.methods.images.interface import BAD, GOOD, LEFT, LOST, MODES, NONE, Birth, FrameSet
+from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
+from occlog.track.methods.images.methods.state import end_trackers, initial_state
+from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 METHODS = ("mipf", "idmot", "cmct", "bmct")
 ALONE = BallsConfig(frames=30, width=100, height=80, balls=1, radius=9.0, speed=2.5, clutter=2)

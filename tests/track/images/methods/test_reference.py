@@ -7,7 +7,7 @@ from view_films import begun, film, frame_set, geometry_of
 
 from occlog.core.image import update_bins
 from occlog.simulate.balls.config import BallsConfig
-from occlog.track.images.methods.step import advance
+from occlog.track.methods.images.methods.step import advance
 
 PAIR = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, clutter=2)
 CROWDED = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, views=3, clutter=2)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.track.images.interface import Birth, FrameSet
-from occlog.track.images.kernels.appearance import colours_in
-from occlog.track.images.methods.config import CONFIGS, MipfConfig
-from occlog.track.images.methods.state import (
+from occlog.track.methods.images.interface import Birth, FrameSet
+from occlog.track.methods.images.kernels.appearance import colours_in
+from occlog.track.methods.images.methods.config import CONFIGS, MipfConfig
+from occlog.track.methods.images.methods.state import (
     OUTSIDE,
     drawn_at_regions,
     initial_state,
@@ -17,7 +17,7 @@ from occlog.track.images.methods.state import (
     mask_outside,
     own_regions,
 )
-from occlog.track.images.methods.step import advance, initiate_trackers
+from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 SIZE = (120, 90)
 ROW = np.array([[30.0, 40.0, 6.0, 15.0, 0.0]])

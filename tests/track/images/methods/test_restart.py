@@ -7,8 +7,8 @@ import pytest
 from view_states import BLUE, RED, ROWS, H, W, changed, disc, frames_at, painted, state_of
 
 from occlog.core.image import nearness
-from occlog.track.images.methods.config import BmctConfig
-from occlog.track.images.methods.restart import APART, CLEAR, EVERY, nearest, restart_one
+from occlog.track.methods.images.methods.config import BmctConfig
+from occlog.track.methods.images.methods.restart import APART, CLEAR, EVERY, nearest, restart_one
 
 ONE, TWO = disc(30.0, 40.0), disc(80.0, 44.0)
 IMAGE = painted((ONE, RED), (TWO, BLUE))

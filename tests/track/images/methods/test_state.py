@@ -19,10 +19,10 @@ from view_states import (
 )
 
 from occlog.measure.epipolar.views import Geometry
-from occlog.track.images.interface import Birth
-from occlog.track.images.kernels.appearance import colour_likeness
-from occlog.track.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
-from occlog.track.images.methods.state import (
+from occlog.track.methods.images.interface import Birth
+from occlog.track.methods.images.kernels.appearance import colour_likeness
+from occlog.track.methods.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
+from occlog.track.methods.images.methods.state import (
     INTERVALS,
     LONGEST,
     Clock,

@@ -7,11 +7,11 @@ import pytest
 from view_states import BLUE, PERIOD_NS, RED, H, W, changed, disc, frames_at, painted, state_of
 
 from occlog.core.image import nearness
-from occlog.track.images.interface import GOOD, LEFT, LOST, NONE
-from occlog.track.images.methods.config import BmctConfig, CmctConfig, IdmotConfig, MipfConfig
-from occlog.track.images.methods.state import LONGEST
-from occlog.track.images.methods.step import advance, advance_with, end_events
-from occlog.track.images.methods.weigh import arrival_of, local_weights, weigh
+from occlog.track.methods.images.interface import GOOD, LEFT, LOST, NONE
+from occlog.track.methods.images.methods.config import BmctConfig, CmctConfig, IdmotConfig, MipfConfig
+from occlog.track.methods.images.methods.state import LONGEST
+from occlog.track.methods.images.methods.step import advance, advance_with, end_events
+from occlog.track.methods.images.methods.weigh import arrival_of, local_weights, weigh
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from view_states import BLUE, RED, W, changed, disc, painted, state_of
 
-from occlog.track.images.interface import MODES
-from occlog.track.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
-from occlog.track.images.methods.state import OwnRegions
-from occlog.track.images.methods.weigh import Arrival, LocalWeights, weigh, weighing_model
+from occlog.track.methods.images.interface import MODES
+from occlog.track.methods.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
+from occlog.track.methods.images.methods.state import OwnRegions
+from occlog.track.methods.images.methods.weigh import Arrival, LocalWeights, weigh, weighing_model
 
 MIPF, IDMOT, BMCT = (MODES.index(name) for name in ("mipf", "idmot", "bmct"))
 COUNT = 25

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from occlog.measure.epipolar.views import Geometry
-from occlog.track.images.interface import Birth, Outlines
-from occlog.track.images.run.stage import check_births, check_outlines, gather, no_checks, without_contradicted
+from occlog.track.methods.images.interface import Birth, Outlines
+from occlog.track.methods.images.run.stage import check_births, check_outlines, gather, no_checks, without_contradicted
 
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 NOTHING = np.full((3, 3), np.nan)

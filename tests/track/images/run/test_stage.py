@@ -10,12 +10,12 @@ import pytest
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.records.declared.views import ViewTracks
-from occlog.track.images.births.config import ViewsConfig
-from occlog.track.images.births.regions import Regions, RegionStream
-from occlog.track.images.interface import FrameSet
-from occlog.track.images.methods.config import BmctConfig, MipfConfig
-from occlog.track.images.run.frames_in_step import Moment
-from occlog.track.images.run.stage import MOMENTS, Start, TrackingSetup, track_views
+from occlog.track.methods.images.births.config import ViewsConfig
+from occlog.track.methods.images.births.regions import Regions, RegionStream
+from occlog.track.methods.images.interface import FrameSet
+from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
+from occlog.track.methods.images.run.frames_in_step import Moment
+from occlog.track.methods.images.run.stage import MOMENTS, Start, TrackingSetup, track_views
 
 VIEWS = (View("b", 80, 60), View("a", 80, 60))
 BLIND = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))

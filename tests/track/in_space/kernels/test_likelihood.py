@@ -15,7 +15,7 @@ from occlog.filtering.kernel_density import best_width, moments, redraw, weigh
 from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
 from occlog.filtering.motion.white_acceleration import AccelerationModel, known_jump, moved, turn_jump
 from occlog.filtering.particles import effective_size, normalise
-from occlog.track.in_space.kernels.likelihood import (
+from occlog.track.methods.in_space.kernels.likelihood import (
     Chances,
     Sights,
     log_cone,

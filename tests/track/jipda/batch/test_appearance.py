@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.jipda.batch.appearance import sum_up, worth
-from occlog.track.jipda.batch.chains import NONE, candidates, nothing_known, renew_all, sweep, total
-from occlog.track.jipda.cues import law_of, log_ratio
+from occlog.track.methods.jipda.batch.appearance import sum_up, worth
+from occlog.track.methods.jipda.batch.chains import NONE, candidates, nothing_known, renew_all, sweep, total
+from occlog.track.methods.jipda.cues import law_of, log_ratio
 
 SUMS = np.array([[200.0, 180.0, 162.5], [300.0, 180.0, 111.0]])
 """Likenesses of 0.9 +- 0.05 to the same person, of 0.6 +- 0.1 to others."""

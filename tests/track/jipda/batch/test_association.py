@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from occlog.track.jipda.batch.association import OWN, name_shared
-from occlog.track.jipda.batch.chains import NONE
-from occlog.track.jipda.kernels.detections import Boxes
+from occlog.track.methods.jipda.batch.association import OWN, name_shared
+from occlog.track.methods.jipda.batch.chains import NONE
+from occlog.track.methods.jipda.kernels.detections import Boxes
 
 ABOVE = np.nextafter(OWN, 1.0)
 

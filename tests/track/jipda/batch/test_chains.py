@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.jipda.batch.chains import (
+from occlog.track.methods.jipda.batch.chains import (
     NONE,
     OTHER_FOLLOWED,
     SAME_FOLLOWED,
@@ -19,7 +19,7 @@ from occlog.track.jipda.batch.chains import (
     sweep,
     total,
 )
-from occlog.track.jipda.people import BENDING, CALM, TURNING
+from occlog.track.methods.jipda.people import BENDING, CALM, TURNING
 
 
 def all_states(places, looked):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.track.jipda.batch.messages import absorb, back, meet, noise_of_walk, predict, start
+from occlog.track.methods.jipda.batch.messages import absorb, back, meet, noise_of_walk, predict, start
 
 DRIFT = np.array([0.06, 1e-3, 1e-3])
 PRIOR = np.array([0.0, 0.0, 1.2, 1.2, 60.0, 70.0])

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from occlog.track.jipda.batch.messages import meet
-from occlog.track.jipda.batch.places import about
+from occlog.track.methods.jipda.batch.messages import meet
+from occlog.track.methods.jipda.batch.places import about
 
 
 def test_the_mean_over_the_spread_is_that_of_a_wider_density():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.track.jipda.batch.places import NU, scatter
+from occlog.track.methods.jipda.batch.places import NU, scatter
 
 
 def drawn(n, scale, seed):

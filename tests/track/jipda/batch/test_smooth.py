@@ -9,7 +9,7 @@ from crowds import crowd
 from scipy.optimize import linear_sum_assignment
 
 from occlog.settings import configure
-from occlog.track.jipda.batch.smooth import (
+from occlog.track.methods.jipda.batch.smooth import (
     Window,
     add,
     at_moments,
@@ -19,9 +19,9 @@ from occlog.track.jipda.batch.smooth import (
     moments_apart,
     smooth,
 )
-from occlog.track.jipda.batch.tracks import Span
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.filter import begin, step
+from occlog.track.methods.jipda.batch.tracks import Span
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.filter import begin, step
 
 pytestmark = pytest.mark.jit
 

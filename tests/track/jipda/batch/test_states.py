@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.jipda.batch.chains import NONE, renew_all
-from occlog.track.jipda.batch.messages import noise_of_walk
-from occlog.track.jipda.batch.states import states
+from occlog.track.methods.jipda.batch.chains import NONE, renew_all
+from occlog.track.methods.jipda.batch.messages import noise_of_walk
+from occlog.track.methods.jipda.batch.states import states
 
 MOMENTS = [1, 2, 5, 6]
 TIME = 0.5 * np.arange(8)

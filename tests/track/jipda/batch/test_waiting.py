@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.track.jipda.batch.states import waiting
+from occlog.track.methods.jipda.batch.states import waiting
 
 pytestmark = pytest.mark.jit
 MISS = np.log([[0.5]])

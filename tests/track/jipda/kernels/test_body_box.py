@@ -8,7 +8,7 @@ from jipda_reference import outline_of
 
 from occlog.array_types import Floats
 from occlog.records.scene import Camera, camera_rotation
-from occlog.track.jipda.kernels.body_box import NEAR, box_and_slope, expected_box, pack_views, project
+from occlog.track.methods.jipda.kernels.body_box import NEAR, box_and_slope, expected_box, pack_views, project
 
 LENSES = {
     "ideal": (np.zeros(5), "brown"),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from crowds import cameras_around
 
-from occlog.track.jipda.kernels.body_box import expected_box, pack_views
-from occlog.track.jipda.kernels.detections import Boxes, Rates
-from occlog.track.jipda.kernels.disagreement import disagreement
+from occlog.track.methods.jipda.kernels.body_box import expected_box, pack_views
+from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
+from occlog.track.methods.jipda.kernels.disagreement import disagreement
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))
 RATES = Rates(

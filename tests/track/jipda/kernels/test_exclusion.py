@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.track.jipda.kernels.exclusion import exclude
+from occlog.track.methods.jipda.kernels.exclusion import exclude
 
 S = 0.22
 

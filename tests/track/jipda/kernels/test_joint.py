@@ -8,8 +8,8 @@ from scipy.stats import multivariate_normal
 
 from occlog.array_types import Floats
 from occlog.records.scene import Camera, camera_rotation
-from occlog.track.jipda.kernels.body_box import box_and_slope, pack_views
-from occlog.track.jipda.kernels.detections import (
+from occlog.track.methods.jipda.kernels.body_box import box_and_slope, pack_views
+from occlog.track.methods.jipda.kernels.detections import (
     Boxes,
     Rates,
     add_precision,
@@ -18,7 +18,7 @@ from occlog.track.jipda.kernels.detections import (
     log_clutter,
     log_density,
 )
-from occlog.track.jipda.kernels.joint import Result, update
+from occlog.track.methods.jipda.kernels.joint import Result, update
 
 TURNED = camera_rotation(np.pi / 2, -0.35, 0.0)
 VIEW = Camera("a", np.array([0.0, -6.0, 3.0]), TURNED, np.full(2, 900.0), np.array([640.0, 360.0]), (1280, 720))

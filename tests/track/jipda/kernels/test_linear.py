@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.jipda.kernels.linear import cholesky, eigen, invert
+from occlog.track.methods.jipda.kernels.linear import cholesky, eigen, invert
 
 
 @pytest.mark.parametrize("n", [1, 4, 6])

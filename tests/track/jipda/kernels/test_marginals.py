@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.track.jipda.kernels.marginals import box_messages
+from occlog.track.methods.jipda.kernels.marginals import box_messages
 
 
 def marginals(weight: Floats) -> Floats:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats, Ints
-from occlog.track.jipda.kernels.marginals import box_messages
-from occlog.track.jipda.kernels.merged import outline, own_edges, pair_messages, touching
+from occlog.track.methods.jipda.kernels.marginals import box_messages
+from occlog.track.methods.jipda.kernels.merged import outline, own_edges, pair_messages, touching
 
 BOX = np.array([[100.0, 50.0, 140.0, 170.0], [135.0, 60.0, 175.0, 160.0], [300.0, 50.0, 340.0, 170.0]])
 

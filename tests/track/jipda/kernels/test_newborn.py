@@ -12,9 +12,9 @@ from scipy.optimize import least_squares
 from scipy.stats import multivariate_normal, norm
 
 from occlog.array_types import Floats
-from occlog.track.jipda.kernels.body_box import expected_box, pack_views
-from occlog.track.jipda.kernels.detections import Boxes, Rates
-from occlog.track.jipda.kernels.newborn import Arrival, fit_body, newborn, on_floor
+from occlog.track.methods.jipda.kernels.body_box import expected_box, pack_views
+from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
+from occlog.track.methods.jipda.kernels.newborn import Arrival, fit_body, newborn, on_floor
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))._replace(range=np.full(4, 40.0))
 BODY = np.array([1.7, 0.12, 0.55, 0.12, 0.9])

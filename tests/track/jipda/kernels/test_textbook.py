@@ -10,9 +10,9 @@ import pytest
 from random_frames import Scene, plain, random_scene
 
 from occlog.array_types import Floats, Ints
-from occlog.track.jipda.kernels import joint
-from occlog.track.jipda.kernels.likelihood import likelihood_ratios
-from occlog.track.jipda.kernels.merged import pair_likelihoods, touching
+from occlog.track.methods.jipda.kernels import joint
+from occlog.track.methods.jipda.kernels.likelihood import likelihood_ratios
+from occlog.track.methods.jipda.kernels.merged import pair_likelihoods, touching
 
 NEW, GATE = 0.1, 30.0
 SEEDS = range(5)

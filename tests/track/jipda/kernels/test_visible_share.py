@@ -7,8 +7,15 @@ import pytest
 
 from occlog.core.plane import inside_polygon
 from occlog.records.scene import Camera, camera_rotation
-from occlog.track.jipda.kernels.body_box import pack_views
-from occlog.track.jipda.kernels.visible_share import COLUMNS, ROWS, below, clear_cells, hide_behind, inside_image
+from occlog.track.methods.jipda.kernels.body_box import pack_views
+from occlog.track.methods.jipda.kernels.visible_share import (
+    COLUMNS,
+    ROWS,
+    below,
+    clear_cells,
+    hide_behind,
+    inside_image,
+)
 
 BOXES = np.array([[100.0, 100.0, 160.0, 280.0], [130.0, 120.0, 200.0, 330.0]])
 

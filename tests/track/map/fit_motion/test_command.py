@@ -12,7 +12,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.models.motion_models import read_motion
+from occlog.io.formats.models.motion_models import read_motion
 from occlog.records.tables import Tracks, Truth, Views
 
 pytestmark = pytest.mark.jit

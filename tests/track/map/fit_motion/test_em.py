@@ -6,10 +6,25 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.track.map.fit_motion.em import e_step, em, fit_differences, fit_em, m_step, prepare
-from occlog.track.map.fit_motion.parameters import Shape, build, expected, limits, names, regression, slope, start
-from occlog.track.map.fit_motion.smoother import Path, make_nodes, median_step, split, transitions_by_differences
-from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
+from occlog.track.methods.map.fit_motion.em import e_step, em, fit_differences, fit_em, m_step, prepare
+from occlog.track.methods.map.fit_motion.parameters import (
+    Shape,
+    build,
+    expected,
+    limits,
+    names,
+    regression,
+    slope,
+    start,
+)
+from occlog.track.methods.map.fit_motion.smoother import (
+    Path,
+    make_nodes,
+    median_step,
+    split,
+    transitions_by_differences,
+)
+from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
 
 SHAPES = [
     Shape(f, d, alike) for f in ("cv", "damped", "full") for d in ("white", "diagonal") for alike in (True, False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.track.map.fit_motion.smoother import CV, VAGUE, smooth
+from occlog.track.methods.map.fit_motion.smoother import CV, VAGUE, smooth
 
 
 def problem(seed: int, K: int = 9):

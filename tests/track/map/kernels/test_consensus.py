@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.track.map.kernels.consensus import MOST, Rays, agreed_path, believed_cost, candidates, crossing
-from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.problem import chain
+from occlog.track.methods.map.kernels.consensus import MOST, Rays, agreed_path, believed_cost, candidates, crossing
+from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
+from occlog.track.methods.map.kernels.problem import chain
 
 K = 3.7
 GROUND = np.array([1.0, 2.0, 20.0])

@@ -14,10 +14,10 @@ from shapely.geometry import LineString, Point, Polygon
 from trajectory_reference import dense_chain, make_steps
 
 from occlog.core.plane import convex_pieces
-from occlog.track.map.kernels.detours import Detours, Obstacle, find_detours, settle
-from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.interior_point import Options, derivatives, minimise
-from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack
+from occlog.track.methods.map.kernels.detours import Detours, Obstacle, find_detours, settle
+from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
+from occlog.track.methods.map.kernels.interior_point import Options, derivatives, minimise
+from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack
 
 EXTENT = 12.0
 FINE = Options(1e-9)

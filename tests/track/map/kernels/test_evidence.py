@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, random_lines, random_steps
 
-from occlog.track.map.kernels.evidence import WORTH, Evidence, between, evidence, rescaled, sandwich
-from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.interior_point import Options, covariance, derivatives, minimise
-from occlog.track.map.kernels.problem import NO_PLANES, Problem, SightLines, chain
-from occlog.track.map.kernels.terms import residuals
+from occlog.track.methods.map.kernels.evidence import WORTH, Evidence, between, evidence, rescaled, sandwich
+from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
+from occlog.track.methods.map.kernels.interior_point import Options, covariance, derivatives, minimise
+from occlog.track.methods.map.kernels.problem import NO_PLANES, Problem, SightLines, chain
+from occlog.track.methods.map.kernels.terms import residuals
 
 
 def fixed(T: int, per: int, rng, *, noise: float, acceleration: float) -> Problem:

@@ -9,7 +9,7 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from trajectory_reference import PAPER, PAPER_A, PAPER_SIGMA, random_model
 
-from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity, diffusion, transitions
+from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov, constant_velocity, diffusion, transitions
 
 MODELS = (PAPER, constant_velocity(0.5, 0.1, 0.5), *(random_model(np.random.default_rng(s)) for s in range(3)))
 

@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, make_steps, plain_cost, random_lines, random_steps
 
-from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.interior_point import Options, cost, covariance, derivatives, minimise
-from occlog.track.map.kernels.invariant import invariant, second_moment
-from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack, some_lines
-from occlog.track.map.kernels.terms import in_front, leverages
+from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
+from occlog.track.methods.map.kernels.interior_point import Options, cost, covariance, derivatives, minimise
+from occlog.track.methods.map.kernels.invariant import invariant, second_moment
+from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack, some_lines
+from occlog.track.methods.map.kernels.terms import in_front, leverages
 
 
 def problem(seed: int, T: int = 6, kinds=("pixel", "direction")):

@@ -10,11 +10,11 @@ from numpy.testing import assert_allclose
 from sparse_example import example
 from trajectory_reference import dense_chain, plain_cost, random_lines, random_planes, random_steps
 
-from occlog.track.map.kernels.interior_point import Options, minimise, move_inside
-from occlog.track.map.kernels.problem import HalfPlanes, Problem, join_planes, slack
-from occlog.track.map.kernels.quadratic_program import program, sequential_programs
-from occlog.track.map.kernels.terms import residuals
-from occlog.track.map.qp_solvers import program_solver
+from occlog.track.methods.map.kernels.interior_point import Options, minimise, move_inside
+from occlog.track.methods.map.kernels.problem import HalfPlanes, Problem, join_planes, slack
+from occlog.track.methods.map.kernels.quadratic_program import program, sequential_programs
+from occlog.track.methods.map.kernels.terms import residuals
+from occlog.track.methods.map.qp_solvers import program_solver
 
 FINE = Options(1e-9)
 

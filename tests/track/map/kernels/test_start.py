@@ -8,9 +8,16 @@ from numpy.testing import assert_allclose
 from sparse_example import example
 from trajectory_reference import random_lines, random_steps
 
-from occlog.track.map.kernels.interior_point import Options, covariance, derivatives, minimise
-from occlog.track.map.kernels.problem import NO_PLANES, Problem, linear_problem, slack, some_lines, start_on_axes
-from occlog.track.map.kernels.terms import residuals
+from occlog.track.methods.map.kernels.interior_point import Options, covariance, derivatives, minimise
+from occlog.track.methods.map.kernels.problem import (
+    NO_PLANES,
+    Problem,
+    linear_problem,
+    slack,
+    some_lines,
+    start_on_axes,
+)
+from occlog.track.methods.map.kernels.terms import residuals
 
 
 def test_start_of_the_paper() -> None:

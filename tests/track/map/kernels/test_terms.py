@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, plain_cost, plain_loss, random_lines, random_planes, random_steps
 
-from occlog.track.map.kernels.interior_point import cost, derivatives
-from occlog.track.map.kernels.problem import MIXTURE, NO_PLANES, Problem
-from occlog.track.map.kernels.terms import add_planes, barrier_cost, belief, loss_slopes, loss_value, residuals
+from occlog.track.methods.map.kernels.interior_point import cost, derivatives
+from occlog.track.methods.map.kernels.problem import MIXTURE, NO_PLANES, Problem
+from occlog.track.methods.map.kernels.terms import add_planes, barrier_cost, belief, loss_slopes, loss_value, residuals
 
 LOSSES = [(0, 1.0), (1, 1.345), (2, 2.385), (3, 3.0), (1, 0.3), (2, 0.4), (3, 1.5)]
 KINDS = ("pixel", "distance", "direction", "linear")

@@ -8,9 +8,16 @@ from numpy.testing import assert_allclose
 from sparse_example import example
 from trajectory_reference import dense_hessian, random_lines, random_planes, random_steps
 
-from occlog.track.map.kernels.interior_point import MU_LAST, Options, covariance, derivatives, minimise, move_inside
-from occlog.track.map.kernels.problem import NO_PLANES, Problem, linear_problem, slack, some_lines
-from occlog.track.map.kernels.windows import Knowledge, minimise_windows, part, summary
+from occlog.track.methods.map.kernels.interior_point import (
+    MU_LAST,
+    Options,
+    covariance,
+    derivatives,
+    minimise,
+    move_inside,
+)
+from occlog.track.methods.map.kernels.problem import NO_PLANES, Problem, linear_problem, slack, some_lines
+from occlog.track.methods.map.kernels.windows import Knowledge, minimise_windows, part, summary
 
 FINE = Options(1e-11)
 

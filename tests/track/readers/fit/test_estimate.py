@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.track.readers.fit.estimate import Stretch, choose_range, fit_losses, fit_shadowing, usual_ranges
-from occlog.track.readers.rssi import PathLoss
+from occlog.track.methods.readers.fit.estimate import Stretch, choose_range, fit_losses, fit_shadowing, usual_ranges
+from occlog.track.methods.readers.rssi import PathLoss
 
 PLACES = np.array([[x, y, 1.0] for x in (0.0, 4.0) for y in (0.0, 4.0)])
 

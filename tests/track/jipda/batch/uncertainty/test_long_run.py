@@ -7,10 +7,10 @@ import pytest
 from crowds import crowd
 
 from occlog.settings import configure
-from occlog.track.jipda.batch.smooth import smooth
-from occlog.track.jipda.batch.uncertainty import long_run_variance
-from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.filter import begin, step
+from occlog.track.methods.jipda.batch.smooth import smooth
+from occlog.track.methods.jipda.batch.uncertainty import long_run_variance
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.filter import begin, step
 
 
 def correlated(r, series, looks):

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import linprog
 
-from occlog.track.map.kernels.interior_point import move_inside
-from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, join_planes, slack
+from occlog.track.methods.map.kernels.interior_point import move_inside
+from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, join_planes, slack
 
 
 def widest(normal, offset) -> float:

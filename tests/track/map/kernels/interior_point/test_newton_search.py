@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from sparse_example import WALKER, example
 from trajectory_reference import PAPER, dense_hessian, plain_cost, random_lines, random_planes, random_steps
 
-from occlog.track.map.kernels.interior_point import (
+from occlog.track.methods.map.kernels.interior_point import (
     MU_LAST,
     Options,
     cost,
@@ -22,8 +22,8 @@ from occlog.track.map.kernels.interior_point import (
     move_inside,
     solve,
 )
-from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, join_planes, slack, some_planes
-from occlog.track.map.kernels.terms import barrier_cost
+from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, join_planes, slack, some_planes
+from occlog.track.methods.map.kernels.terms import barrier_cost
 
 FINE = Options(1e-10)
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from trajectory_reference import PAPER, dense_chain, dense_hessian, make_steps, random_model, random_steps
 
-from occlog.track.map.kernels.gauss_markov import constant_velocity
-from occlog.track.map.kernels.interior_point import factor_rows, factor_sum, inverse_blocks, solve
+from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
+from occlog.track.methods.map.kernels.interior_point import factor_rows, factor_sum, inverse_blocks, solve
 
 
 def random_information(rng, T: int, share: float = 0.6):

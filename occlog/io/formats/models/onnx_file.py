@@ -1,0 +1,320 @@
+"""What an ONNX file says of itself: its inputs, outputs and metadata, and the files of weights beside it.
+
+The file is walked through in the wire format of Protocol Buffers, by the numbers of fields in `onnx.proto3` of the ONNX
+project; weights are skipped.  Models come from anywhere: sizes and depths are limited, and weights in other files are
+refused unless these lie in the model's own folder.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from occlog.errors import InputError
+from occlog.io.files.limits import check_input
+
+MOST_BYTES = 2 * 1024**3
+"""A message of Protocol Buffers is smaller than this."""
+MOST_WEIGHTS = 16 * 1024**3
+"""Bytes of all files of weights beside a model."""
+MOST_FIELDS = 5_000_000
+"""Fields of a file that are looked at; networks have some tens of thousands."""
+DEEPEST = 16
+"""Graphs in graphs."""
+LONGEST = 1024 * 1024
+"""Bytes of a name or of a text of the metadata."""
+KINDS = {1: "float32", 2: "uint8", 3: "int8", 6: "int32", 7: "int64", 10: "float16", 11: "float64", 16: "bfloat16"}
+"""Types of elements by their number in `TensorProto.DataType`."""
+
+
+BITS = {1: 32, 2: 8, 3: 8, 4: 16, 5: 16, 6: 32, 7: 64, 9: 8, 10: 16, 11: 64, 12: 32, 13: 64, 16: 16}
+"""Of an element, by the number of its type; runtimes read as many as the dimensions say, whatever is there."""
+TYPED = {4: 4, 5: 0, 7: 0, 10: 8, 11: 0}
+"""Fields of a tensor with values one by one, in place of their bytes, and the bytes of each; 0: that varies."""
+LONGEST_SIDE = 2**31 - 1
+"""Dimension of a tensor, at most."""
+ABOVE_ZERO = ("strides", "dilations", "kernel_shape", "group", "blocksize", "size", "num_groups")
+"""Attributes by which runtimes divide."""
+
+
+@dataclass(frozen=True)
+class Port:
+    """An input or an output of a network."""
+
+    name: str
+    kind: str  # of its elements, as NumPy calls it; empty: not said, or none of `KINDS`
+    shape: tuple[int | None, ...] | None  # None in it: any; None: not said
+
+
+@dataclass(frozen=True)
+class OnnxFile:
+    """What a file of a network says of itself."""
+
+    path: Path
+    inputs: tuple[Port, ...]  # without those that have a value in the file
+    outputs: tuple[Port, ...]
+    metadata: dict[str, str]
+    weights: tuple[Path, ...]  # further files that the network is in, without repetition
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that the network is in."""
+        return (self.path, *self.weights)
+
+
+def read_onnx(path: Path) -> OnnxFile:
+    """Read what a network says of itself.
+
+    Raises:
+        InputError: the file is none of a network, is damaged or too large, or has weights in a file that is not in its
+            folder.
+    """
+    path = check_input(path, "a network (ONNX)")
+    size = path.stat().st_size
+    if size >= MOST_BYTES:
+        raise InputError(f"{path}: has {size} bytes; an ONNX file has less than {MOST_BYTES}; it is damaged, or none")
+    walk = _Walk()
+    try:
+        with path.open("rb") as file:
+            # The last view of the bytes closes them.
+            walk.model(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
+    except _DamageError as error:
+        raise InputError(f"{path}: not an ONNX model, or damaged ({error}); export it again") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not walk.inputs or not walk.outputs:
+        raise InputError(f"{path}: not an ONNX model: it has no graph with an input and an output; export it again")
+    inputs = tuple(p for p in walk.inputs if p.name not in walk.given)
+    return OnnxFile(path, inputs, tuple(walk.outputs), walk.metadata, _beside(path, walk.places))
+
+
+def _beside(path: Path, places: list[str]) -> tuple[Path, ...]:
+    """The files of weights that a model names; InputError for one that is not in its folder."""
+    folder = path.resolve().parent
+    found = []
+    for place in dict.fromkeys(places):
+        beside = folder / place
+        # What a link points to counts, not where it lies.
+        try:
+            inside = beside.resolve().is_relative_to(folder) and not Path(place).is_absolute()
+        except (OSError, ValueError):
+            inside = False
+        if not inside:
+            raise InputError(
+                f"{path}: its weights are said to be in {place!r}, which is not in the model's folder; put them beside "
+                "the model and export it again"
+            )
+        found.append(check_input(beside, f"weights of {path.name}"))
+    total = sum(each.stat().st_size for each in found)
+    if total > MOST_WEIGHTS:
+        raise InputError(f"{path}: its weights have {total} bytes; at most {MOST_WEIGHTS} are read")
+    return tuple(found)
+
+
+class _DamageError(Exception):
+    """The bytes are no message of Protocol Buffers, or not one of ONNX."""
+
+
+@dataclass
+class _Walk:
+    """Goes through a model and gathers what it says; the numbers are those of fields in `onnx.proto3`."""
+
+    inputs: list[Port] = field(default_factory=list)
+    outputs: list[Port] = field(default_factory=list)
+    metadata: dict[str, str] = field(default_factory=dict)
+    given: set[str] = field(default_factory=set)
+    places: list[str] = field(default_factory=list)
+    fields: int = 0
+
+    def model(self, data: memoryview) -> None:
+        """ModelProto."""
+        for number, value in self._messages(data):
+            if number == 7:
+                self._graph(value, depth=0, whole=True)
+            elif number == 14:
+                key, text = self._entry(value)
+                self.metadata[key] = text
+            elif number == 20:  # TrainingInfoProto: initialization, algorithm
+                for part, graph in self._messages(value):
+                    if part in (1, 2):
+                        self._graph(graph, depth=0)
+            elif number == 25:  # FunctionProto
+                for part, node in self._messages(value):
+                    if part == 7:
+                        self._node(node, depth=0)
+
+    def _graph(self, data: memoryview, depth: int, whole: bool = False) -> None:
+        """GraphProto; the inputs and outputs of the `whole` model's are gathered."""
+        if depth > DEEPEST:
+            raise _DamageError(f"graphs in graphs, {DEEPEST} deep")
+        for number, value in self._messages(data):
+            if number == 1:
+                self._node(value, depth)
+            elif number == 5:
+                self._tensor(value)
+            elif number == 15:
+                self._sparse(value)
+            elif number == 11 and whole:
+                self.inputs.append(self._port(value))
+            elif number == 12 and whole:
+                self.outputs.append(self._port(value))
+
+    def _node(self, data: memoryview, depth: int) -> None:
+        """NodeProto: its attributes may hold tensors and graphs."""
+        for number, attribute in self._messages(data):
+            if number != 5:
+                continue
+            name, numbers, lists = "", list[int](), list[memoryview]()
+            for part, value in self._fields(attribute):
+                if isinstance(value, int):
+                    numbers += [value] if part in (3, 8) else []
+                elif part == 1:
+                    name = _text(value)
+                elif part == 8:
+                    lists.append(value)
+                elif part in (5, 10):
+                    self._tensor(value)
+                elif part in (22, 23):
+                    self._sparse(value)
+                elif part in (6, 11):
+                    self._graph(value, depth + 1)
+            if name in ABOVE_ZERO and not all(0 < n < 2**63 for n in chain(numbers, *map(_varints, lists))):
+                raise _DamageError(f"{name} of 0 or less")
+
+    def _sparse(self, data: memoryview) -> None:
+        """SparseTensorProto: values, indices."""
+        for number, value in self._messages(data):
+            if number in (1, 2):
+                self._tensor(value)
+
+    def _tensor(self, data: memoryview) -> None:
+        """TensorProto: its name, and where its values are if not here."""
+        sides: list[int] = []
+        kind, name, raw, typed, beside = 0, "", 0, 0, False
+        for number, value in self._fields(data):
+            if isinstance(value, int):
+                if number == 1:
+                    sides.append(value)
+                elif number == 2:
+                    kind = value
+                elif number == 14:
+                    beside = value == 1
+                typed += number in TYPED
+            elif number == 1:
+                sides.extend(_varints(value))
+            elif number == 8:
+                name = _text(value)
+                self.given.add(name)
+            elif number == 9:
+                raw = len(value)
+            elif number == 13:
+                key, text = self._entry(value)
+                if key == "location":
+                    self.places.append(text)
+            elif number in TYPED:
+                typed += _count(value, TYPED[number])
+        if any(side > LONGEST_SIDE for side in sides):
+            raise _DamageError(f"weights {name[:40]!r} with a dimension beyond {LONGEST_SIDE}")
+        wanted = math.prod(sides)
+        there = typed if typed else raw * 8 // BITS.get(kind, 1)
+        if kind in BITS and not beside and there != wanted:
+            raise _DamageError(f"weights {name[:40]!r} have {there} values where {wanted} were expected")
+
+    def _entry(self, data: memoryview) -> tuple[str, str]:
+        """StringStringEntryProto."""
+        found = {number: _text(value) for number, value in self._messages(data) if number in (1, 2)}
+        return found.get(1, ""), found.get(2, "")
+
+    def _port(self, data: memoryview) -> Port:
+        """ValueInfoProto of a tensor."""
+        name, kind, shape = "", 0, None
+        for number, value in self._messages(data):
+            if number == 1:
+                name = _text(value)
+            elif number == 2:  # TypeProto
+                for part, tensor in self._messages(value):
+                    if part == 1:  # TypeProto.Tensor
+                        for place, what in self._fields(tensor):
+                            if place == 1 and isinstance(what, int):
+                                kind = what
+                            elif place == 2 and isinstance(what, memoryview):
+                                shape = tuple(self._dim(dim) for part, dim in self._messages(what) if part == 1)
+        return Port(name, KINDS.get(kind, ""), shape)
+
+    def _dim(self, data: memoryview) -> int | None:
+        """TensorShapeProto.Dimension: a number, or None where it has a name or nothing."""
+        for number, value in self._fields(data):
+            if number == 1 and isinstance(value, int):
+                return value if 0 < value < 2**31 else None
+        return None
+
+    def _messages(self, data: memoryview) -> Iterator[tuple[int, memoryview]]:
+        """Fields that are bytes: messages, texts, or arrays."""
+        for number, value in self._fields(data):
+            if isinstance(value, memoryview):
+                yield number, value
+
+    def _fields(self, data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+        """Numbers and values of fields: a whole number, or bytes."""
+        place, end = 0, len(data)
+        while place < end:
+            self.fields += 1
+            if self.fields > MOST_FIELDS:
+                raise _DamageError(f"more than {MOST_FIELDS} fields")
+            key, place = _varint(data, place)
+            number, wire = key >> 3, key & 7
+            if number == 0:
+                raise _DamageError("a field has the number 0")
+            value: int | memoryview
+            if wire == 0:
+                value, place = _varint(data, place)
+            elif wire == 2:
+                length, place = _varint(data, place)
+                value, place = data[place : place + length], place + length
+            elif wire in (1, 5):
+                length = 8 if wire == 1 else 4
+                value, place = 0, place + length
+            else:
+                raise _DamageError(f"wire type {wire}")
+            if place > end:
+                raise _DamageError("it ends within a field")
+            yield number, value
+
+
+def _varint(data: memoryview, place: int) -> tuple[int, int]:
+    """A whole number of up to 64 bits, and the place after it."""
+    value = 0
+    for shift in range(0, 70, 7):
+        if place >= len(data):
+            raise _DamageError("it ends within a number")
+        byte = data[place]
+        place += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, place
+    raise _DamageError("a number has more than 64 bits")
+
+
+def _varints(data: memoryview) -> Iterator[int]:
+    """Whole numbers one behind the other."""
+    place = 0
+    while place < len(data):
+        value, place = _varint(data, place)
+        yield value
+
+
+def _count(data: memoryview, width: int) -> int:
+    """Numbers of so many bytes one behind the other; 0: of as many as each says."""
+    return len(data) // width if width else int(np.count_nonzero(np.frombuffer(data, np.uint8) < 0x80))
+
+
+def _text(data: memoryview) -> str:
+    if len(data) > LONGEST:
+        raise _DamageError(f"a text of {len(data)} bytes")
+    return bytes(data).decode("utf-8", "replace")

@@ -1,0 +1,165 @@
+"""CSV logs of directions of arrival, and the rows that a log of any format gives.
+
+Names of columns of angles end in their unit, `_deg` or `_rad`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints, Strings
+from occlog.errors import InputError, UsageError
+from occlog.io.files.texts.csv_rows import Rows, check_one_sensor
+from occlog.io.files.texts.formats import IDENTITY, RAW, Column, Format, read_format
+from occlog.records.losses import Loss
+
+
+@dataclass(frozen=True)
+class DoaOptions:
+    """What a log does not say itself.
+
+    Attributes:
+        format: a key of `occlog.io.formats.sound.directions.FORMATS`, or `auto`.
+        sensor: array of a log that does not name one.
+        unit: `deg` or `rad`, for columns whose name does not say; None: not given.
+        convention: `math`, `compass` or `array`; None: the format's own.
+        algorithm: which algorithm's estimates to take (frida).
+        start_ns: time of the origin of a log without absolute times.
+        hop: time from one hop to the next [s], of logs that count them (odas); None: not given.
+        ignore_extra: skip unknown columns instead of refusing them.
+    """
+
+    format: str = "auto"
+    sensor: str | None = None
+    unit: str | None = None
+    convention: str | None = None
+    algorithm: str | None = None
+    start_ns: int = 0
+    ignore_extra: bool = False
+    hop: Fraction | None = None
+
+
+class DoaRows(NamedTuple):
+    """Rows of a log; angles in radians, in the log's own convention."""
+
+    line: Ints
+    t_ns: Ints
+    sensor: Strings
+    source_id: Ints
+    azimuth: Floats
+    elevation: Floats
+    sigma_azimuth: Floats
+    sigma_elevation: Floats
+    confidence: Floats
+
+
+def azimuths_only(line: Ints, t_ns: Ints, sensor: Strings, azimuth: Floats) -> DoaRows:
+    """Rows of a log that gives nothing but azimuths."""
+    unknown = np.full(len(line), np.nan)
+    nobody = np.full(len(line), -1, dtype=np.int64)
+    return DoaRows(
+        line=line,
+        t_ns=t_ns,
+        sensor=sensor,
+        source_id=nobody,
+        azimuth=azimuth,
+        elevation=unknown,
+        sigma_azimuth=unknown,
+        sigma_elevation=unknown,
+        confidence=unknown,
+    )
+
+
+ANGLES = {
+    "azimuth": ("azimuth", "bearing", "doa", "az"),
+    "elevation": ("elevation", "el"),
+    "sigma_azimuth": ("sigma_azimuth", "sigma", "sigma_az"),
+    "sigma_elevation": ("sigma_elevation", "sigma_el"),
+}
+WHAT = "a log of directions of arrival"
+FORMAT = Format(
+    WHAT,
+    {
+        "sensor": Column(("sensor", "array", "tower", "station", "node"), RAW, default=""),
+        "id": Column(("id", "source_id", "source"), IDENTITY, least=-1, default=-1),
+        "confidence": Column(("confidence", "conf", "score", "activity"), least=0.0, most=1.0, default=np.nan),
+        **{
+            name + unit: Column(tuple(alias + unit for alias in aliases), RAW, default="")
+            for name, aliases in ANGLES.items()
+            for unit in ("", "_deg", "_rad")
+        },
+    },
+    times=True,
+)
+AZIMUTHS = {name for key, names in FORMAT.names.items() if key.startswith("azimuth") for name in names}
+"""Names of columns that a log is known by."""
+
+
+def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
+    """Rows of the log."""
+    label = ""
+    for part in read_format(path, FORMAT, ignore_extra=options.ignore_extra):
+        rows = part.rows
+        elevation = _angle(rows, "elevation", options)
+        _check_limits(rows, "elevation", np.abs(elevation) > np.pi / 2, "must lie within 90 degrees")
+        azimuth = _angle(rows, "azimuth", options)
+        if np.isnan(azimuth).any():
+            raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it")
+        label = label or (str(rows.cells["sensor"][0]) if rows.has("sensor") else "")
+        yield DoaRows(
+            line=rows.lines,
+            t_ns=part.times() + options.start_ns,
+            sensor=_sensors(rows, options, label),
+            source_id=part["id"],
+            azimuth=azimuth,
+            elevation=elevation,
+            sigma_azimuth=_sigma(rows, "sigma_azimuth", options),
+            sigma_elevation=_sigma(rows, "sigma_elevation", options),
+            confidence=part["confidence"],
+        )
+
+
+def _sensors(rows: Rows, options: DoaOptions, label: str) -> Strings:
+    """(n,) names of the arrays of the rows; `label` is what the first row of the log calls its own."""
+    if options.sensor is not None:
+        if rows.has("sensor"):
+            check_one_sensor(rows, "sensor", options.sensor, label)
+        return np.full(len(rows), options.sensor)
+    if not rows.has("sensor"):
+        raise InputError(f"{rows.path}: has no column sensor; add it, or name the array: ARRAY={rows.path.name}")
+    return rows.cells["sensor"]
+
+
+def _angle(rows: Rows, name: str, options: DoaOptions) -> Floats:
+    """(n,) angles [rad] of a column whose name, or the option `unit`, states the unit; NaN where there is none."""
+    found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
+    if not found:
+        return np.full(len(rows), np.nan)
+    if len(found) > 1:
+        raise InputError(f"{rows.path}: two columns say {name}; keep one")
+    unit = found[0].removeprefix("_") or options.unit
+    if unit is None:
+        raise UsageError(f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or state the unit")
+    values = rows.floats(name + found[0], blank=name != "azimuth")
+    if unit == "rad":
+        _check_limits(rows, name + found[0], np.abs(values) > 4 * np.pi, "is too large for radians; are these degrees?")
+    return np.radians(values) if unit == "deg" else values
+
+
+def _sigma(rows: Rows, name: str, options: DoaOptions) -> Floats:
+    values = _angle(rows, name, options)
+    _check_limits(rows, name, values <= 0, "must be above 0")
+    return values
+
+
+def _check_limits(rows: Rows, name: str, bad: np.ndarray, what: str) -> None:
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        column = next(n for n in (name, f"{name}_deg", f"{name}_rad") if rows.has(n))
+        raise rows.fail(row, f"{column} is {rows.cells[column][row]}; it {what}; correct this line")

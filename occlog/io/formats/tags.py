@@ -1,0 +1,173 @@
+"""Readers of radio tags: tables of their places, and logs of their reads.
+
+Places of readers: a text table with the columns reader, x, y, and perhaps z, range and power.
+
+Logs of reads: a text table with the columns time, reader, tag and perhaps rssi.
+
+Reads may stand in any order.  A tag that is called by a whole number is of the target of that number, if all tags of
+the log are; other tags are numbered from 0 in the natural order of their names.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from occlog.array_types import Ints, Strings
+from occlog.errors import InputError
+from occlog.io.files.names import natural_sorted, safe_name
+from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.texts.formats import LENGTH, TEXT, Column, Format, read_format
+from occlog.io.files.times import to_world_time
+from occlog.records.scene import Reader
+from occlog.records.tables import Reads
+
+if TYPE_CHECKING:
+    from occlog.records.scene import Clock
+
+
+READER_POSITIONS = Format(
+    "a table of readers",
+    {
+        "reader": Column(("reader", "name", "sensor", "anchor", "gateway"), TEXT),
+        "x": Column(("x", "x_m"), LENGTH),
+        "y": Column(("y", "y_m"), LENGTH),
+        "z": Column(("z", "z_m"), default=0.0),
+        "range": Column(("range", "range_m", "radius"), above=0.0, default=math.inf),
+        "power": Column(("power", "power_dbm", "rssi_1m"), default=math.nan),
+    },
+)
+
+
+def read_readers(path: Path) -> tuple[Reader, ...]:
+    """Read the readers of a scene, in the order of the table.
+
+    An empty cell of range or power stands for a reader of which it is not known.
+
+    Raises:
+        InputError: a column is missing, a name stands twice, a range is not above 0.
+    """
+    found: dict[str, Reader] = {}
+    for part in read_format(path, READER_POSITIONS):
+        place = np.column_stack([part[axis] for axis in "xyz"])
+        for row, cell in enumerate(part["reader"].tolist()):
+            name = safe_name(cell)
+            if name in found:
+                raise part.rows.fail(row, f"reader {name} is there twice; give every reader its own name")
+            power = float(part["power"][row])
+            reach, known = float(part["range"][row]), None if math.isnan(power) else power
+            found[name] = Reader(name, place[row], range=reach, power=known)
+    return tuple(found.values())
+
+
+TAG_READS = Format(
+    "a log of reads",
+    {
+        "reader": Column(("reader", "sensor", "anchor", "gateway"), TEXT),
+        "tag": Column(("tag", "beacon", "id", "epc", "target_id"), TEXT),
+        "rssi": Column(("rssi", "rssi_dbm", "signal"), least=-200.0, most=50.0, unit="dBm", default=np.nan),
+    },
+    times=True,
+)
+_NUMBER = re.compile(r"^[0-9]{1,9}$")
+
+
+@dataclass(frozen=True)
+class ReadLog:
+    """The reads of a log, and what had to be put right.
+
+    Attributes:
+        reads: in the order of time.
+        tags: target of each tag.
+        late: rows that stood after a later one.
+        double: rows that stood there twice, with equal values, and were left out.
+    """
+
+    reads: Reads
+    tags: Mapping[str, int]
+    late: int
+    double: int
+
+
+def read_reads(
+    path: Path,
+    readers: Sequence[str],
+    *,
+    start_ns: int = 0,
+    clocks: Mapping[str, Clock] | None = None,
+    ignore_extra: bool = False,
+) -> ReadLog:
+    """Read a log of reads.
+
+    Args:
+        path: the file.
+        readers: names of the scene's readers; the log calls them by these names.
+        start_ns: time of the origin of a log without absolute times.
+        clocks: clocks of the readers that do not run by world time.
+        ignore_extra: skip unknown columns instead of refusing them.
+
+    Raises:
+        InputError: a column is missing, a reader is not in the scene, a tag has no name, or a strength is out of range.
+    """
+    times, names, tags, strengths = [], [], [], []
+    for part in read_format(path, TAG_READS, ignore_extra=ignore_extra):
+        _check_readers(part.rows, readers)
+        times.append(part.times() + start_ns)
+        names.append(part["reader"])
+        tags.append(part["tag"])
+        strengths.append(part["rssi"])
+    if not times:
+        raise InputError(f"{path}: holds no reads; {TAG_READS.what} was expected")
+    sensor, tag, rssi = np.concatenate(names), np.concatenate(tags), np.concatenate(strengths)
+    t_ns = _world_times(np.concatenate(times), sensor, clocks or {})
+    late = int(np.count_nonzero(np.diff(t_ns) < 0))
+    target = _targets(tag)
+    number = np.array([target[name] for name in tag.tolist()], dtype=np.int32)
+    kept, double = _without_doubles(t_ns, sensor, tag, rssi)
+    reads = Reads.of(t_ns=t_ns[kept], sensor=sensor[kept], tag=tag[kept], target_id=number[kept], rssi=rssi[kept])
+    return ReadLog(reads, target, late, double)
+
+
+def _check_readers(rows: Rows, readers: Sequence[str]) -> None:
+    """InputError names the line of a reader that the scene does not have."""
+    unknown = np.flatnonzero(~np.isin(rows.cells["reader"], list(readers)))
+    if not len(unknown):
+        return
+    name = str(rows.cells["reader"][unknown[0]])
+    near = get_close_matches(name, readers, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"readers: {', '.join(readers) or 'none'}"
+    raise rows.fail(int(unknown[0]), f"reader {name!r} has no place; {hint}")
+
+
+def _world_times(t_ns: Ints, sensor: Strings, clocks: Mapping[str, Clock]) -> Ints:
+    """(n,) world times of the reads."""
+    out = t_ns.copy()
+    for name, clock in clocks.items():
+        mine = np.flatnonzero(sensor == name)
+        if len(mine):
+            out[mine] = to_world_time(t_ns[mine], clock, int(t_ns[mine].min()))
+    return out
+
+
+def _targets(tag: Strings) -> dict[str, int]:
+    """The target of each tag, by the tag's name."""
+    names = natural_sorted(np.unique(tag).tolist())
+    if all(_NUMBER.match(name) for name in names) and len({int(name) for name in names}) == len(names):
+        return {name: int(name) for name in names}
+    return {name: n for n, name in enumerate(names)}
+
+
+def _without_doubles(t_ns: Ints, sensor: Strings, tag: Strings, rssi: np.ndarray) -> tuple[Ints, int]:
+    """Rows in the order of the table's key without those that repeat another one, and how many did."""
+    order = np.lexsort((rssi, tag, sensor, t_ns))
+    a, b = order[:-1], order[1:]
+    alike = (rssi[a] == rssi[b]) | (np.isnan(rssi[a]) & np.isnan(rssi[b]))
+    same = (t_ns[a] == t_ns[b]) & (sensor[a] == sensor[b]) & (tag[a] == tag[b]) & alike
+    return order[np.concatenate([[True], ~same])], int(same.sum())

@@ -1,0 +1,359 @@
+"""Trajectories in formats that are no tables with a header: TUM, TRC, GeoJSON.
+
+Longitude and latitude (WGS 84) of places on the plane that touches the earth at an origin, and back.
+
+GeoJSON as `occlog export` writes it: a line or a point for each target, with the times of its corners.
+
+The member `origin` of the collection says which place on earth the scene's origin is; without it longitude and latitude
+tell no place in the scene.
+
+Which format of trajectories a text is of, and its rows under names that tables know.
+
+TRC, OpenSim's table of markers: a line for each time, three columns for each marker.
+
+Markers must be targets, `target_N`, as `occlog export` calls them: those of others are points of a body, whose axes
+the file does not tell.  Times count from the first one of the recording; empty cells are markers that are not there.
+
+TUM text: lines `t x y z qx qy qz qw` of one target, in seconds; attitudes are not used.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, read_plain, text_lines
+from occlog.io.files.texts.documents import parse_json
+from occlog.io.files.texts.formats import FileFormat, Probe, recognise
+from occlog.records.names import first_double
+
+A, F = 6_378_137.0, 1 / 298.257223563
+"""Half axis [m] and flattening of the ellipsoid of WGS 84."""
+E2 = F * (2.0 - F)
+FARTHEST = 85.0
+"""Latitude [deg] beyond which an origin is refused."""
+
+
+class Origin(NamedTuple):
+    """Where on earth the origin of a scene is, and how it is turned."""
+
+    latitude: float  # [deg]
+    longitude: float  # [deg]
+    turned: float = 0.0  # angle of +x from the east towards the north [deg]
+
+
+def degrees_of(xy: Floats, origin: Origin) -> Floats:
+    """(N, 2) longitude and latitude [deg] of places (N, 2) [m] on the plane that touches the ellipsoid at an origin."""
+    turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
+    east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
+    north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]
+    # Earth-centred coordinates: across the axis in the meridian of the origin, to its east, along the axis
+    radius = _radius(latitude)
+    across = radius * math.cos(latitude) - north * math.sin(latitude)
+    along = radius * (1.0 - E2) * math.sin(latitude) + north * math.cos(latitude)
+    # Back to the ellipsoid: Bowring's formula, exact to rounding near the surface
+    distance, b = np.hypot(across, east), A * (1.0 - F)
+    beta = np.arctan2(along * A, distance * b)
+    found = np.arctan2(along + E2 / (1.0 - E2) * b * np.sin(beta) ** 3, distance - E2 * A * np.cos(beta) ** 3)
+    return np.column_stack([np.degrees(longitude + np.arctan2(east, across)), np.degrees(found)])
+
+
+def places_of_degrees(degrees: Floats, origin: Origin) -> Floats:
+    """(N, 2) places [m] on the plane that touches the ellipsoid at an origin; the inverse of `degrees_of`.
+
+    A place is where the plumb line of its longitude and latitude meets the plane.
+
+    Args:
+        degrees: (N, 2) longitude and latitude [deg].
+        origin: where the plane touches.
+    """
+    turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
+    phi, away = np.radians(degrees[:, 1]), np.radians(degrees[:, 0]) - longitude
+    radius = A / np.sqrt(1.0 - E2 * np.sin(phi) ** 2)
+    # On the ellipsoid and along its normal, in the meridian of the origin
+    normal = np.column_stack([np.cos(phi) * np.cos(away), np.cos(phi) * np.sin(away), np.sin(phi)])
+    at = normal * np.column_stack([radius, radius, radius * (1.0 - E2)])
+    up = np.array([math.cos(latitude), 0.0, math.sin(latitude)])
+    own = _radius(latitude)
+    touch = np.array([own * math.cos(latitude), 0.0, own * (1.0 - E2) * math.sin(latitude)])
+    height = -((at - touch) @ up) / (normal @ up)
+    met = at - touch + height[:, None] * normal
+    east, north = met[:, 1], met @ np.array([-math.sin(latitude), 0.0, math.cos(latitude)])
+    return np.column_stack(
+        [
+            math.cos(turned) * east + math.sin(turned) * north,
+            -math.sin(turned) * east + math.cos(turned) * north,
+        ]
+    )
+
+
+def _radius(latitude: float) -> float:
+    """Radius of curvature across the meridian [m] at a latitude [rad]."""
+    return A / math.sqrt(1.0 - E2 * math.sin(latitude) ** 2)
+
+
+GEOJSON_COLUMNS = ("t_ns", "target_id", "x_m", "y_m")
+COLLECTION = "FeatureCollection"
+ORIGIN = "origin"
+KEYS = ("latitude", "longitude", "turned_deg")
+"""Members of the origin: [deg], and the angle of +x from the east towards the north [deg]."""
+
+
+def read_geojson(path: Path) -> Iterator[Rows]:
+    """Rows of all targets; InputError, with the number of the feature, for what is not such a collection."""
+    value = parse_json(path.read_bytes(), path, "GeoJSON")
+    features = value.get("features") if isinstance(value, dict) else None
+    if not isinstance(features, list) or value.get("type") != COLLECTION:
+        raise InputError(f"{path}: is no {COLLECTION}; GeoJSON with a list of features was expected")
+    origin = _origin(path, value.get(ORIGIN))
+    for number, feature in enumerate(features, start=1):
+        identity, t_ns, corners = _feature(path, number, feature)
+        xy = places_of_degrees(corners, origin)
+        cells = {
+            "t_ns": np.array([str(t) for t in t_ns]),
+            "target_id": np.full(len(t_ns), str(identity)),
+            "x_m": np.array([repr(x) for x in xy[:, 0].tolist()]),
+            "y_m": np.array([repr(y) for y in xy[:, 1].tolist()]),
+        }
+        yield Rows(path, np.full(len(t_ns), number), cells, "feature")
+
+
+def _origin(path: Path, told: object) -> Origin:
+    members: Mapping[str, Any] = told if isinstance(told, dict) else {}
+    values: list[Any] = [members.get(key, 0.0 if key == KEYS[2] else None) for key in KEYS]
+    if not all(_is_number(v) for v in values):
+        raise InputError(
+            f'{path}: does not say where the scene lies; add the member "{ORIGIN}": '
+            f'{{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} beside "features"'
+        )
+    found = Origin(*(float(v) for v in values))
+    if abs(found.latitude) > FARTHEST or abs(found.longitude) > 180:
+        raise InputError(f"{path}: {ORIGIN}: latitude must be within {FARTHEST:g} degrees and longitude within 180")
+    return found
+
+
+def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], Floats]:
+    """Identity, times and (n, 2) longitude and latitude of one feature."""
+    place = f"{path}: feature {number}"
+    properties = _member(feature, "properties")
+    shape = _member(feature, "geometry")
+    kind, told = shape.get("type"), shape.get("coordinates")
+    if kind not in ("LineString", "Point"):
+        raise InputError(f"{place}: its geometry is {kind!r}; LineString or Point was expected")
+    corners = [told] if kind == "Point" else told
+    good = isinstance(corners, list) and all(
+        isinstance(corner, list) and len(corner) in (2, 3) and all(_is_number(v) for v in corner) for corner in corners
+    )
+    if not good or not isinstance(corners, list) or not corners:
+        raise InputError(f"{place}: its coordinates are no list of longitudes and latitudes")
+    degrees = np.array([corner[:2] for corner in corners], dtype=np.float64)
+    if (np.abs(degrees) > (180.0 + 1e-6, 90.0)).any():
+        raise InputError(f"{place}: a longitude is beyond 180 degrees, or a latitude beyond 90")
+    identity: Any = properties.get("target_id")
+    t_ns: Any = properties.get("t_ns")
+    if not _is_whole(identity):
+        raise InputError(f"{place}: has no whole number target_id among its properties")
+    if not isinstance(t_ns, list) or len(t_ns) != len(corners) or not all(_is_whole(t) for t in t_ns):
+        raise InputError(f"{place}: wants t_ns, a list of whole numbers, one for each of its {len(corners)} corners")
+    return identity, t_ns, degrees
+
+
+def _member(feature: object, name: str) -> Mapping[str, Any]:
+    found = feature.get(name) if isinstance(feature, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def _is_number(value: object) -> bool:
+    # An integer of hundreds of digits is no float
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+MAGIC = "PathFileType"
+UNITS = ("m", "mm")
+HEADER = 5
+"""Lines before the first time; an empty one may follow."""
+ROWS_PER_CHUNK = 16_384
+_MARKER = re.compile(r"^target_(\d{1,10})$")
+
+
+def names_of(path: Path) -> tuple[str, ...]:
+    """Names of the columns that `read_trc` gives; InputError where the unit of lengths is not one of `UNITS`."""
+    unit = _unit(path, _header(path))
+    return ("time", "target_id", *(f"{axis}_{unit}" for axis in "xyz"))
+
+
+def read_trc(path: Path) -> Iterator[Rows]:
+    """Rows of all targets by time; InputError, with the line, for what is not such a table."""
+    header = _header(path)
+    names = names_of(path)
+    targets = _targets(path, header)
+    records: list[tuple[int, tuple[str, ...]]] = []
+    for line, text in islice(enumerate(_lines(path), start=1), HEADER, None):
+        if text.strip():
+            records += [(line, cells) for cells in _targets_of(path, line, text, targets)]
+        if len(records) >= ROWS_PER_CHUNK:
+            yield _rows(path, records, names)
+            records = []
+    if records:
+        yield _rows(path, records, names)
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """Lines of a text, without their ends."""
+    with path.open(encoding="utf-8-sig") as file:
+        try:
+            for _, line in text_lines(path, file):
+                yield line.rstrip("\r\n")
+        except UnicodeDecodeError as error:
+            bad = error.object[error.start]
+            raise InputError(f"{path}: byte {bad:#04x}: not UTF-8 text; TRC was expected") from None
+
+
+def _header(path: Path) -> list[str]:
+    lines = list(islice(_lines(path), HEADER))
+    if len(lines) < HEADER:
+        raise InputError(f"{path}: {len(lines)} lines; TRC has a header of {HEADER}; make it again")
+    return lines
+
+
+def _unit(path: Path, header: list[str]) -> str:
+    told = dict(zip(header[1].split("\t"), header[2].split("\t"), strict=False))
+    unit = told.get("Units", "").strip()
+    if unit not in UNITS:
+        raise InputError(f"{path}: line 3: Units are {unit!r}; {' or '.join(UNITS)} was expected")
+    return unit
+
+
+def _targets(path: Path, header: list[str]) -> list[str]:
+    """Identities of the markers, in order, as text."""
+    markers = [cell.strip() for cell in header[3].split("\t")[2:] if cell.strip()]
+    if not markers:
+        raise InputError(f"{path}: line 4: names no marker; target_0, target_1, ... were expected")
+    found = [_MARKER.match(marker) for marker in markers]
+    for marker, match in zip(markers, found, strict=True):
+        if match is None:
+            raise InputError(
+                f"{path}: line 4: marker {marker!r} is not a target; markers must be called target_0, target_1, ..., "
+                "and have their place on the ground (x, y) with z up"
+            )
+    numbers = [match[1] for match in found if match is not None]
+    twice = first_double(numbers)
+    if twice is not None:
+        raise InputError(f"{path}: line 4: marker target_{twice} is there twice; name each once")
+    return numbers
+
+
+def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterator[tuple[str, ...]]:
+    """Time, identity and place of each target that a line has."""
+    cells = [cell.strip() for cell in text.split("\t")]
+    wanted = 2 + 3 * len(targets)
+    if max(map(len, cells)) > MAX_CELL:
+        raise InputError(f"{path}: line {line}: a cell of more than {MAX_CELL} characters; correct this line")
+    if len(cells) > wanted and any(cells[wanted:]):
+        raise InputError(f"{path}: line {line}: {len(cells)} cells; {len(targets)} markers have {wanted}")
+    cells += [""] * (wanted - len(cells))
+    for n, target in enumerate(targets):
+        place = cells[2 + 3 * n : 5 + 3 * n]
+        if all(place):
+            yield cells[1], target, *place
+        elif any(place):
+            raise InputError(
+                f"{path}: line {line}: target_{target} has a place with an empty cell; give all three or none"
+            )
+
+
+def _rows(path: Path, records: list[tuple[int, tuple[str, ...]]], names: tuple[str, ...]) -> Rows:
+    lines = np.array([line for line, _ in records], dtype=np.int64)
+    columns = zip(*(cells for _, cells in records), strict=True)
+    return Rows(path, lines, {name: np.array(column) for name, column in zip(names, columns, strict=True)})
+
+
+SUFFIX = ".tum"
+TUM_COLUMNS = ("time", "x", "y", "z")
+COLUMNS = 8
+WHAT = "a trajectory in TUM text"
+UNIT = 1e-3
+"""How far the length of the quaternion of a first line may be from 1, so that the text is known as TUM's."""
+
+
+def looks_like_tum(head: Sequence[str]) -> bool:
+    """Whether a first line has eight numbers, of which the last four are a rotation."""
+    if len(head) != COLUMNS:
+        return False
+    try:
+        values = [float(cell) for cell in head]
+    except ValueError:
+        return False
+    return abs(math.hypot(*values[4:]) - 1.0) <= UNIT
+
+
+def read_tum(path: Path) -> Iterator[Rows]:
+    """Rows with the columns `NAMES`; InputError for a text of another number of columns."""
+    for rows in read_plain(path, WHAT):
+        if len(rows.cells) != COLUMNS:
+            raise InputError(f"{path}: {len(rows.cells)} columns; TUM text has {COLUMNS}: t x y z qx qy qz qw")
+        yield replace(rows, cells=dict(zip(TUM_COLUMNS, rows.cells.values(), strict=False)))
+
+
+class Trajectories(NamedTuple):
+    """A file of trajectories.
+
+    Attributes:
+        kind: the format, in words.
+        names: of the columns of its rows.
+        read: gives the rows.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    read: Callable[[Path], Iterator[Rows]]
+
+
+def _is_geojson(probe: Probe) -> bool:
+    return probe.start.startswith(b"{") and f'"{COLLECTION}"'.encode() in probe.start
+
+
+def _is_tum(probe: Probe) -> bool:
+    try:
+        return not probe.start.startswith(b"{") and looks_like_tum(probe.cells)
+    except InputError:
+        return False
+
+
+FORMATS: dict[str, FileFormat[Callable[[Path], Trajectories]]] = {
+    "trc": FileFormat(
+        lambda path: Trajectories("TRC", names_of(path), read_trc),
+        "TRC of motion capture",
+        lambda probe: probe.start.startswith(MAGIC.encode()),
+    ),
+    "geojson": FileFormat(
+        lambda _: Trajectories("GeoJSON", GEOJSON_COLUMNS, read_geojson),
+        "GeoJSON with times",
+        _is_geojson,
+    ),
+    "tum": FileFormat(lambda _: Trajectories("TUM text", TUM_COLUMNS, read_tum), "text of TUM", _is_tum),
+}
+"""Every format of trajectories."""
+
+
+def find_trajectories(path: Path) -> Trajectories | None:
+    """The format of a file, known by its content; None for a file of another kind.
+
+    InputError for one of a known format with a header that cannot be read.
+    """
+    name = recognise(FORMATS, Probe(path, WHAT))
+    return None if name is None else FORMATS[name].read(path)

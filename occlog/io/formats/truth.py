@@ -1,0 +1,526 @@
+"""Ground truth in the formats of data sets.
+
+Triangulated corners of a calibration board (caliscope's xyz_*.csv) as the truth of one point.
+
+Ground truth: positions on the ground, and boxes in the views.
+
+Formats (`FORMATS`), found out from the content:
+
+    csv        a header line with x, y and perhaps z, id, role, and a column of times or
+               frame; or with left, top, ... as for detector boxes
+    mot        MOTChallenge text: boxes, and positions where the last three columns are not -1
+    kitti      KITTI's text of tracks: boxes of one view
+    xml        frames with objects and their boxes (xc, yc, w, h), as for the PETS data sets
+    wildtrack  a folder with one JSON file a frame: places of people, and their boxes in each view
+    vatic      text of the annotation tool VATIC, as of CAMPUS: boxes of one view
+    caliscope  triangulated board corners (xyz_*.csv): the mean of the corners seen throughout
+    locata     positions of one source of the LOCATA challenge (position_source_*.txt)
+
+Boxes in XML: <frame number> <object id> <box xc yc w h>, as for the PETS and CAVIAR data sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints, Strings
+from occlog.errors import InputError, UsageError
+from occlog.io.files.limits import check_input, guarded, naming
+from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain
+from occlog.io.files.texts.documents import number, required
+from occlog.io.files.texts.formats import (
+    IDENTITY,
+    LENGTH,
+    RAW,
+    TEXT,
+    WHOLE,
+    Column,
+    FileFormat,
+    Format,
+    Part,
+    Probe,
+    by_cells,
+    read_format,
+    recognise,
+)
+from occlog.io.files.times import FrameTimes, time_column
+from occlog.records.tables import Truth, TruthBoxes
+
+from .boxes.columns import COLUMNS as BOX_COLUMNS
+from .boxes.datasets import frame_files, grid_places, is_annotations, is_kitti, is_vatic, read_people
+from .boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from .boxes.rows import FRAMES_PER_CHUNK, BoxRows, fill_frames
+from .sound.formats import looks_like_locata, read_source
+from .trajectories import find_trajectories
+
+CORNERS = Format(
+    "board corners",
+    {
+        "sync": Column(("sync_index",), WHOLE),
+        "object": Column(("object_id",), WHOLE, default=0, blank=False),
+        "corner": Column(("keypoint_id", "point_id"), WHOLE),
+        "x": Column(("x_coord", "x")),
+        "y": Column(("y_coord", "y")),
+        "z": Column(("z_coord", "z")),
+        "time": Column(("frame_time",), RAW, default=""),
+    },
+)
+SYNC_TIMES = Format("time stamps with a column sync_index", {"sync": Column(("sync_index",), WHOLE)}, True, others=True)
+MIN_CORNERS = 3
+
+
+def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
+    """The middle of the board over time, as target 0.
+
+    Corners come and go, and the mean of whichever are seen would jump.  So it is taken of
+    the corners that are there at every time, or, if these are fewer than three, of all
+    corners at the times when all are there.
+
+    Args:
+        path: the file.
+        sync_ns: time [ns] of every synchronisation index, from `read_sync_times`.
+    """
+    if sync_ns is None:
+        raise UsageError(f"{path}: counts synchronisation indices; give their times (timestamps.csv)")
+    sync, corner, xyz = _read(path)
+    names, column = np.unique(corner, return_inverse=True)
+    times, row = np.unique(sync, return_inverse=True)
+    grid = np.full((len(times), len(names), 3), np.nan)
+    if len(np.unique(row * len(names) + column)) < len(row):
+        first = np.unique(row * len(names) + column, return_index=True)[1]
+        double = int(np.setdiff1d(np.arange(len(row)), first)[0])
+        raise InputError(
+            f"{path}: a corner is there twice at sync_index {sync[double]}; leave out the copies, or split the file"
+        )
+    grid[row, column] = xyz
+    there = np.isfinite(grid[:, :, 0])
+    always = there.all(axis=0)
+    if int(always.sum()) >= MIN_CORNERS:
+        middle, kept = grid[:, always].mean(axis=1), times
+    else:
+        whole = there.all(axis=1)
+        middle, kept = grid[whole].mean(axis=1), times[whole]
+    if not len(kept):
+        raise InputError(f"{path}: at no time are all corners of the board there, and fewer than 3 are there always")
+    missing = [int(s) for s in kept if int(s) not in sync_ns]
+    if missing:
+        raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps")
+    t_ns = np.array([sync_ns[int(s)] for s in kept], dtype=np.int64)
+    n = len(kept)
+    with naming(path):
+        return Truth.of(
+            t_ns=t_ns,
+            target_id=np.zeros(n, dtype=np.int32),
+            role=np.full(n, "target"),
+            x=middle[:, 0],
+            y=middle[:, 1],
+            z=middle[:, 2],
+        )
+
+
+def _read(path: Path) -> tuple[Ints, Ints, Floats]:
+    sync, corner, xyz = [], [], []
+    for part in read_format(path, CORNERS):
+        sync.append(part["sync"])
+        corner.append(part["corner"] + 1_000_000 * part["object"])  # of several boards
+        xyz.append(np.column_stack([part[axis] for axis in "xyz"]))
+    if not sync:
+        raise InputError(f"{path}: holds a header and no row; {CORNERS.what} were expected")
+    return np.concatenate(sync), np.concatenate(corner), np.concatenate(xyz)
+
+
+def read_sync_times(path: Path) -> dict[int, int]:
+    """Time [ns] of each synchronisation index in a caliscope timestamps.csv: the mean over its cameras."""
+    found: dict[int, list[int]] = {}
+    for part in read_format(path, SYNC_TIMES):
+        for sync, t in zip(part["sync"].tolist(), part.times().tolist(), strict=True):
+            found.setdefault(sync, []).append(t)
+    return {sync: _mean(times) for sync, times in found.items()}
+
+
+def _mean(times: list[int]) -> int:
+    """Mean of times [ns], which are too large to be added up as floats."""
+    first = min(times)
+    return first + round(sum(t - first for t in times) / len(times))
+
+
+Row = tuple[int, int, float, float, float, float]
+
+
+def read_xml_boxes(
+    path: Path, camera: str, times: Mapping[str, FrameTimes], options: BoxOptions
+) -> Iterator[TruthBoxes]:
+    """Tables of true boxes; a frame that is listed without an object gets a row with `box` = -1.
+
+    Frames that are not listed have not been annotated: they get no row.
+    """
+    first, stop = options.frames or (0, 2**62)
+    rows: list[Row] = []
+    run: list[int] = []
+    for frame, objects in _frames(path, options.first_number):
+        if not first <= frame < stop:
+            continue
+        if run and (frame != run[-1] + 1 or len(run) >= FRAMES_PER_CHUNK):
+            yield from _tables(path, rows, run, camera, times)
+            rows, run = [], []
+        run.append(frame)
+        rows += objects
+    if run:
+        yield from _tables(path, rows, run, camera, times)
+
+
+def _tables(
+    path: Path, rows: list[Row], run: list[int], camera: str, times: Mapping[str, FrameTimes]
+) -> Iterator[TruthBoxes]:
+    values = np.array(rows, dtype=np.float64).reshape(-1, 6)
+    frame, identity = values[:, 0].astype(np.int64), values[:, 1].astype(np.int64)
+    xc, yc, w, h = values[:, 2:].T
+    nobody, unknown = np.zeros(len(rows), dtype=np.int64), np.full(len(rows), np.nan)
+    boxes = BoxRows(
+        frame=frame,
+        camera=nobody,
+        target_id=identity,
+        left=xc - w / 2,
+        top=yc - h / 2,
+        width=w,
+        height=h,
+        confidence=unknown,
+    )
+    try:
+        yield from fill_frames(iter([boxes] if len(rows) else []), TruthBoxes, [camera], run[0], run[-1] + 1, times)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
+    """Frame number (from 0) and rows of every frame, in rising order."""
+    last = -1
+    found = False
+    for element in _elements(path):
+        if element.tag != "frame":
+            continue
+        frame = _whole(element, "number", str(path)) - first_number
+        if frame < 0:
+            raise InputError(f"{path}: frame {frame + first_number} is before the first number, {first_number}")
+        if frame <= last:
+            raise InputError(f"{path}: frame {frame + first_number} does not come after the one before it; sort them")
+        yield frame, _objects(element, frame, f"{path}: frame {frame + first_number}")
+        last, found = frame, True
+        element.clear()
+    if not found:
+        raise InputError(f"{path}: has no <frame>; frames with objects and boxes were expected")
+
+
+def _elements(path: Path) -> Iterator[Element]:
+    """Every element when it ends; InputError where the text is not XML."""
+    with check_input(path, "ground truth (XML)").open("rb") as file:
+        ends = iter(ElementTree.iterparse(file))
+        while True:
+            with guarded(path, "ground truth (XML)"):
+                try:
+                    end = next(ends, None)
+                except ElementTree.ParseError as error:
+                    raise InputError(
+                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+                    ) from None
+            if end is None:
+                return
+            yield end[1]
+
+
+def _objects(frame: Element, number_of_frame: int, where: str) -> list[Row]:
+    rows: list[Row] = []
+    for thing in frame.iter("object"):
+        identity = _whole(thing, "id", where)
+        place = f"{where}: object {identity}"
+        box = required(thing, "box", place)
+        xc, yc, w, h = (number(box, name, place) for name in ("xc", "yc", "w", "h"))
+        if not (w > 0 and h > 0):
+            raise InputError(f"{place}: box of {w:g} x {h:g} px; both must be above 0")
+        rows.append((number_of_frame, identity, xc, yc, w, h))
+    return rows
+
+
+def _whole(element: Element, name: str, where: str) -> int:
+    value = number(element, name, where)
+    if value != int(value) or abs(value) >= 2**31:
+        raise InputError(f"{where}: {name} of <{element.tag}> is {element.get(name)!r}; a whole number was expected")
+    return int(value)
+
+
+WHAT = "ground truth"
+POSITIONS = Format(
+    WHAT,
+    {
+        "frame": Column(("frame", "frame_id", "frame_number", "frame_index"), WHOLE, default=-1, blank=False),
+        "id": Column(("id", "target_id", "track_id", "object_id", "person_id"), IDENTITY, default=0),
+        "x": Column(("x", "x_m", "pos_x"), LENGTH),
+        "y": Column(("y", "y_m", "pos_y"), LENGTH),
+        "z": Column(("z", "z_m", "pos_z"), LENGTH, default=np.nan),
+        "role": Column(("role",), TEXT, choices=("target", "occluder"), default="target"),
+    },
+    times=True,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class TruthOptions:
+    """How truth files are to be understood.
+
+    Attributes:
+        format: a key of `FORMATS`, or `auto`.
+        camera: camera whose boxes a file holds, where it does not say; None: not given.
+        cameras: names of the cameras in use.
+        times: times of the frames of each camera.
+        sync_ns: time of every synchronisation index (caliscope).
+        boxes: how boxes are to be read.
+    """
+
+    format: str = "auto"
+    camera: str | None = None
+    cameras: Sequence[str] = ()
+    times: Mapping[str, FrameTimes] = field(default_factory=dict)
+    sync_ns: Mapping[int, int] | None = None
+    boxes: BoxOptions = BoxOptions()
+
+    def frame_times(self, where: str) -> FrameTimes:
+        """Times of frames that are not of one camera; UsageError where the cameras do not agree."""
+        if self.camera is not None and self.camera in self.times:
+            return self.times[self.camera]
+        if not self.times:
+            raise UsageError(f"{where}: counts frames, and nothing says when they were taken; give the frame rate")
+        first, *others = self.times.values()
+        if not all(times.same_as(first) for times in others):
+            raise UsageError(f"{where}: counts frames, but the cameras' frames differ in time; give CAMERA={where}")
+        return first
+
+
+class Positions(NamedTuple):
+    """Rows of true positions, and the line where each stands."""
+
+    t_ns: Ints
+    target_id: Ints
+    role: Strings
+    x: Floats
+    y: Floats
+    z: Floats
+    line: Ints
+
+
+def _csv_positions(part: Part, options: TruthOptions) -> Positions:
+    """Positions of a table with a header."""
+    t_ns = _row_times(part, options)
+    return Positions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
+
+
+def _row_times(part: Part, options: TruthOptions) -> Ints:
+    if time_column(part.rows) is not None:
+        return part.times()
+    path = part.rows.path
+    if not part.rows.has("frame"):
+        raise InputError(f"{path}: has neither a column of times (time, t_ns) nor frame; add one")
+    try:
+        return options.frame_times(path.name).at(part["frame"] - options.boxes.first_number)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _gather(path: Path, parts: list[Positions]) -> Truth:
+    """All positions in the order of time; InputError where a target is at two places at once."""
+    if not parts:
+        raise InputError(f"{path}: holds a header and no row; true positions were expected")
+    p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.lexsort((p.target_id, p.t_ns))
+    p = Positions._make(column[order] for column in p)
+    double = np.flatnonzero((np.diff(p.t_ns) == 0) & (np.diff(p.target_id) == 0))
+    if len(double):
+        k = int(double[0])
+        raise InputError(
+            f"{path}: lines {min(p.line[k : k + 2])} and {max(p.line[k : k + 2])}: target {p.target_id[k]} is twice at "
+            f"{p.t_ns[k]} ns; remove one"
+        )
+    with naming(path):
+        return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
+
+
+def _mot_positions(rows: Rows, options: TruthOptions) -> Positions | None:
+    """World positions of the rows that have one (the last three columns are not all -1)."""
+    if len(rows.cells) < 10:
+        return None
+    x, y, z = rows.floats("7"), rows.floats("8"), rows.floats("9")
+    known = np.flatnonzero(~((x == -1) & (y == -1) & (z == -1)) & (rows.floats("6") != 0))
+    if not len(known):
+        return None
+    try:
+        t_ns = options.frame_times(rows.path.name).at(rows.ints("0")[known] - 1)
+    except InputError as error:
+        raise InputError(f"{rows.path}: {error}") from None
+    role = np.full(len(known), "target")
+    return Positions(
+        t_ns=t_ns,
+        target_id=rows.identities("1")[known],
+        role=role,
+        x=x[known],
+        y=y[known],
+        z=z[known],
+        line=rows.lines[known],
+    )
+
+
+TruthFormat = FileFormat[Callable[[Path, TruthOptions], Iterator[Truth | TruthBoxes]]]
+
+
+def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    """Tables of the truth in a file; InputError or UsageError where it cannot be understood."""
+    probe = Probe(path, WHAT)
+    if path.is_dir():
+        if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
+            raise InputError(f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected")
+        return _read_wildtrack(path, options)
+    check_input(path, WHAT)
+    return FORMATS[_format(probe, options.format)].read(path, options)
+
+
+def _format(probe: Probe, stated: str) -> str:
+    """Name of the format of a file; InputError, with what it may hold, if it shows none."""
+    trajectories = find_trajectories(probe.path) if stated == "auto" else None
+    if trajectories is not None:
+        raise InputError(
+            f"{probe.path}: is {trajectories.kind}, a format of trajectories; `occlog evaluate --truth` takes it as it "
+            "is, and a recording a table (CSV) with columns of time (or frame), target_id, x and y"
+        )
+    name = recognise(FORMATS, probe, stated, "truth")
+    if name is None:
+        remedy, head = "name its columns in a header line", probe.cells
+        if is_header(head):
+            remedy = f"its header is {', '.join(head)[:120]}; time (or t_ns, frame), x and y were expected, perhaps id"
+        raise InputError(f"{probe.path}: not ground truth of a known format ({', '.join(FORMATS)}); {remedy}")
+    return name
+
+
+def _one_camera(path: Path, options: TruthOptions) -> str:
+    """The camera whose boxes a file holds."""
+    if options.camera is not None:
+        return options.camera
+    if len(options.cameras) == 1:
+        return options.cameras[0]
+    raise UsageError(f"{path}: holds boxes of one camera and does not name it; give it as CAMERA={path.name}")
+
+
+def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterator[TruthBoxes]:
+    files = [BoxFile(path, camera)]
+    # In ground truth a confidence of 0 marks boxes that do not count.
+    how = replace(options.boxes, drop_zero=True)
+    survey = survey_boxes(files, options.cameras, how)
+    times = {**survey.times, **options.times}
+    yield from read_boxes(files, survey, times, options.cameras, how, TruthBoxes)
+
+
+def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    header = [cell.lower() for cell in first_line(path, WHAT)]
+    if any(name in header for name in BOX_COLUMNS["left"]):
+        named = any(name in header for name in BOX_COLUMNS["camera"])
+        yield from _read_boxes(path, options, None if named else _one_camera(path, options))
+        return
+    parts = [
+        _csv_positions(part, options) for part in read_format(path, POSITIONS, ignore_extra=options.boxes.ignore_extra)
+    ]
+    yield _gather(path, parts)
+
+
+def _read_mot(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    if _has_places_alone(path):
+        yield _gather(path, _all_mot_positions(path, options))
+        return
+    camera = _one_camera(path, options)
+    options = replace(options, camera=camera)
+    parts = _all_mot_positions(path, options)
+    if parts:
+        yield _gather(path, parts)
+    yield from _read_boxes(path, options, camera)
+
+
+def _all_mot_positions(path: Path, options: TruthOptions) -> list[Positions]:
+    return [p for rows in read_plain(path, WHAT) if (p := _mot_positions(rows, options)) is not None]
+
+
+def _has_places_alone(path: Path) -> bool:
+    """Whether a MOTChallenge text has places in the world, and -1 for all edges of boxes: it is of no camera."""
+    for rows in read_plain(path, WHAT):
+        if len(rows.cells) < 10 or any((rows.floats(edge) != -1).any() for edge in "2345"):
+            return False
+    return True
+
+
+def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    camera = _one_camera(path, options)
+    if camera not in options.times:
+        raise UsageError(f"{path}: counts frames, and nothing says when they were taken; give the frame rate")
+    return read_xml_boxes(path, camera, options.times, options.boxes)
+
+
+def _read_boxes_of_one(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    yield from _read_boxes(path, options, _one_camera(path, options))
+
+
+def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    """Positions of the people, and their boxes in the cameras in use."""
+    first, stop = options.boxes.frames or (0, 2**62)
+    rows = [
+        (frame - options.boxes.first_number, person.identity, person.position, person.entry)
+        for frame, file in frame_files(path).items()
+        for person in read_people(file)
+        if first <= frame - options.boxes.first_number < stop
+    ]
+    frame, identity, position, entry = np.array(rows, dtype=np.int64).reshape(-1, 4).T
+    x, y = grid_places(position.astype(np.float64))
+    try:
+        t_ns = options.frame_times(path.name).at(frame)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    role, nothing = np.full(len(x), "target"), np.full(len(x), np.nan)
+    yield _gather(path, [Positions(t_ns=t_ns, target_id=identity, role=role, x=x, y=y, z=nothing, line=entry)])
+    if options.cameras:
+        yield from _read_boxes(path, options, None)
+
+
+def _read_caliscope(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    yield read_board(path, options.sync_ns)
+
+
+def _is_table(head: list[str]) -> bool:
+    return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *BOX_COLUMNS["left"]))
+
+
+def _is_xml(head: list[str]) -> bool:
+    return bool(head) and head[0].startswith("<")
+
+
+def _read_locata(path: Path, _options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    yield read_source(path)
+
+
+FORMATS: dict[str, TruthFormat] = {
+    "wildtrack": TruthFormat(
+        _read_wildtrack,
+        "a folder of WILDTRACK's annotations",
+        is_annotations,
+    ),
+    "locata": TruthFormat(_read_locata, "a source of LOCATA", by_cells(looks_like_locata)),
+    "vatic": TruthFormat(_read_boxes_of_one, "VATIC text (CAMPUS)", by_cells(is_vatic)),
+    "kitti": TruthFormat(_read_boxes_of_one, "KITTI's text of tracks", by_cells(is_kitti)),
+    "xml": TruthFormat(_read_xml, "frames of boxes (PETS)", by_cells(_is_xml)),
+    "caliscope": TruthFormat(
+        _read_caliscope, "board corners", by_cells(lambda head: {"sync_index", "x_coord"} <= set(head))
+    ),
+    "csv": TruthFormat(_read_csv, "CSV with a header", by_cells(_is_table)),
+    "mot": TruthFormat(_read_mot, "MOTChallenge", by_cells(lambda head: not is_header(head) and 7 <= len(head) <= 10)),
+}
+"""Every format of ground truth."""

@@ -1,0 +1,1 @@
+"""The tracking methods: one folder each, with settings, filter and kernels."""

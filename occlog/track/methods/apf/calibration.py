@@ -1,0 +1,244 @@
+"""Errors of the cameras' poses, estimated while a target is tracked or before ([Ercan] Sec. 4.2 names both).
+
+`joint`: after every scan the belief about the errors is updated (`occlog.track.methods.apf.kernels.pose_errors`);
+the filter weighs its particles with corrected cameras, and with what is still uncertain about
+them instead of `sigma_position` and `sigma_yaw`.  `initial`: the first `calibrate_s` seconds
+are tracked as without, then all their bearings are solved at once, and that stays.
+
+Both compare errors that stay with errors drawn anew for every scan, which is what Eq. 2 says
+(`Belief.log_odds`), and correct nothing while the latter explains the bearings better.
+
+What cannot be observed (where all cameras together are) is an error of the track that more
+scans do not make smaller; it is added to the covariance of the estimate, as a
+Schmidt-Kalman filter does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Floats
+from occlog.core.plane import inside_polygon
+from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
+from occlog.core.sight.visibility import Sensors
+from occlog.filtering.likelihood.directions import Noise, PackedScan
+from occlog.filtering.particles import mean_and_covariance
+from occlog.records.scene import Camera, Scene
+from occlog.scans.grouping import Scan
+from occlog.track.interface import Estimate, SensorErrors
+from occlog.track.methods.apf.kernels.pose_errors import (
+    Belief,
+    LabelledBearings,
+    jacobians,
+    no_evidence,
+    residuals,
+    solve,
+    spread,
+    update,
+)
+
+from .model import LEAST_SIGMA, pack_sensors
+
+COMPACT = 0.1
+"""Particles this near together, relative to their distance, see a camera under one angle as far as Eq. 2 goes."""
+STALE = 0.05
+"""Corrected cameras are packed anew when an estimate has moved by this share of its prior deviation."""
+CONVINCED = 3.0
+"""Log-odds from which on errors are taken to stay: 20 to 1."""
+FAR = 4.0
+"""A bearing that misses the estimate by more standard deviations had no weight in it."""
+OFTEN = 1000
+"""Scans that the initial phase keeps at most; of more every second is dropped, and so on."""
+
+
+class Stated(NamedTuple):
+    """The sensors as the scene has them."""
+
+    scene: Scene
+    sensors: Sensors
+    noise: Noise
+    places: Floats  # (S, 2)
+    yaw: Floats  # (S,)
+    focal_px: Floats  # (S,) 0: not a camera
+    read_px: Floats  # (S,)
+
+
+class Phase(NamedTuple):
+    """What the initial phase has gathered."""
+
+    until_ns: int | None  # None: not begun
+    scans: tuple[LabelledBearings, ...]
+    places: tuple[Floats, ...]
+
+
+class Calibration(NamedTuple):
+    """What is known about the sensors' errors, and the sensors as corrected by it."""
+
+    stated: Stated
+    belief: Belief
+    sensors: Sensors
+    packed: Floats  # (S, 3) errors that `sensors` were corrected by
+    phase: Phase | None  # None: estimated jointly, or the phase is over
+    fixed: bool  # true: what the phase said stays
+    follows: Floats  # (2, 3 S) how much of each error is in the estimate
+
+    @property
+    def believed(self) -> bool:
+        """Whether cameras are corrected: something was learned, and errors that stay explain it better than noise."""
+        return self.phase is None and self.belief.log_odds > CONVINCED
+
+
+def begin(scene: Scene, noise: Noise, read_px: Floats, sensors: Sensors, mode: str) -> Calibration | None:
+    """Nothing learned yet; None in mode `none`.
+
+    Args:
+        scene: the sensors as stated.
+        noise: its `pack_noise`.
+        read_px: its `read_noise`.
+        sensors: its `pack_sensors`.
+        mode: `none`, `joint` or `initial`.
+    """
+    if mode == "none":
+        return None
+    yaw = np.array([c.yaw for c in scene.cameras] + [a.yaw for a in scene.arrays], dtype=np.float64)
+    stated = Stated(scene, sensors, noise, sensors.xy, yaw, noise.focal_px, read_px)
+    belief = no_evidence(noise.sigma_position, noise.sigma_yaw)
+    phase = Phase(None, (), ()) if mode == "initial" else None
+    return Calibration(stated, belief, sensors, belief.mean, phase, False, np.zeros((2, belief.mean.size)))
+
+
+def corrected(calibration: Calibration, xy: Floats, weights: Floats) -> tuple[Sensors, Noise]:
+    """Sensors where they are thought to be, and the noise that is left of their errors.
+
+    Where the (L, 2) particles are near together, the variance of a bearing to them goes into
+    the yaw's place, for any covariance of the errors; elsewhere Eq. 2 has the greatest
+    variance of position in any direction.
+    """
+    if not calibration.believed:
+        return calibration.stated.sensors, calibration.stated.noise
+    mean, covariance = mean_and_covariance(weights, xy)
+    belief = calibration.belief
+    everyone = np.arange(len(belief.mean))
+    away = np.hypot(*(mean - calibration.stated.places).T)
+    near_together = np.sqrt(np.trace(covariance)) < COMPACT * away
+    angle2 = spread(mean, everyone, calibration.stated.places, belief) if away.min() > 0 else np.zeros(len(away))
+    blocks = belief.blocks
+    position2 = np.linalg.eigvalsh(blocks[:, :2, :2])[:, -1]
+    left = calibration.stated.noise._replace(
+        sigma_position=np.where(near_together, 0.0, np.sqrt(np.maximum(position2, 0.0))),
+        sigma_yaw=np.sqrt(np.maximum(np.where(near_together, angle2, blocks[:, 2, 2]), 0.0)),
+    )
+    return calibration.sensors, left
+
+
+def corrected_looks(calibration: Calibration, looks: PackedScan) -> PackedScan:
+    """PackedScan with bearings turned by the errors of yaw, and readings as noisy as they turned out to be."""
+    if not calibration.believed:
+        return looks
+    sensor = np.repeat(looks.sensor, np.diff(looks.first))
+    turn = np.where(looks.pixel, 0.0, calibration.packed[sensor, 2])  # pixels are read from the corrected axis
+    return looks._replace(value=looks.value + turn, variance=looks.variance * calibration.belief.scale)
+
+
+def learned(calibration: Calibration, scan: Scan, estimate: Estimate, seconds: float) -> tuple[Calibration, Estimate]:
+    """What a scan says about the sensors' errors, and the estimate with what they add to its covariance.
+
+    Args:
+        calibration: before the scan.
+        scan: only its labelled bearings count.
+        estimate: of the filter, after the scan.
+        seconds: length of the initial phase.
+    """
+    sights = _sights(scan, calibration.stated)
+    after = _follow(calibration, sights, estimate)
+    if after.phase is not None:
+        after = _gather(after, sights, scan.t_ns, estimate.xy, seconds)
+    elif not after.fixed:
+        after = _packed(after._replace(belief=update(after.belief, sights, after.stated.places, estimate.xy)))
+    follows, belief, covariance = after.follows, after.belief, estimate.covariance
+    if after.believed:
+        covariance = covariance + follows @ belief.covariance @ follows.T
+    deviation = np.sqrt(np.maximum(np.diag(belief.covariance), 0.0)).reshape(belief.mean.shape)
+    return after, estimate._replace(covariance=covariance, calibration=SensorErrors(belief.mean, deviation))
+
+
+def _gather(calibration: Calibration, sights: LabelledBearings, t_ns: int, xy: Floats, seconds: float) -> Calibration:
+    """The calibration with one more scan in its initial phase, solved when that is over."""
+    phase = calibration.phase or Phase(None, (), ())
+    until = t_ns + round(seconds * NS) if phase.until_ns is None else phase.until_ns
+    phase = Phase(until, (*phase.scans, sights), (*phase.places, xy))
+    if len(phase.scans) > OFTEN:
+        phase = phase._replace(scans=phase.scans[::2], places=phase.places[::2])
+    if t_ns < until:
+        return calibration._replace(phase=phase)
+    belief = solve(calibration.belief, phase.scans, calibration.stated.places, np.array(phase.places))
+    return _packed(calibration._replace(belief=belief, phase=None, fixed=True))
+
+
+def _follow(calibration: Calibration, sights: LabelledBearings, estimate: Estimate) -> Calibration:
+    """The calibration with `follows` as it is after the filter took in bearings.
+
+    The gain of the particle filter is taken to be that of a Kalman filter with its covariance;
+    bearings that miss the estimate by far are taken to have had no weight.
+    """
+    belief, places = calibration.belief, calibration.stated.places
+    if not len(sights.sensor) or np.hypot(*(estimate.xy - places[sights.sensor]).T).min() == 0.0:
+        return calibration
+    by_target, by_error = jacobians(estimate.xy, places[sights.sensor])
+    variance = sights.variance * belief.scale + spread(estimate.xy, sights.sensor, places, belief)
+    about = variance + np.einsum("ni,ij,nj->n", by_target, estimate.covariance, by_target)
+    miss = residuals(estimate.xy, sights, places, calibration.packed)
+    weight = np.where(miss**2 < FAR**2 * about, 1.0 / variance, 0.0)
+    gain = estimate.covariance @ (by_target * weight[:, None]).T
+    taken = gain @ by_target
+    most = max(1.0, float(np.max(np.abs(np.linalg.eigvals(taken)))))  # above 1: the particles are not Gaussian
+    moved = np.zeros((2, *belief.mean.shape))
+    moved[:, sights.sensor] = gain[:, :, None] * by_error / most
+    follows = (np.eye(2) - taken / most) @ calibration.follows + moved.reshape(2, -1)
+    return calibration._replace(follows=follows)
+
+
+def _sights(scan: Scan, stated: Stated) -> LabelledBearings:
+    """The labelled bearings of a scan, with the stated poses."""
+    rows = np.flatnonzero(scan.labelled & scan.seen)
+    sensor, u = scan.sensor[rows], scan.u_px[rows]
+    pixel = np.isfinite(u)
+    f = np.where(pixel, stated.focal_px[sensor], 1.0)
+    sigma_px = np.where(np.isfinite(scan.sigma_px[rows]), scan.sigma_px[rows], stated.read_px[sensor])
+    tangent = np.where(pixel, u, 0.0) / f
+    bearing = np.where(pixel, stated.yaw[sensor] - np.arctan(tangent), scan.bearing[rows])
+    sigma = np.where(pixel, sigma_px / (f * (1.0 + tangent**2)), scan.sigma[rows])
+    return LabelledBearings(sensor, bearing, np.maximum(sigma, LEAST_SIGMA) ** 2)
+
+
+def _packed(calibration: Calibration) -> Calibration:
+    """The calibration with sensors moved to where they are now thought to be, unless they hardly are elsewhere."""
+    stated, mean = calibration.stated, calibration.belief.mean
+    prior = np.array([(c.sigma_position, c.sigma_position, c.sigma_yaw) for c in stated.scene.cameras]).reshape(-1, 3)
+    moved = np.abs(mean - calibration.packed)[: len(prior)]
+    if np.all(moved <= STALE * prior):
+        return calibration
+    return calibration._replace(sensors=corrected_sensors(stated.scene, mean), packed=mean)
+
+
+def corrected_sensors(scene: Scene, errors: Floats) -> Sensors:
+    """Packed sensors of a scene whose cameras are moved and turned by (S, 3) errors.
+
+    What hides things from a camera is what hides them at its stated place, but for a wall
+    or a pillar that it would be moved into.
+    """
+    moved = [_moved(c, e) for c, e in zip(scene.cameras, errors, strict=False)]
+    walls = [
+        tuple(w for w in scene.blockers(old.ground) if not inside_polygon(new.ground[None], w)[0])
+        for old, new in zip(scene.cameras, moved, strict=True)
+    ]
+    return pack_sensors(replace(scene, cameras=tuple(moved)), walls)
+
+
+def _moved(camera: Camera, error: Floats) -> Camera:
+    yaw, pitch, roll = angles_from_rotation(camera.rotation)
+    position = camera.position + np.array([error[0], error[1], 0.0])
+    return replace(camera, position=position, rotation=rotation_from_angles(yaw + float(error[2]), pitch, roll))

@@ -1,0 +1,134 @@
+"""Method `apf` looks back: trajectories drawn backwards through the particles of all scans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+from occlog.filtering.motion import waypoint
+from occlog.filtering.motion.waypoint import Particles, WaypointModel
+from occlog.filtering.particles import systematic_ancestors
+from occlog.track.interface import Past
+
+from .config import ApfConfig
+from .kernels.backward import parents_of
+from .model import Model
+
+CANDIDATES = 500
+"""Particles of the step before among which each trajectory chooses, besides its own parent."""
+
+LEAST_EFFECTIVE = 1.5
+"""Fewer places count as so many, so that a single one does not count as certain."""
+
+
+class Link(NamedTuple):
+    """The particles after one step of the filter, as the way back wants them."""
+
+    states: Floats  # (L, 5) from `waypoint.headings`
+    regime: Ints  # (L,)
+    arrived: Bools  # (L,)
+    weights: Floats  # (L,)
+    parents: Ints | None  # (L,) among those of the link before; None: each its own
+    dt: float  # since the link before [s]; 0 without parents: nothing before counts, the particles were drawn anew
+    sharpness: float  # mean variance per axis of the densities that the places were drawn from; 0: not known
+
+
+Trace = tuple[Link, ...]
+"""What a scan leaves for the way back: its link, after those of the steps that led there without a scan."""
+
+
+def link(
+    particles: Particles, weights: Floats, parents: Ints | None, dt: float, model: Model, sharpness: float = 0.0
+) -> Link:
+    """The link of particles after a step."""
+    arrived = waypoint.reached(particles, model.motion, model.floor)
+    return Link(waypoint.headings(particles, model.motion), particles.regime, arrived, weights, parents, dt, sharpness)
+
+
+def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rng: Generator) -> list[Past]:
+    """Smooth by trajectories drawn backwards, a state for each scan; see `occlog.track.methods.apf.kernels.backward`.
+
+    Args:
+        traces: of scans in the order of time, at least one.
+        config: settings.
+        motion: the motion model.
+        rng: draws.
+    """
+    M = config.trajectories
+    found: list[Past] = []
+    later: Link | None = None
+    chosen = np.empty(0, dtype=np.int64)
+    for trace in reversed(traces):
+        for step in range(len(trace) - 1, -1, -1):
+            now = trace[step]
+            if later is None or (later.parents is None and later.dt <= 0.0):
+                # The end of the record, or of what the filter knew before it was drawn anew
+                chosen = rng.permutation(systematic_ancestors(now.weights, M, rng.random()))
+            else:
+                chosen = _parents(now, later, chosen, motion, rng)
+            if step == len(trace) - 1:
+                found.append(_state(now, chosen))
+            later = now
+    return found[::-1]
+
+
+def _parents(now: Link, later: Link, chosen: Ints, motion: WaypointModel, rng: Generator) -> Ints:
+    """The particles of a link from which those chosen of the later one came."""
+    count = min(CANDIDATES, len(now.weights))
+    own = chosen if later.parents is None else later.parents[chosen]
+    if later.dt <= 0.0:  # two scans at one time: nothing has moved between them
+        return own
+    return parents_of(
+        later.states[chosen],
+        later.regime[chosen],
+        own,
+        now.states,
+        now.regime,
+        waypoint.chances(now.regime, now.arrived, later.dt, motion),
+        systematic_ancestors(now.weights, count, rng.random()),
+        later.dt,
+        motion,
+        kernel_variance(now.states, now.weights),
+        rng.random(len(chosen)),
+    )
+
+
+@kernel
+def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
+    """Squared widths per axis of the kernel of place and velocity: best for a Gaussian of four dimensions (Silverman).
+
+    Args:
+        states: (L, 5) from `waypoint.headings`.
+        weights: (L,) sum 1.
+    """
+    mean, second, square = np.zeros(4), np.zeros(4), 0.0
+    for i in range(weights.shape[0]):
+        for k in range(4):
+            mean[k] += weights[i] * states[i, k]
+            second[k] += weights[i] * states[i, k] ** 2
+        square += weights[i] * weights[i]
+    variance = np.maximum(second - mean * mean, 0.0)
+    share = (2.0 / 3.0 * square) ** 0.25
+    return 0.5 * (variance[0] + variance[1]) * share, 0.5 * (variance[2] + variance[3]) * share
+
+
+def _state(now: Link, chosen: Ints) -> Past:
+    """Mean and covariance of the places, and mean velocity, of the particles that trajectories go through.
+
+    Where trajectories share particles there are fewer places than trajectories, n effective ones.  Their spread is
+    then too small by n / (n - 1), and their mean is uncertain by an n-th of what a place was drawn from.
+    """
+    states = now.states[chosen]
+    going = now.regime[chosen] != waypoint.WAIT
+    xy = states[:, :2].mean(axis=0)
+    centred = states[:, :2] - xy
+    M = len(chosen)
+    counts = np.unique(chosen, return_counts=True)[1]
+    n = max(M * M / float(counts @ counts), LEAST_EFFECTIVE)
+    covariance = centred.T @ centred / M * (n / (n - 1.0)) + now.sharpness / n * np.eye(2)
+    return Past(xy=xy, velocity=(states[:, 2:4] * going[:, None]).mean(axis=0), covariance=covariance)

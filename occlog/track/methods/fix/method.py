@@ -1,0 +1,222 @@
+"""Method `fix`: each scan's position from that scan's bearings and measurements of distances alone.
+
+By a mixture of true and false bearings (`occlog.track.methods.fix.estimators`), with ranges and their like as well
+(`occlog.track.methods.fix.mixed`), or by [Lenth] 1981 (`occlog.track.methods.fix.estimators`).
+
+Nothing is carried from one scan to the next.  A scan that tells no position (one bearing,
+parallel lines, lines that meet behind the sensors) gives no row.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Floats, Ints
+from occlog.errors import UsageError
+from occlog.filtering.likelihood.distances import Distances
+from occlog.records.scene import Scene
+from occlog.scans.grouping import Scan
+from occlog.track.interface import Estimate, Fit, Online
+
+from .config import BENDS, MIXTURE, FixConfig
+from .estimators import Fix, Modes, crossings, fix, modes, pooled_factor, spread_of
+from .mixed import SECOND, Lines, contested, measured_at, modes_of
+
+MOST_PAIRS = 40_000
+"""Pairs of candidates that are tried; beyond, the least certain candidates are left out."""
+STATED, PAIR, AMBIGUOUS, UNCHECKED, CONTESTED = "stated", "pair", "ambiguous", "unchecked", "contested"
+
+
+class FixState(NamedTuple):
+    """Settings and places of the sensors; nothing is carried from scan to scan."""
+
+    config: FixConfig
+    places: Floats  # (S, 2), as in `sensor_names`
+    room: Floats | None  # (K, 2) corners
+
+
+def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
+    """Places of the sensors."""
+    places = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
+    return FixState(config, np.array(places, dtype=np.float64).reshape(-1, 2), scene.room)
+
+
+def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
+    """The scan's position, None where it does not tell one."""
+    config = state.config
+    # Associate: rows of the target, and the candidates that agree best
+    rows = _rows(state, scan)
+    if scan.measured is not None:
+        return state, _mixed(state, scan, rows, scan.measured.distances)
+    if len(rows) < 2:
+        return state, None
+    # Estimate ([Lenth] 1981)
+    places, bearings, sigma = state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows]
+    found = _estimated(config, places, bearings, sigma)
+    if found is None:
+        return state, None
+    # Score: log-likelihood of the bearings at the estimate
+    off = _wrapped(bearings - np.arctan2(found.xy[1] - places[:, 1], found.xy[0] - places[:, 0]))
+    score = -0.5 * (off / sigma) ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
+    looked, used = np.unique(scan.sensor), np.unique(scan.sensor[rows])
+    # Two lines leave no residuals from which their spread could be told, and none of them can be false.
+    scarce = PAIR if len(rows) == 2 else STATED
+    told = "" if found.estimated or (config.spread != "residuals" and len(rows) > 2) else scarce
+    if config.spread == "stated":
+        told = ""
+    believed = found.weights if config.estimator == MIXTURE else _beliefs(off / sigma)
+    saw = np.unique(scan.sensor[rows][believed >= 0.5])
+    return state, Estimate(
+        xy=found.xy,
+        velocity=np.full(2, np.nan),
+        covariance=found.covariance,
+        ess=math.nan,
+        log_likelihood=float(score.sum()),
+        n_looked=len(looked),
+        n_seen=len(used),
+        fallback=told,
+        used=tuple(used.tolist()),
+        seen_by=tuple(saw.tolist()),
+        fit=Fit(
+            np.zeros(len(rows), dtype=np.int64),
+            scan.sensor[rows],
+            off / sigma,
+            _expected(places, sigma, found),
+            believed,
+        ),
+    )
+
+
+def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Estimate | None:
+    """The position by bearings and measurements of distances; None where they do not tell one.
+
+    UsageError for an estimator of bearings alone.
+    """
+    config = state.config
+    if config.estimator != MIXTURE:
+        raise UsageError(f"estimator {config.estimator} takes bearings alone; with measurements use {MIXTURE}")
+    if len(rows) + len(distances.kind) < 2:
+        return None
+    lines = Lines(state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows], config.bent)
+    found = modes_of(lines, distances, state.room)
+    if found is None:
+        return None
+    spread = spread_of(found, pooled=config.spread == "pooled")
+    # Residuals, and their variance: 1 less the leverage
+    at = measured_at(lines, distances, found.xy[:1])
+    believed, gradient = found.believed[0], at.gradient[0]
+    information = (gradient * believed[:, None]).T @ gradient
+    leverage = believed * np.einsum("ni,ij,nj->n", gradient, np.linalg.pinv(information), gradient)
+    sigma = np.concatenate([lines.sigma, distances.sigma])
+    score = -0.5 * found.residual[0] ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
+    sensor = np.concatenate([scan.sensor[rows], distances.station])
+    used = np.unique(sensor)
+    return Estimate(
+        xy=found.xy[0],
+        velocity=np.full(2, np.nan),
+        covariance=spread,
+        ess=math.nan,
+        log_likelihood=float(score.sum()),
+        n_looked=len(np.unique(np.concatenate([scan.sensor, distances.station]))),
+        n_seen=len(used),
+        fallback=_doubt(found, config.spread),
+        used=tuple(used.tolist()),
+        seen_by=tuple(np.unique(sensor[believed >= 0.5]).tolist()),
+        fit=Fit(
+            row=np.zeros(len(sensor), dtype=np.int64),
+            sensor=sensor,
+            residual=found.residual[0],
+            expected=np.clip(1.0 - leverage, 0.0, 1.0),
+            believed=believed,
+        ),
+    )
+
+
+def _doubt(found: Modes, spread: str) -> str:
+    """What is to be said of a place: several fit, two measurements alone tell it, or one of more may be false."""
+    if len(found.xy) > 1 and found.probability[1] >= SECOND:
+        return AMBIGUOUS
+    believed = found.believed[0]
+    if len(believed) == 2:
+        return PAIR if spread != "stated" else ""
+    if np.count_nonzero(believed >= 0.5) <= 2:
+        return UNCHECKED
+    return CONTESTED if contested(found) else ""
+
+
+def _estimated(config: FixConfig, places: Floats, bearings: Floats, sigma: Floats) -> Fix | None:
+    """The position by the estimator of the settings; its weights are those of the bearings."""
+    if config.estimator == MIXTURE:
+        found = modes(places, bearings, sigma, config.bent)
+        if found is None:
+            return None
+        spread = spread_of(found, pooled=config.spread == "pooled")
+        return Fix(found.xy[0], spread, found.believed[0], float((1.0 / sigma**2).mean()), estimated=False)
+    pooled, median = config.spread == "pooled", config.estimator in ("rmr", "jrmr")
+    learned = config.spread == "residuals" or (pooled and not median)
+    fixed = fix(places, bearings, sigma, config.estimator, config.bent, learned)
+    if fixed is None or not pooled:
+        return fixed
+    # As stated, then scaled by what residuals and statement say together
+    stated = float((1.0 / sigma**2).mean())
+    off = _wrapped(bearings - np.arctan2(fixed.xy[1] - places[:, 1], fixed.xy[0] - places[:, 0])) / sigma
+    factor = pooled_factor(float(fixed.weights @ off**2), max(float(fixed.weights.sum()) - 2.0, 0.0))
+    return fixed._replace(covariance=factor * fixed.kappa / stated * fixed.covariance, estimated=False)
+
+
+def _beliefs(residual: Floats) -> Floats:
+    """Probability that bearings are true, given a position."""
+    return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - BENDS[MIXTURE] ** 2), 700.0))))
+
+
+def _expected(places: Floats, sigma: Floats, found: Fix) -> Floats:
+    """Variance of each residual of a true bearing: 1 less its leverage."""
+    away = found.xy - places
+    squared = np.maximum((away**2).sum(axis=1), 1e-24)
+    across = np.column_stack([-away[:, 1], away[:, 0]]) / (squared * sigma)[:, None]
+    information = (across * found.weights[:, None]).T @ across
+    leverage = found.weights * np.einsum("ni,ij,nj->n", across, np.linalg.pinv(information), across)
+    return np.asarray(np.clip(1.0 - leverage, 0.0, 1.0))
+
+
+def _rows(state: FixState, scan: Scan) -> Ints:
+    """Rows that the position is made from: those of the target, and candidates that agree."""
+    usable = scan.seen & np.isfinite(scan.bearing) & np.isfinite(scan.sigma) & (scan.sigma > 0.0)
+    if state.config.candidates == "ignore":
+        usable &= scan.labelled
+    rows = np.flatnonzero(usable)
+    if scan.labelled[rows].all():
+        return rows
+    return _agreed(state, scan, rows)
+
+
+def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
+    """One row a sensor at most: those that agree with the crossing on which most sensors agree."""
+    if len(rows) ** 2 > MOST_PAIRS:
+        keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MOST_PAIRS**0.5)]
+        rows = rows[np.sort(keep)]
+    sensor, bearings, sigma = scan.sensor[rows], scan.bearing[rows], scan.sigma[rows]
+    places, gate = state.places[sensor], state.config.gate
+    ahead = crossings(places, bearings)
+    both = np.isfinite(ahead[:, :, 0]) & np.isfinite(ahead[:, :, 0].T)  # in front of the two sensors
+    i, j = np.nonzero(np.triu(both & (sensor[:, None] != sensor[None, :])))
+    best, chosen = math.inf, np.empty(0, dtype=np.int64)
+    members = [np.flatnonzero(sensor == s) for s in np.unique(sensor)]
+    for point in ahead[i, j]:
+        off = _wrapped(bearings - np.arctan2(point[1] - places[:, 1], point[0] - places[:, 0])) / sigma
+        nearest = np.array([own[np.argmin(np.abs(off[own]))] for own in members])
+        cost = float(np.minimum(off[nearest] ** 2, gate**2).sum())
+        if cost < best:
+            best, chosen = cost, nearest[np.abs(off[nearest]) < gate]
+    return rows[np.sort(chosen)]
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+METHOD = Online(config=FixConfig, init=init, step=step, started=lambda _: False, measured=True, judges=True)

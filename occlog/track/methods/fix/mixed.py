@@ -1,0 +1,348 @@
+"""A position from one moment's bearings, ranges, signal strengths and differences, of which some may be false.
+
+The same as `occlog.track.methods.fix.estimators`, with measurements of distances beside the lines of sight.  Starts
+are where each two lines cross, where a line leaves a circle of a range, where circles meet, where on a grid about the sensors a
+difference meets another measurement, and the best places of that grid; from there Gauss and Newton climb with
+reweighting.  Several modes are usual: circles of two ranges meet twice, and sensors on a line do not tell one side from
+the other.  A room speaks against modes outside of it, as one measurement more.
+
+Blunt measurements (a signal strength has an error of half the distance) leave likelihoods that are no Gaussians.  The
+spread about a mode is therefore the second moment of the likelihood itself over a grid of `ACROSS` x `ACROSS` places
+that are even in the Gaussian's own coordinates.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.plane import distance_to_boundary, inside_polygon
+from occlog.filtering.likelihood.distances import (
+    DIFFERENCE,
+    LOGARITHM,
+    MOST,
+    RANGE,
+    Distances,
+    Errors,
+    linearise,
+    log_density,
+    pull,
+    without_detours,
+)
+
+from .estimators import EM_TOLERANCE, FLAT, HALVINGS, MAX_EM_ITERATIONS, RARE, SAME, Modes, crossings
+
+GRID, REACH, BEST = 24, 1.0, 12
+"""Starts on a grid of so many places a side, which reaches so many extents beyond the sensors; the best are climbed."""
+COARSE = (0.5, 0.125, 0.03)
+"""Shares of the grid's step that standard deviations hold besides, while places of the grid are climbed."""
+PAIRS, FITTING = 45, 2.0
+"""Of at most so many pairs, meetings on the grid are starts: where both measurements are within so many deviations."""
+ACROSS, WIDE = 25, 5.0
+"""Places a side of the grid over a mode, and how many standard deviations it reaches."""
+SHORTER = 8
+"""How often such a grid is tried, each time with a quarter of the length where it is too coarse."""
+SECOND = 0.05
+"""Another mode at least so probable makes a position ambiguous."""
+RIVALS, SCATTERED = 0.005, 0.01
+"""Where a measurement is not believed others may be false, too: other places with at least this share of the
+likelihood contest a position (where all are believed, with `SECOND`), and so do residuals of what is believed whose sum
+of squares is passed with a smaller probability than this."""
+
+
+class Lines(NamedTuple):
+    """n lines of sight."""
+
+    places: Floats  # (n, 2) where they were taken
+    bearings: Floats  # (n,) [rad]
+    sigma: Floats  # (n,) standard deviations [rad]
+    bend: float  # standard deviations at which one is as likely false as true
+
+
+class Both(NamedTuple):
+    """Residuals (M, n + m) of lines and distances at M places, and gradients (M, n + m, 2), in standard deviations."""
+
+    residual: Floats
+    gradient: Floats
+
+
+def modes_of(lines: Lines, distances: Distances, room: Floats | None = None) -> Modes | None:
+    """The modes of the likelihood of a position; None where the measurements do not tell one.
+
+    Args:
+        lines: n lines of sight, none or more.
+        distances: m measurements of distances; together with the lines at least two.
+        room: (K, 2) corners of the room that the target is in; None: it may be anywhere.
+    """
+    sights = without_detours(np.full(len(lines.sigma), lines.bend))
+    errors = Errors(*(np.concatenate(both) for both in zip(sights, distances.errors, strict=True)))
+    scale = _extent(lines, distances)
+    exact, grid, cell, own = _starts(lines, distances, errors, scale)
+    for share in COARSE:
+        # From the grid with standard deviations that are no narrower than where the search still may be
+        grid = _climbed(grid, lines, distances, errors, scale, share * cell, own)
+    xy = _climbed(np.concatenate([exact, grid]), lines, distances, errors, scale)
+    at = measured_at(lines, distances, xy)
+    there = pull(at.residual, errors)
+    believed = there.direct
+    information = np.einsum("mn,mni,mnj->mij", there.weight, at.gradient, at.gradient)
+    size = np.linalg.eigvalsh(information)
+    near = np.abs(xy - _middle(lines, distances)).max(axis=1) < (1.0 + 2.0 * REACH) * scale
+    good = np.isfinite(xy).all(axis=1) & (size[:, 0] > FLAT * size[:, 1]) & (believed.sum(axis=1) > 1.5) & near
+    if not good.any():
+        return None
+    xy, residual, believed, information = xy[good], at.residual[good], believed[good], information[good]
+    log = log_density(residual, errors).sum(axis=1) + _log_inside(xy, information, room, errors)
+    kept: list[int] = []
+    for m in np.argsort(-log, kind="stable").tolist():
+        if all(np.hypot(*(xy[m] - xy[k])) > SAME * scale for k in kept):
+            kept.append(m)
+    weight = np.exp(log[kept] - log[kept[0]])
+    chosen = np.array(kept)[weight / weight.sum() >= RARE]
+    weight = weight[: len(chosen)]
+    narrow = np.linalg.inv(information[chosen])
+    volume = log[kept] - 0.5 * np.linalg.slogdet(information[kept])[1]
+    elsewhere = 1.0 - 1.0 / float(np.exp(np.minimum(volume - volume[0], MOST)).sum())
+    moments = zip(xy[chosen], narrow, strict=True)
+    covariance = np.array([_moment(lines, distances, errors, place, c) for place, c in moments])
+    return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum(), elsewhere)
+
+
+def contested(found: Modes) -> bool:
+    """Whether a false measurement may be among those that are believed at the first mode.
+
+    Two tests: whether other places, at which fewer agree, are possible; and the sum of squares of the residuals, which
+    is chi-squared with a degree of freedom for each measurement that is believed but the two that fix a place.
+    """
+    believed = found.believed[0] >= 0.5
+    spare = int(np.count_nonzero(believed)) - 2
+    squares = float((found.residual[0, believed] ** 2).sum())
+    most = SECOND if believed.all() else RIVALS
+    return found.elsewhere >= most or (spare > 0 and float(chdtrc(spare, squares)) < SCATTERED)
+
+
+def measured_at(lines: Lines, distances: Distances, xy: Floats) -> Both:
+    """Residuals and gradients of lines, then of distances, at (M, 2) places."""
+    away = xy[:, None, :] - lines.places[None]
+    off = lines.bearings - np.arctan2(away[..., 1], away[..., 0])
+    turned = ((off + np.pi) % (2.0 * np.pi) - np.pi) / lines.sigma
+    squared = np.maximum((away**2).sum(axis=2), 1e-24)
+    across = np.stack([-away[..., 1], away[..., 0]], axis=2) / (squared * lines.sigma)[..., None]
+    told = linearise(distances, xy)
+    return Both(np.concatenate([turned, told.residual], axis=1), np.concatenate([across, told.gradient], axis=1))
+
+
+def _moment(lines: Lines, distances: Distances, errors: Errors, xy: Floats, narrow: Floats) -> Floats:
+    """(2, 2) second moment about a mode of the likelihood of what is not false there, by a grid.
+
+    The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.  Where circles touch,
+    that Gaussian is much longer than the likelihood, of which the grid would see one row: then it is made shorter.
+    """
+    told = measured_at(lines, distances, xy[None]).residual[0]
+    believed = 1.0 - np.exp(np.minimum(-0.5 * errors.bend**2 - log_density(told, errors), 0.0))
+    true = errors._replace(bend=np.full_like(errors.bend, np.inf))
+    size, axes = np.linalg.eigh(narrow)
+    reach = np.sqrt(size)
+    ticks = np.linspace(-WIDE, WIDE, ACROSS)
+    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    for _ in range(SHORTER):
+        away = grid * reach @ axes.T
+        log = log_density(measured_at(lines, distances, xy + away).residual, true) @ believed
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        seen = np.sqrt(weight @ grid**2)
+        if (seen >= ticks[1] - ticks[0]).all():
+            break
+        reach = np.where(seen < ticks[1] - ticks[0], 0.25 * reach, reach)
+    return np.asarray((away * weight[:, None]).T @ away)
+
+
+def _starts(lines: Lines, distances: Distances, errors: Errors, scale: float) -> tuple[Floats, Floats, float, Bools]:
+    """Where to begin.
+
+    Returns:
+        (K, 2) places where two measurements agree, (G, 2) the best places of a grid, its step, and (G, n) the
+        measurements that each of these is climbed with at first: all, or the two that meet there, since the others
+        would pull it away.
+    """
+    radius = np.where(distances.kind == LOGARITHM, np.exp(np.minimum(distances.value, 50.0)), distances.value)
+    flat = np.sqrt(np.maximum(radius**2 - distances.rise2, 0.0))
+    ring: Bools = ((distances.kind == RANGE) | (distances.kind == LOGARITHM)) & (radius > 0.0)
+    parts = [
+        _line_crossings(lines),
+        _circle_crossings(distances.place[ring], flat[ring]),
+        _leaving(lines, distances.place[ring], flat[ring]),
+    ]
+    # A grid, with standard deviations that are no narrower than its cells; the best local minima
+    side = np.linspace(-(0.5 + REACH), 0.5 + REACH, GRID) * scale
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) + _middle(lines, distances)
+    at = measured_at(lines, distances, grid)
+    cell = side[1] - side[0]
+    variance = _widened(at, 0.5 * cell)
+    soft = at.residual / np.sqrt(variance)
+    best = _local_minima(_cost(soft, errors.widened(variance)).reshape(GRID, GRID), BEST)
+    differs = np.concatenate([np.zeros(len(lines.sigma), dtype=np.bool_), distances.kind == DIFFERENCE])
+    met = [(pair, _meetings(soft[:, pair])) for pair in _pairs(differs)]
+    own = np.zeros((len(best) + sum(len(places) for _, places in met), len(errors.bend)), dtype=np.bool_)
+    own[: len(best)] = True
+    first = len(best)
+    for pair, places in met:
+        own[first : first + len(places), pair] = True
+        first += len(places)
+    return np.concatenate(parts), grid[np.concatenate([best, *(places for _, places in met)])], float(cell), own
+
+
+def _pairs(differs: Bools) -> list[list[int]]:
+    """Pairs of measurements of which one at least is a difference: where they meet has no closed form here."""
+    n = len(differs)
+    every = ([i, i + apart] for apart in range(1, n) for i in range(n - apart))
+    return [pair for pair in every if differs[pair].any()][:PAIRS]
+
+
+def _meetings(soft: Floats) -> Ints:
+    """Flat indices of the places of the grid where two measurements meet, from their (G, 2) softened residuals."""
+    low = _local_minima((soft**2).sum(axis=1).reshape(GRID, GRID), BEST)
+    return np.asarray(low[(np.abs(soft[low]) <= FITTING).all(axis=1)])
+
+
+def _widened(at: Both, wide: float) -> Floats:
+    """(M, n) variances of residuals that also hold an error of so much of the place."""
+    return np.asarray(1.0 + wide**2 * np.sum(at.gradient**2, axis=2))
+
+
+def _local_minima(cost: Floats, most: int) -> Ints:
+    """Flat indices of the lowest places of a square that no neighbour is below."""
+    padded = np.pad(cost, 1, constant_values=np.inf)
+    n = len(cost)
+    around = [padded[1 + i : 1 + i + n, 1 + j : 1 + j + n] for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+    low = np.flatnonzero((cost <= np.min(around, axis=0)).reshape(-1))
+    return np.asarray(low[np.argsort(cost.reshape(-1)[low], kind="stable")][:most])
+
+
+def _line_crossings(lines: Lines) -> Floats:
+    """(K, 2) where lines cross ahead of both sensors."""
+    if len(lines.sigma) < 2:
+        return np.empty((0, 2))
+    points = crossings(lines.places, lines.bearings)
+    both = np.isfinite(points[:, :, 0]) & np.isfinite(points[:, :, 0].T)
+    i, j = np.nonzero(np.triu(both))
+    return np.asarray(points[i, j])
+
+
+def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
+    """(K, 2) where each two of m circles meet: two places; where they do not, twice the place between them."""
+    i, j = np.triu_indices(len(radius), 1)
+    to = centre[j] - centre[i]
+    apart = np.hypot(*to.T)
+    there = apart > 1e-12
+    i, j, to, apart = i[there], j[there], to[there], apart[there]
+    along = (apart**2 + radius[i] ** 2 - radius[j] ** 2) / (2.0 * apart)
+    aside = np.sqrt(np.maximum(radius[i] ** 2 - along**2, 0.0))
+    ahead = to / apart[:, None]
+    left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    middle = centre[i] + np.clip(along, -radius[i], radius[i])[:, None] * ahead
+    return np.concatenate([middle + aside[:, None] * left, middle - aside[:, None] * left])
+
+
+def _leaving(lines: Lines, centre: Floats, radius: Floats) -> Floats:
+    """(K, 2) where half-lines meet circles, or come nearest to them."""
+    ahead = np.column_stack([np.cos(lines.bearings), np.sin(lines.bearings)])[:, None, :]
+    to = centre[None] - lines.places[:, None, :]
+    along = np.einsum("nki,nki->nk", to, np.broadcast_to(ahead, to.shape))
+    half = np.sqrt(np.maximum(radius**2 - (to**2).sum(axis=2) + along**2, 0.0))
+    reach = np.stack([along - half, along + half])
+    points = lines.places[None, :, None, :] + np.maximum(reach, 0.0)[..., None] * ahead[None]
+    return np.asarray(points.reshape(-1, 2))
+
+
+def _climbed(
+    xy: Floats,
+    lines: Lines,
+    distances: Distances,
+    errors: Errors,
+    scale: float,
+    wide: float = 0.0,
+    own: Bools | None = None,
+) -> Floats:
+    """(K, 2) modes that starts lead to: Gauss and Newton with reweighting, and steps halved until the cost falls.
+
+    Args:
+        xy: (K, 2) starts.
+        lines: of sight.
+        distances: measurements of them.
+        errors: of all n.
+        scale: size of the place.
+        wide: error of the place that standard deviations hold besides; 0 in the end.
+        own: (K, n) which measurements each start counts; None: all.
+    """
+    xy = xy.copy()
+    for _ in range(MAX_EM_ITERATIONS):
+        at = measured_at(lines, distances, xy)
+        variance = _widened(at, wide)
+        soft = 1.0 / np.sqrt(variance) if own is None else own / np.sqrt(variance)
+        blunt = errors.widened(variance)
+        at = Both(at.residual * soft, at.gradient * soft[..., None])
+        pulled = pull(at.residual, blunt)
+        information = np.einsum("mn,mni,mnj->mij", pulled.weight, at.gradient, at.gradient)
+        ridge = 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
+        slope = np.einsum("mn,mni->mi", pulled.slope, at.gradient)
+        step = np.linalg.solve(information + ridge, slope[..., None])[..., 0]
+        # No step is longer than the place is wide: far from a station circles are nearly lines
+        length = np.hypot(*step.T)
+        step *= np.minimum(1.0, 0.5 * scale / np.maximum(length, 1e-300))[:, None]
+        here = _cost(at.residual, blunt)
+        share = np.ones(len(xy))
+        for _ in range(HALVINGS):
+            ahead = measured_at(lines, distances, xy + share[:, None] * step).residual
+            worse = _cost(ahead * soft, blunt) > here + 1e-12
+            if not worse.any():
+                break
+            share[worse] *= 0.5
+        else:
+            share[worse] = 0.0
+        move = share[:, None] * step
+        xy += move
+        if np.hypot(*move.T).max() < max(EM_TOLERANCE * scale, 0.1 * wide):
+            break
+    return xy
+
+
+def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: Errors) -> Floats:
+    """(M,) log of how well places fit a room, which counts as one measurement more: it may be false, too.
+
+    Its residual is the distance from the room over the largest standard deviation of the place.
+    """
+    if room is None:
+        return np.zeros(len(xy))
+    narrow = np.sqrt(np.maximum(np.linalg.eigvalsh(information)[:, 0], 1e-300))
+    out = ~inside_polygon(xy, room)
+    beyond = np.array(
+        [distance_to_boundary(x, y, room) if o else 0.0 for (x, y), o in zip(xy.tolist(), out, strict=True)]
+    )
+    most = float(errors.bend.max())
+    return np.asarray(np.logaddexp(-0.5 * np.minimum(beyond * narrow, 1e6) ** 2, -0.5 * most**2))
+
+
+def _cost(residual: Floats, errors: Errors) -> Floats:
+    """(M,) negative log likelihoods, up to a constant."""
+    return np.asarray(-log_density(residual, errors).sum(axis=1))
+
+
+def _places(lines: Lines, distances: Distances) -> Floats:
+    return np.concatenate([lines.places, distances.place, distances.other])
+
+
+def _middle(lines: Lines, distances: Distances) -> Floats:
+    places = _places(lines, distances)
+    return np.asarray(0.5 * (places.min(axis=0) + places.max(axis=0)))
+
+
+def _extent(lines: Lines, distances: Distances) -> float:
+    """Size of the place: of the sensors' box, or of the largest circle if that is more."""
+    places = _places(lines, distances)
+    size = float(np.ptp(places, axis=0).max())
+    ranges = distances.value[distances.kind == RANGE]
+    return max(size, float(ranges.max()) if len(ranges) else 0.0, 1e-9)

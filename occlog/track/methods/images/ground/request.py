@@ -1,0 +1,37 @@
+"""What `occlog ground` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Request, group, output_file, scene_file, source
+from occlog.settings import setting
+
+from .config import GroundConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundRequest(Request):
+    """Find where the targets of VIEW_TRACKS (Parquet) are in the world, with covariance.
+
+    At each time the centres of a target's ellipses in all views give its place. A view that is on
+    something else is left out where two others or more agree; two views that contradict each other give
+    no place. A target that one view alone shows is placed at a height, that of the middle of a person;
+    set another, or 0 to leave such times out.
+
+    \b
+      occlog ground view_tracks.parquet --scene scene.yaml -o tracks.parquet
+      occlog ground view_tracks.parquet --scene hall.mcap --set height=0 -o tracks.parquet
+    """
+
+    OWNER: ClassVar[str] = "ground"
+    RUN: ClassVar[str] = "occlog.track.methods.images.ground.run:run_ground"
+
+    view_tracks: Path = source("Tracks in images.", argument=True)
+    output: Path = output_file("Tracks (Parquet).", "tracks")
+    scene: Path | None = scene_file()
+    cameras: tuple[str, ...] = setting((), "Use only these cameras.", option="--cameras", metavar="A,B,...", shown="")
+    settings: Mapping[str, object] = group(lambda: GroundConfig, example="height=0.8")

@@ -1,0 +1,271 @@
+"""Restart of trackers on an epipolar line, after which a bad counterpart may be good again, [Qu] Sec. 3.4.2.
+
+[Qu] lets the status of a counterpart change back "after reinitialization" and leaves open when
+and how.  Here a tracker restarts when all of its counterparts that were checked are bad, when
+its estimate is on another tracker or on something of other colours, and when one of its
+counterparts is clear of others and looks right: then it is this tracker that is wrong.  It
+moves to the place on the epipolar line that looks most like its target, unless another tracker
+is there or no place looks like it.
+
+Loop check of the trackers of one target in several views, [Qu] Sec. 3.4.2, and its outcome from frame to frame.
+
+Parts of method `cmct`: particles on epipolar lines, and colours that adapt.
+
+The method is a simple form of Nummiaro's colour-based multicamera tracker, as [Qu] Sec. 4.2 compares
+with it: an estimate in every view, the first colours of the target in that view as its model,
+and no interaction between targets.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.image import nearness, nearness_between
+from occlog.track.methods.images.interface import BAD, GOOD, NONE, FrameSet
+from occlog.track.methods.images.kernels.appearance import colour_likeness, colours_in
+from occlog.track.methods.images.kernels.epipolar_lines import (
+    TOGETHER,
+    UNKNOWN,
+    anchor,
+    drawn_on_lines,
+    hysteresis,
+    line_of,
+    loop_check,
+)
+
+from .config import BmctConfig, CmctConfig, LoopCheckConfig
+from .state import LEAST, Trackers, VisualState, update_map
+
+IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+APART = 0.5
+"""Nearer than this many times the sum of their radii, two trackers are on the same target."""
+
+
+def affine_maps(state: VisualState, estimate: Floats) -> Floats:
+    """(n, 2, 3) maps from recorded pixels to those without distortion, linearised at the estimates (n, 5)."""
+    t = state.trackers
+    out = np.repeat(IDENTITY[None], len(t.view), axis=0)
+    for v, ideal in enumerate(state.geometry.ideal):
+        rows = np.flatnonzero(t.view == v)
+        if ideal is None or not len(rows):
+            continue
+        # Differences over one pixel to the right and one down are the columns of the linear part.
+        centre = estimate[rows, :2]
+        around = centre + np.array([[[0.0, 0.0]], [[1.0, 0.0]], [[0.0, 1.0]]])
+        p, right, down = ideal(around.reshape(-1, 2)).reshape(3, -1, 2)
+        linear = np.stack([right - p, down - p], axis=-1)
+        out[rows] = np.concatenate([linear, (p - np.einsum("nij,nj->ni", linear, centre))[..., None]], axis=-1)
+    return out
+
+
+def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Trackers:
+    """Check the estimates of all counterparts against each other, and say which counterparts are good.
+
+    The first check of a pair decides at once.  After that a good counterpart becomes bad when
+    `bad_after` checks in a row fail, and a bad one good when `good_after` in a row hold.
+
+    Args:
+        state: after the frame.
+        config: settings.
+        fresh: (n,) trackers whose estimate is new enough to be compared.
+    """
+    t = state.trackers
+    check = _check(state, config, fresh)
+    good, streak = hysteresis(check, t.good, t.streak, config.bad_after, config.good_after)
+    good, streak, checked = _first(t, check, good, streak)
+    return t._replace(good=good, streak=streak, checked=checked)
+
+
+def check_new_pairs(state: VisualState, config: LoopCheckConfig) -> Trackers:
+    """Check for the first time the pairs that have never been checked; the others stay as they are."""
+    t = state.trackers
+    good, streak, checked = _first(t, _check(state, config, np.ones(len(t.view), dtype=np.bool_)), t.good, t.streak)
+    return t._replace(good=good, streak=streak, checked=checked)
+
+
+def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
+    """(n, V) outcomes of `loop_check`; unknown where an estimate is old."""
+    t = state.trackers
+    found = loop_check(
+        t.estimate,
+        affine=affine_maps(state, t.estimate),
+        view=t.view,
+        counterpart=t.counterpart,
+        fundamental=state.geometry.fundamental,
+        bottom=config.bottom,
+    )
+    return np.where(fresh[:, None] & fresh[t.counterpart], found, UNKNOWN)
+
+
+def _first(t: Trackers, check: Ints, good: Bools, streak: Ints) -> tuple[Bools, Ints, Bools]:
+    """`good`, `streak` and `checked` where the first check of a pair decides at once."""
+    first = ~t.checked & (check != UNKNOWN)
+    return np.where(first, check == TOGETHER, good), np.where(first, 0, streak), t.checked | first
+
+
+def counterpart_status(t: Trackers) -> Ints:
+    """(n,) `GOOD` with a good counterpart, `BAD` with bad ones only, `NONE` without one that can be checked."""
+    return np.where(t.good.any(axis=1), GOOD, np.where(t.checked.any(axis=1), BAD, NONE))
+
+
+def helpers(t: Trackers, fresh: Bools) -> Ints:
+    """(n, V) rows of the trackers that may help: good counterparts whose estimates are fresh (n,); -1: none."""
+    return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
+
+
+def nearest(t: Trackers) -> Floats:
+    """(n,) distance to the nearest tracker of the same view, in sums of radii; inf for none."""
+    return np.asarray(
+        np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1, initial=np.inf)
+    )
+
+
+CLEAR = 0.75
+"""Farther than this many times the sum of their radii, one target hardly hides another."""
+STEP_PX = 2.0
+"""Distance of the places on a line that are tried."""
+EVERY = 5
+"""Places are tried in frames whose number is a multiple of this: mostly none is good, and the next frame is alike."""
+
+
+def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> VisualState:
+    """Restart the first tracker that is wrong and for which there is a place.
+
+    Args:
+        state: after the frame.
+        config: settings.
+        frames: of this time.
+    """
+    t = state.trackers
+    bad = t.checked.any(axis=1) & ~t.good.any(axis=1)
+    if not (config.restart and bad.any()):
+        return state
+    ratio = nearest(t)
+    wrong = bad & ((ratio < APART) | (t.likeness < config.restart_likeness))
+    clear = (ratio > CLEAR) & (t.likeness >= config.restart_likeness)
+    for i in np.flatnonzero(wrong).tolist():
+        guides = [j for j in t.counterpart[i].tolist() if j >= 0 and clear[j] and _views_agree(t, i, j)]
+        if not guides or frames.number[t.view[i]] % EVERY:
+            continue
+        place = _best_place(state, config, i, guides[0], frames)
+        if place is not None:
+            return state._replace(trackers=_moved_to(t, i, place))
+    return state
+
+
+def _views_agree(t: Trackers, i: int, j: int) -> bool:
+    """Whether at least half of the pairs of the two trackers' views are good, so that their geometry is not wrong."""
+    pairs = (t.view == t.view[i]) & t.checked[:, t.view[j]]
+    return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
+
+
+def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, frames: FrameSet) -> Floats | None:
+    """(5,) ellipse on the line of counterpart `guide` that is most like the target of tracker i; None: no good one."""
+    t, v = state.trackers, int(state.trackers.view[i])
+    view = state.views[v]
+    if frames.images[v] is None:
+        return None
+    # Try places all along the line, those inside the image at which there is no other tracker
+    tried = _places_on_line(state, config, i, guide)
+    tried = tried[((tried[:, :2] >= 0) & (tried[:, :2] < [view.width, view.height])).all(axis=1)]
+    others = np.flatnonzero((t.view == t.view[i]) & (np.arange(len(t.view)) != i))
+    tried = tried[(nearness_between(t.estimate[others], tried) >= APART).all(axis=0)]
+    # Weigh them by the colours
+    bins = update_map(state, frames, v, np.array([[0, 0, view.width, view.height]]))
+    found = colour_likeness(bins, tried, np.full(len(tried), i), t.colours, t.split, config.pixel_step)
+    if not len(tried) or found.max() < config.restart_likeness:
+        return None
+    return np.asarray(tried[int(np.argmax(found))])
+
+
+def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) -> Floats:
+    """(K, 5) ellipses of tracker i, as large as at its start, along the epipolar line of its counterpart."""
+    t, bottom = state.trackers, config.bottom
+    maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
+    x, y = anchor(t.estimate[guide], maps[guide], bottom)
+    line = line_of(state.geometry.fundamental[t.view[guide], t.view[i]], x, y)
+    # From the point of the line nearest to the estimate in both directions, as far as the image is wide and high
+    x, y = anchor(t.estimate[i], maps[i], bottom)
+    off, reach = line[0] * x + line[1] * y + line[2], math.hypot(view.width, view.height)
+    along = np.arange(-reach, reach + STEP_PX, STEP_PX)
+    shift = np.column_stack([-off * line[0] - along * line[1], -off * line[1] + along * line[0]])
+    out = np.repeat(t.estimate[i][None], len(along), axis=0)
+    out[:, :2] += np.linalg.solve(maps[i][:, :2], shift.T).T
+    out[:, 2:] = t.axes[i]
+    return out
+
+
+def _moved_to(t: Trackers, i: int, place: Floats) -> Trackers:
+    """Put tracker i in another place, at rest; its counterparts stay bad until checks in a row say otherwise."""
+    out = Trackers._make(field.copy() for field in t)
+    out.particles[i], out.estimate[i] = place, place
+    out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0
+    others = t.counterpart[i][t.counterpart[i] >= 0]
+    for field in (out.good, out.streak):
+        field[i] = 0
+        field[others, t.view[i]] = 0
+    return out
+
+
+def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: Floats, rng: Generator) -> Floats:
+    """Move a share of the particles, or all after a loss, to the epipolar lines of the last estimates in other views.
+
+    A target counts as lost when the likeness of its estimate is below `search_below`, or when
+    its estimate is nearer than `APART` to another tracker while a counterpart is bad: of two
+    targets that look alike the tracker then has the wrong one.  Only counterparts that had a
+    frame in the last frame period give a line.
+
+    Args:
+        state: before the frame.
+        c: settings.
+        particles: (n, N, 5) after the motion.
+        gap: (n,) frames since the last one.
+        rng: draws (n, N, 2) standard normal numbers.
+
+    Returns:
+        (n, N, 5); a tracker without a line keeps its particles.
+    """
+    t = state.trackers
+    expected = t.estimate.copy()
+    expected[:, :2] += gap[:, None] * t.velocity
+    many = particles.shape[1]
+    bad = ((t.counterpart >= 0) & t.checked & ~t.good).any(axis=1)
+    lost = (t.likeness < c.search_below) | (bad & (nearest(t) < APART))
+    return drawn_on_lines(
+        particles,
+        estimate=expected,
+        affine=affine_maps(state, expected),
+        view=t.view,
+        counterpart=np.where((t.counterpart >= 0) & (gap <= 1.0)[t.counterpart], t.counterpart, -1),
+        fundamental=state.geometry.fundamental,
+        bottom=c.bottom,
+        count=np.where(lost, many, round(c.on_line * many)),
+        along=c.along_px,
+        across=c.across,
+        normals=rng.standard_normal((*particles.shape[:2], 2)),
+    )
+
+
+def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> Trackers:
+    """Move the colours of trackers towards those in their estimates: new = (1 - adapt) old + adapt found.
+
+    Estimates count where they are alike enough (`adapt_above`).
+
+    Args:
+        state: after the frame.
+        c: settings.
+        here: (n,) trackers whose view has a frame; the others keep their colours.
+    """
+    t = state.trackers
+    colours = t.colours.copy()
+    for v, bins in enumerate(state.bins):
+        rows = np.flatnonzero((t.view == v) & here & (t.likeness >= c.adapt_above))
+        found = colours_in(bins, t.estimate[rows], t.split[rows], c.pixel_step)
+        # Where the edge of the image or a mask hides a part, the colours of the rest stand for all.
+        found *= colours[rows].sum(axis=1, keepdims=True) / np.maximum(found.sum(axis=1, keepdims=True), LEAST)
+        colours[rows] = (1.0 - c.adapt) * colours[rows] + c.adapt * found
+    return t._replace(colours=colours)

@@ -1,0 +1,433 @@
+"""State of the methods that track in images: one tracker for each target and view, [Qu] Sec. 2.2.
+
+Trackers are rows of arrays, ordered by view and target.  This module makes the state,
+adds and removes trackers, keeps the views' clocks, and pairs each tracker with its
+counterparts: the trackers of the same target in the other views.
+
+Appearance of targets besides colours, `model=pca`: densities of grey patches, [Qu] Sec. 3.3.
+
+The local likelihood is then p = p_c p_p, with p_p from the density of the grey patch inside the
+ellipse (`occlog.track.methods.images.kernels.appearance`).  The pixels of a patch are far from independent, so
+that p_p is the density's geometric mean over the pixels, to the power of the setting `pca_power`.
+A target's patches are learned from the frame it starts in, from ellipses that are off by a
+little, so that a target that turns, or on which the light changes, becomes unlikely.
+
+Influence of a detector's regions on the trackers of a frame, besides births and ends.
+
+Without regions nothing here has an effect.  Colours count inside regions only, as [Qu]
+Sec. 4.2 uses background subtraction.  Where a tracker and a region have only each other
+within reach, the tracker is drawn to the region and takes its size.  Where people merge into
+one region nothing draws their trackers: the method has to keep them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Bytes, Floats, Ints
+from occlog.core.image import nearness_between, update_bins
+from occlog.measure.epipolar.views import Geometry, View
+from occlog.track.methods.images.interface import Birth, FrameSet, Image, TrackerKey
+from occlog.track.methods.images.kernels.appearance import (
+    WIDTH,
+    PatchModels,
+    colours_in,
+    disc_points,
+    learn_target,
+    level,
+    patch_log_likelihood,
+    stack_models,
+    upright,
+)
+from occlog.track.methods.images.kernels.motion import boxes_of
+
+from .config import IdmotConfig, MipfConfig
+
+AppearanceModels = Mapping[TrackerKey, PatchModels]
+"""Model of each tracker's patches, M = 1."""
+
+COMPONENTS = 12
+"""Principal components of a model."""
+PATCHES = 40
+"""Patches from which the components are learned, besides that of the given ellipse."""
+
+
+def learn_appearance(
+    appearance: AppearanceModels,
+    kept: Sequence[TrackerKey],
+    frames: FrameSet,
+    births: Sequence[Birth],
+    config: MipfConfig,
+) -> AppearanceModels:
+    """Learn models of new trackers, and forget those of trackers that are not kept; nothing for `model=colour`.
+
+    Args:
+        appearance: models so far.
+        kept: trackers that go on.
+        frames: in which the targets of the births are.
+        births: new trackers; one whose view has no frame gets no model.
+        config: settings.
+    """
+    if config.model != "pca":
+        return appearance
+    jitter = np.random.default_rng(0).standard_normal((PATCHES, 5))
+    out = {key: appearance[key] for key in kept if key in appearance}
+    for birth in births:
+        image = frames.images[birth.view]
+        if image is not None:
+            ellipse = level(np.asarray(birth.ellipse, dtype=np.float64)[None])[0]  # axes in the order of the tracker's
+            out[birth.view, birth.target_id] = learn_target(image, ellipse, jitter, COMPONENTS)
+    return out
+
+
+def log_patches(
+    image: Image, ellipses: Floats, owner: Ints, models: Sequence[PatchModels], config: MipfConfig
+) -> Floats:
+    """(P,) log p_p of ellipses in one view's frame, [Qu] Sec. 3.3.
+
+    Args:
+        image: the frame.
+        ellipses: (P, 5).
+        owner: (P,) row of the models for each ellipse.
+        models: of the targets.
+        config: settings.
+    """
+    power = config.pca_power / len(disc_points())
+    return np.asarray(power * patch_log_likelihood(image, ellipses, owner, stack_models(models)))
+
+
+OUTSIDE = 255
+"""Bin of pixels that belong to no target."""
+
+
+class OwnRegions(NamedTuple):
+    """The regions that belong to one of n trackers each."""
+
+    has: Bools  # (n,) whether the tracker has one
+    region: Floats  # (n, 5) NaN: none
+
+
+def mask_outside(bins: Bytes, boxes: Ints, frames: FrameSet, view: int) -> None:
+    """Set the pixels of a view's map that belong to no target to `OUTSIDE`.
+
+    These are the pixels that the view's mask calls background, and those in no region's box.
+
+    Args:
+        bins: (H, W) changed in place, inside the boxes only.
+        boxes: (n, 4) left, top, right, bottom, half-open.
+        frames: with the masks and regions.
+        view: whose map it is.
+    """
+    regions = frames.regions[view] if frames.regions else None
+    mask = frames.masks[view] if frames.masks else None
+    if mask is not None:
+        _clear(bins, boxes, mask > 0)
+    if regions is None:
+        return
+    height, width = bins.shape
+    inside = np.zeros((height, width), dtype=np.bool_)
+    for x, y, a, b, _ in regions.tolist():
+        rows = slice(max(int(np.ceil(y - b)), 0), max(int(np.floor(y + b)) + 1, 0))
+        inside[rows, max(int(np.ceil(x - a)), 0) : max(int(np.floor(x + a)) + 1, 0)] = True
+    _clear(bins, boxes, inside)
+
+
+def is_masked(frames: FrameSet, view: int) -> bool:
+    """Whether `mask_outside` may change a view's map."""
+    regions = bool(frames.regions) and frames.regions[view] is not None
+    return regions or (bool(frames.masks) and frames.masks[view] is not None)
+
+
+def _clear(bins: Bytes, boxes: Ints, inside: Bools) -> None:
+    """Set the bins that are in the boxes and not `inside` (H, W) to `OUTSIDE`."""
+    for left, top, right, bottom in boxes.tolist():
+        part = slice(max(top, 0), max(bottom, 0)), slice(max(left, 0), max(right, 0))
+        bins[part][~inside[part]] = OUTSIDE
+
+
+def own_regions(frames: FrameSet, view: Ints, expected: Floats, reach: float) -> OwnRegions:
+    """Find the regions and trackers that have only each other within reach.
+
+    Args:
+        frames: with the regions.
+        view: (n,) of the trackers.
+        expected: (n, 5) ellipses where they should be now.
+        reach: largest distance of the centres in sums of radii.
+    """
+    out = np.full((len(view), 5), np.nan)
+    for v, regions in enumerate(frames.regions):
+        mine = np.flatnonzero(view == v)
+        if regions is None or not len(regions) or not len(mine):
+            continue
+        near = nearness_between(expected[mine], regions) <= reach
+        only = near & (near.sum(axis=1) == 1)[:, None] & (near.sum(axis=0) == 1)[None, :]
+        row, column = np.nonzero(only)
+        out[mine[row]] = regions[column]
+    return OwnRegions(np.isfinite(out[:, 0]), out)
+
+
+def drawn_at_regions(particles: Floats, own: OwnRegions, normals: Floats, share: float, spread: float) -> Floats:
+    """Draw a share of each tracker's particles anew at its own region.
+
+    Args:
+        particles: (n, N, 5).
+        own: regions of the trackers; one without keeps its particles.
+        normals: (n, N, 5) from N(0, 1).
+        share: of the particles, 0 to 1.
+        spread: standard deviation of their centres over the region's radius.
+    """
+    count = round(share * particles.shape[1])
+    if not own.has.any():
+        return particles
+    out, rows = particles.copy(), own.has
+    radius = np.sqrt(own.region[rows, 2] * own.region[rows, 3])[:, None, None]
+    fresh = np.repeat(own.region[rows][:, None], count, axis=1)
+    fresh[..., :2] += spread * radius * normals[rows, :count, :2]
+    out[rows, :count] = fresh
+    return out
+
+
+def log_region_likelihood(ellipses: Floats, own: OwnRegions, owner: Ints, spread: float) -> Floats:
+    """(P,) log likelihood, without its constant, of the distance of ellipses from their tracker's own region.
+
+    Args:
+        ellipses: (P, 5).
+        own: regions of n trackers; 0 without one.
+        owner: (P,) row of each one's tracker.
+        spread: standard deviation of the distance over the region's radius.
+    """
+    if not own.has.any():
+        return np.zeros(len(ellipses))
+    region = own.region[owner]
+    away = (ellipses[:, :2] - region[:, :2]) / np.sqrt(region[:, 2] * region[:, 3])[:, None]
+    return np.asarray(np.where(own.has[owner], -0.5 * (away**2).sum(axis=-1) / spread**2, 0.0))
+
+
+INTERVALS = 9
+"""Last intervals between frames of a view from whose median its frame period is taken."""
+LONGEST = 10.0
+"""A gap [frames] longer than this counts as this one."""
+LEAST = 1e-9
+"""A histogram whose sum is below this is empty."""
+NO_APPEARANCE: AppearanceModels = {}
+
+
+class Trackers(NamedTuple):
+    """n trackers, ordered by view and target."""
+
+    view: Ints  # (n,)
+    target: Ints  # (n,)
+    particles: Floats  # (n, N, 5) of equal weight
+    estimate: Floats  # (n, 5)
+    velocity: Floats  # (n, 2) [px a frame]
+    path: Floats  # (n, M, 2) the last M displacements, oldest first [px a frame]
+    axes: Floats  # (n, 3) half axes [px] and angle [rad] at the start
+    colours: Floats  # (n, WIDTH) see `colours`
+    weak: Ints  # (n,) frames in a row in which no particle had the target's colours
+    likeness: Floats  # (n,) of the last estimate
+    counterpart: Ints  # (n, V) row of the tracker of the same target in each other view; -1: none
+    good: Bools  # (n, V) whether the counterpart is good, [Qu] Sec. 3.4.2
+    streak: Ints  # (n, V) loop checks in a row that contradict `good`
+    checked: Bools  # (n, V) whether there was a loop check since the younger of both was born
+    split: Bools  # (n,) whether the colours are those of the upper and the lower half
+
+
+class Clock(NamedTuple):
+    """Times of the last frames of V views."""
+
+    t_ns: Ints  # (V,) of the last one; -1: none yet
+    interval_ns: Floats  # (V, INTERVALS) between the last ones; NaN: not known
+
+
+class VisualState(NamedTuple):
+    """State of a method, see `occlog.track.methods.images.interface`."""
+
+    views: tuple[View, ...]
+    geometry: Geometry
+    config: MipfConfig
+    clock: Clock
+    bins: tuple[Bytes, ...]  # (V,) maps of bins (H, W); only what the latest frame's trackers look at is up to date
+    trackers: Trackers
+    appearance: AppearanceModels = NO_APPEARANCE  # models of the targets' patches; empty for `model=colour`
+
+
+def initial_state(views: Sequence[View], geometry: Geometry, config: MipfConfig) -> VisualState:
+    """Make a state without trackers.
+
+    Args:
+        views: V views.
+        geometry: between them.
+        config: settings of the method.
+    """
+    n = len(views)
+    clock = Clock(t_ns=np.full(n, -1), interval_ns=np.full((n, INTERVALS), np.nan))
+    bins = tuple(np.zeros((view.height, view.width), dtype=np.uint8) for view in views)
+    none, ellipses = np.zeros(0, dtype=np.int64), np.zeros((0, 5))
+    trackers = _at_rest(none, none, ellipses, np.zeros((0, WIDTH)), np.zeros(0, dtype=np.bool_), n, config)
+    return VisualState(tuple(views), both_directions(geometry), config, clock, bins, trackers)
+
+
+def both_directions(geometry: Geometry) -> Geometry:
+    """Replace each unknown fundamental matrix by the transposed matrix of the other direction, F_ba = F_ab^T."""
+    given = np.array(geometry.fundamental, dtype=np.float64)
+    back = given.transpose(1, 0, 3, 2)
+    return geometry._replace(fundamental=np.where(np.isnan(given).any(axis=(2, 3), keepdims=True), back, given))
+
+
+def _at_rest(
+    view: Ints, target: Ints, ellipse: Floats, colours: Floats, split: Bools, views: int, config: MipfConfig
+) -> Trackers:
+    """Trackers with all particles at the given ellipses (n, 5), at rest, without counterparts yet."""
+    n, memory = len(view), config.memory if isinstance(config, IdmotConfig) else 1
+    return Trackers(
+        view=view,
+        target=target,
+        particles=np.repeat(ellipse[:, None], config.particles, axis=1),
+        estimate=ellipse,
+        velocity=np.zeros((n, 2)),
+        path=np.zeros((n, memory, 2)),
+        axes=ellipse[:, 2:].copy(),
+        colours=colours,
+        weak=np.zeros(n, dtype=np.int64),
+        likeness=np.ones(n),
+        counterpart=np.full((n, views), -1),
+        good=np.zeros((n, views), dtype=np.bool_),
+        streak=np.zeros((n, views), dtype=np.int64),
+        checked=np.zeros((n, views), dtype=np.bool_),
+        split=split,
+    )
+
+
+def add_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
+    """Add trackers whose colours are those in the frames; one of the same view and target is replaced.
+
+    Raises:
+        ValueError: the view of a birth has no frame.
+    """
+    if not births:
+        return state
+    new = {(birth.view, birth.target_id) for birth in births}
+    kept = keep_trackers(state, np.array([key not in new for key in keys_of(state.trackers)], dtype=np.bool_))
+    parts = zip(kept.trackers, _newborn(state, frames, births), strict=True)
+    joined = Trackers._make(np.concatenate(fields) for fields in parts)
+    order = np.lexsort((joined.target, joined.view))
+    trackers = _paired(Trackers._make(field[order] for field in joined), len(state.views))
+    appearance = learn_appearance(state.appearance, keys_of(kept.trackers), frames, births, state.config)
+    return advance_clock(state._replace(trackers=trackers, appearance=appearance), frames)
+
+
+def keys_of(trackers: Trackers) -> list[TrackerKey]:
+    """View and target of each tracker."""
+    return list(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))
+
+
+def _newborn(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> Trackers:
+    """New trackers, with the colours in the frames."""
+    config = state.config
+    ellipse = level(np.array([birth.ellipse for birth in births], dtype=np.float64))
+    split = upright(ellipse, config.halves)
+    view = np.array([birth.view for birth in births], dtype=np.int64)
+    target = np.array([birth.target_id for birth in births], dtype=np.int64)
+    colours = np.empty((len(births), WIDTH))
+    for v in np.unique(view).tolist():
+        mine = view == v
+        bins = update_map(state, frames, v, boxes_of(ellipse[mine][:, None]))
+        found = colours_in(bins, ellipse[mine], split[mine], config.pixel_step)
+        if is_masked(frames, v):
+            # The masks leave a share s of the ellipse.  Colours that sum to 1/s give a likeness of 1 to an ellipse of
+            # which as much is left, and of sqrt(r/s) to one of which a smaller share r is left.
+            found /= np.maximum(found.sum(axis=1, keepdims=True), LEAST) ** 2
+        colours[mine] = found
+    return _at_rest(view, target, ellipse, colours, split, len(state.views), config)
+
+
+def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> Bytes:
+    """Bring a view's map of bins up to date inside boxes (n, 4), and return it.
+
+    Raises:
+        ValueError: the view has no frame.
+    """
+    image, bins = frames.images[view], state.bins[view]
+    if image is None:
+        raise ValueError(f"view {view} has no frame")
+    update_bins(bins, image, boxes, state.config.pixel_step)
+    mask_outside(bins, boxes, frames, view)
+    return bins
+
+
+def _paired(trackers: Trackers, views: int) -> Trackers:
+    """Find the counterparts of all trackers; the loop check starts anew for a pair that has changed."""
+    row = {key: i for i, key in enumerate(keys_of(trackers))}
+    counterpart = np.full((len(trackers.view), views), -1)
+    for (view, target), i in row.items():
+        for v in range(views):
+            if v != view:
+                counterpart[i, v] = row.get((v, target), -1)
+    both = (counterpart >= 0) & trackers.checked & trackers.checked[counterpart, trackers.view[:, None]]
+    return trackers._replace(
+        counterpart=counterpart,
+        good=trackers.good & both,
+        streak=np.where(both, trackers.streak, 0),
+        checked=both,
+    )
+
+
+def keep_trackers(state: VisualState, keep: Bools) -> VisualState:
+    """Remove the trackers for which `keep` (n,) is false."""
+    if keep.all():
+        return state
+    trackers = _paired(Trackers._make(field[keep] for field in state.trackers), len(state.views))
+    return state._replace(trackers=trackers)
+
+
+def end_trackers(state: VisualState, keys: Sequence[TrackerKey]) -> VisualState:
+    """Remove the trackers of these views and targets; keys without a tracker change nothing."""
+    gone = set(keys)
+    return keep_trackers(state, np.array([key not in gone for key in keys_of(state.trackers)], dtype=np.bool_))
+
+
+def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
+    """Put the time of the frames on the clocks of their views; the same frames a second time change nothing."""
+    clock = state.clock
+    have = np.array([image is not None for image in frames.images]) & (clock.t_ns != frames.t_ns)
+    interval = np.where(clock.t_ns >= 0, frames.t_ns - clock.t_ns, np.nan)
+    later = np.column_stack([clock.interval_ns[:, 1:], interval])
+    return state._replace(
+        clock=Clock(
+            t_ns=np.where(have, frames.t_ns, clock.t_ns),
+            interval_ns=np.where(have[:, None], later, clock.interval_ns),
+        )
+    )
+
+
+def gaps(clock: Clock, t_ns: int) -> Floats:
+    """(V,) frames of each view from its last one to one at a time: whole numbers, 1 to `LONGEST`."""
+    return np.clip(np.round(ages(clock, t_ns)), 1.0, LONGEST)
+
+
+def ages(clock: Clock, t_ns: int) -> Floats:
+    """(V,) time since each view's last frame over the median of its last intervals; 1 where that is not known.
+
+    Of an even number of intervals the upper one of the two in the middle counts.
+    """
+    out = np.ones(len(clock.t_ns))
+    for v, (last, row) in enumerate(zip(clock.t_ns.tolist(), clock.interval_ns.tolist(), strict=True)):
+        known = sorted(interval for interval in row if interval == interval)
+        if known and last >= 0:
+            out[v] = (t_ns - last) / known[len(known) // 2]
+    return out
+
+
+def with_geometry(state: VisualState, geometry: Geometry) -> VisualState:
+    """Replace the geometry by one of the same views with fewer matrices.
+
+    Counterparts in views whose matrices are gone in both directions are neither good nor checked any more.
+    """
+    known: Bools = np.asarray(np.isfinite(geometry.fundamental).all(axis=(2, 3)))
+    t = state.trackers
+    kept = (known | known.T)[t.view]
+    trackers = t._replace(good=t.good & kept, streak=np.where(kept, t.streak, 0), checked=t.checked & kept)
+    return state._replace(geometry=both_directions(geometry), trackers=trackers)

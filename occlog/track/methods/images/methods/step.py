@@ -1,0 +1,146 @@
+"""One frame of all trackers, [Qu] Alg. 1: the scheme of all methods, of which each has some parts.
+
+    propose      motion; a share on epipolar lines; a share at regions of a detector
+    weigh        local likelihood; interaction of trackers that touch; collaboration of the views
+    estimate     mean of the particles, and resampling
+    update       velocity, path, loop check of the views, colours
+    end          targets that left the image or were lost; restart on an epipolar line
+
+The class of a method's settings says which parts it has, see `occlog.track.methods.images.methods.config`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.track.methods.images.interface import LEFT, LOST, Birth, FrameSet, Outlines
+
+from .config import BmctConfig, CmctConfig, IdmotConfig, LoopCheckConfig, McmcConfig, MipfConfig
+from .joint import joint_samples
+from .restart import adapt_colours, check_loops, check_new_pairs, counterpart_status, restart_one
+from .state import Trackers, VisualState, add_trackers, advance_clock, keep_trackers
+from .weigh import Arrival, Samples, arrival_of, likeness_of_estimates, local_weights, weigh
+
+
+def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
+    """Add trackers as `add_trackers`, and check new pairs where the method checks the loop of views."""
+    state, config = add_trackers(state, frames, births), state.config
+    if isinstance(config, LoopCheckConfig):
+        state = state._replace(trackers=check_new_pairs(state, config))
+    return state
+
+
+def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[VisualState, Outlines]:
+    """Take in the frames of one time, which come after those of births.
+
+    Args:
+        state: its buffers belong to the next state afterwards.
+        frames: of all views.
+        rng: all random numbers are drawn from it.
+
+    Returns:
+        The next state, without the trackers that ended, and the estimates of this time.
+    """
+    config, arrival = state.config, arrival_of(state, frames)
+    # Propose, weigh, estimate, resample
+    if isinstance(config, McmcConfig):
+        samples = joint_samples(state, config, frames, arrival, rng)
+    else:
+        samples = weigh(state, arrival, local_weights(state, frames, arrival, rng), rng)
+    return advance_with(state, frames, arrival, samples)
+
+
+def advance_with(
+    state: VisualState, frames: FrameSet, arrival: Arrival, samples: Samples
+) -> tuple[VisualState, Outlines]:
+    """Take in the weighted particles of one time: all of `advance` after the estimate."""
+    config, here = state.config, arrival.here
+    after = _updated(state.trackers, arrival, samples, config)
+    state = advance_clock(state._replace(trackers=_where(here, after, state.trackers)), frames)
+    likeness = np.where(here, likeness_of_estimates(state, here), state.trackers.likeness)
+    state = state._replace(trackers=state.trackers._replace(likeness=likeness))
+    # Check the loop of views ([Qu] Sec. 3.4.2)
+    if isinstance(config, LoopCheckConfig):
+        state = state._replace(trackers=check_loops(state, config, here))
+    # Learn appearance
+    if isinstance(config, CmctConfig):
+        state = state._replace(trackers=adapt_colours(state, config, here))
+    # Decide whose target left the image or was lost: target tracker killing ([Qu] Sec. 3.4.3)
+    size = np.array([(view.width, view.height) for view in state.views], dtype=np.float64)[state.trackers.view]
+    event = np.where(here, end_events(state.trackers, size, config), 0)
+    outlines = _outlines(state, here, samples, event)
+    # Restart where a counterpart shows that a tracker is wrong ([Qu] Sec. 3.4.2 leaves open how)
+    if isinstance(config, BmctConfig):
+        state = restart_one(state, config, frames)
+    return keep_trackers(state, event == 0), outlines
+
+
+def _updated(t: Trackers, arrival: Arrival, samples: Samples, config: MipfConfig) -> Trackers:
+    """Trackers with the particles and estimates of their frame, and with what follows from these."""
+    # Update the velocity: exponential mean of the displacements
+    step = (samples.estimate[:, :2] - t.estimate[:, :2]) / arrival.gap[:, None]
+    velocity = config.keep_velocity * t.velocity + (1.0 - config.keep_velocity) * step
+    # Update the path of which v_ref is the mean; while trackers touch their displacements say little of the target
+    frozen = config.frozen if isinstance(config, IdmotConfig) else 1.0
+    usual = t.path.mean(axis=1)
+    entry = np.where(samples.touching.any(axis=1, keepdims=True), usual + frozen * (step - usual), step)
+    # Follow the size of the own region
+    size = np.where(arrival.own.has[:, None], arrival.own.region[:, 2:], t.axes)
+    return t._replace(
+        particles=samples.resampled,
+        axes=t.axes + config.region_axes * (size - t.axes),
+        estimate=samples.estimate,
+        velocity=velocity,
+        path=np.concatenate([t.path[:, 1:], entry[:, None]], axis=1),
+        # Count the frames in a row in which no particle has the target's colours
+        weak=np.where(samples.best < config.lost_likeness, t.weak + 1, 0),
+    )
+
+
+def _where(rows: Bools, one: Trackers, other: Trackers) -> Trackers:
+    """Trackers of one set in the rows (n,), and of another elsewhere."""
+    if rows.all():
+        return one
+    pairs = zip(one, other, strict=True)
+    return Trackers._make(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
+
+
+def end_events(t: Trackers, size: Floats, config: MipfConfig) -> Ints:
+    """Which trackers end, [Qu] Sec. 3.4.3: `LEFT`, `LOST`, or 0 for those that go on.
+
+    A target has left when the centre is outside the image, or when it was lost while the
+    ellipse reaches over the edge.  It was lost when no particle has had its colours for
+    `lost_after` frames in a row; but a tracker with a good counterpart goes on.
+
+    Args:
+        t: n trackers after the frame.
+        size: (n, 2) width and height of each one's image [px].
+        config: settings.
+    """
+    centre, reach = t.estimate[:, :2], t.estimate[:, 2:4].max(axis=1)[:, None]
+    outside = ((centre < -0.5) | (centre > size - 0.5)).any(axis=1)
+    over = ((centre < reach - 0.5) | (centre > size - 0.5 - reach)).any(axis=1)
+    lost = (t.weak >= config.lost_after) & (config.lost_after > 0) & ~t.good.any(axis=1)
+    return np.where(outside | (lost & over), LEFT, np.where(lost, LOST, 0))
+
+
+def _outlines(state: VisualState, here: Bools, samples: Samples, event: Ints) -> Outlines:
+    """Rows of the trackers whose views had a frame."""
+    t, rows, checked = state.trackers, np.flatnonzero(here), isinstance(state.config, LoopCheckConfig)
+    return Outlines(
+        view=t.view[rows],
+        target_id=t.target[rows],
+        ellipse=samples.estimate[rows],
+        covariance=samples.covariance[rows],
+        likeness=t.likeness[rows],
+        ess=samples.ess[rows],
+        mode=samples.mode[rows],
+        counterpart=counterpart_status(t)[rows] if checked else np.zeros(len(rows), dtype=np.int64),
+        touching=samples.touching[np.ix_(rows, rows)],
+        helpers=samples.helped[rows],
+        event=event[rows],
+    )

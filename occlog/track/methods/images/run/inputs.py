@@ -1,0 +1,275 @@
+"""Inputs of tracking in images: frames, first ellipses, detections, epipolar geometry.
+
+Provenance of tracks made from video: where their trackers came from, and from which recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from occlog import console
+from occlog.console.notes import threads_by_default
+from occlog.errors import InputError, UsageError
+from occlog.io.files.provenance import Provenance, hash_file
+from occlog.io.formats.models.ellipses import FIRST, GivenEllipse, read_ellipses
+from occlog.io.formats.models.motion_models import lost_in_models
+from occlog.io.open import Opened, load_scene, losses_of, open_if_ours, open_input
+from occlog.io.recording.reader import Recording
+from occlog.measure.epipolar.matrices import known_geometry
+from occlog.records.declared.views import ViewTracks
+from occlog.records.losses import Loss
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import Bearings, Boxes, TruthBoxes, Views
+from occlog.scans.grouping import nearest
+from occlog.track.methods.images.births.config import ViewsConfig
+from occlog.track.methods.images.births.regions import (
+    BackgroundModel,
+    Regions,
+    RegionStream,
+    background_models,
+    moving_regions,
+    regions_of_boxes,
+    regions_of_views,
+    with_cameras,
+)
+from occlog.track.methods.images.ground.config import STARTS, GroundConfig
+from occlog.track.methods.images.ground.stage import GroundPart, ground_tracks
+from occlog.track.request import ViewsRequest
+
+from .frames_in_step import step_window, survey
+from .stage import Start
+
+LARGE_ID = 2**30
+"""Identities from here on leave few free numbers above them, fewer than there may be between others."""
+
+
+class ViewsInput:
+    """The recording, and everything that tracking in its images needs to know beforehand."""
+
+    def __init__(self, request: ViewsRequest, stage: ViewsConfig) -> None:
+        """Open the recording and look at the first frames of every camera."""
+        self.request, self.stage = request, stage
+        self.given = 0  # first ellipses
+        self.opened, self.recording = open_video(request)
+        self._initial: Opened | None = None
+        self._detections: Opened | None = None
+        given = None if request.scene is None else load_scene(request.scene, None, request.scene)
+        self.scene: Scene | None = given if given is not None else self.recording.scene
+        self.names = choose_views(self.recording, request.cameras, request.without)
+        self.surveyed = tuple(
+            survey(name, self.recording.frames([name]), self._camera(name), bits=stage.bits) for name in self.names
+        )
+        self.views = tuple(s.view for s in self.surveyed)
+        self.window_ns = step_window(s.period_ns for s in self.surveyed)
+        self.known = known_geometry(self.views, self.recording, given, request.fundamental)
+        self.geometry = self.known.geometry
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What was lost when the recording, the first ellipses, the detections and the matrices were made."""
+        found = losses_of([self.opened, self._initial, self._detections])
+        return tuple(dict.fromkeys((*found, *lost_in_models([self.request.fundamental]))))
+
+    @property
+    def length_unit(self) -> str:
+        """Unit of lengths in the scene."""
+        return "m" if self.scene is None else self.scene.length_unit
+
+    @property
+    def frames(self) -> int:
+        """Number of frames that the recording announces."""
+        wanted = {f"/camera/{name}/{kind}" for name in self.names for kind in ("image", "video")}
+        return sum(t.messages for t in self.recording.topics if t.name in wanted)
+
+    def _camera(self, name: str) -> Camera | None:
+        return next((c for c in self.scene.cameras if c.name == name), None) if self.scene is not None else None
+
+    def _placed(self) -> list[str]:
+        """Names of the cameras with a pose."""
+        return [c.name for c in map(self._camera, self.names) if c is not None and c.placed]
+
+    def on_ground(self, tracks: Iterable[ViewTracks], window_ns: int) -> Iterator[GroundPart]:
+        """Tracks in the world from tracks in the images; none without a scene."""
+        if self.scene is None:
+            return iter(())
+        config = GroundConfig(window_s=window_ns / 1e9, exchange_start=STARTS.get(self.request.births, 0.0))
+        return ground_tracks(tracks, self.scene, config, self._placed())
+
+    def check_world(self) -> None:
+        """Raise InputError where no camera has a pose, so that no place in the world can be found."""
+        if not self._placed():
+            raise InputError(
+                f"{self.request.bearings}: no camera has a pose, so nothing can be told of the ground; give a scene "
+                "with poses, or leave world out"
+            )
+
+    def starts(self) -> tuple[tuple[Start, ...], int]:
+        """Trackers to begin from the file of first ellipses, and the first identity that is free for others."""
+        if self.request.initial is None:
+            return (), 0
+        sizes = {view.name: (view.width, view.height) for view in self.views}
+        given = read_ellipses(self.request.initial, sizes, self.recording.cameras)
+        self._initial = open_if_ours(self.request.initial)
+        if self._initial is None:
+            self._check_frames(given)  # tables may be of a longer recording
+        place = {name: v for v, name in enumerate(self.names)}
+        starts = [Start(place[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
+        starts.sort(key=lambda s: (s.frame, s.view, s.target_id))
+        self.given = len(starts)
+        return tuple(starts), first_free([s.target_id for s in starts])
+
+    def _check_frames(self, given: tuple[GivenEllipse, ...]) -> None:
+        """Raise InputError for a frame that a camera does not have."""
+        for name, known in zip(self.names, self.surveyed, strict=True):
+            asked = [g for g in given if g.sensor == name and g.frame not in (FIRST, known.first)]
+            if not asked:
+                continue
+            found = survey(name, self.recording.frames([name]), None, {g.frame for g in asked}, self.stage.bits)
+            for each in asked:
+                if each.frame in found.missing:
+                    raise InputError(
+                        f"{each.where}: frame {each.frame} of target {each.target_id}: camera {name} has no such "
+                        f"frame; it has {known.first} to {found.last}; correct it"
+                    )
+
+    def background(self, quiet: bool) -> tuple[BackgroundModel | None, ...]:
+        """Background models of the views; none unless they are wanted."""
+        if not self.stage.background:
+            return ()
+        frames = console.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
+        return background_models(frames, with_cameras(self.scene, self.views), self.views, threads_by_default())
+
+    def region_stream(self) -> RegionStream | None:
+        """Regions of a detector; None where trackers begin from a file only."""
+        path = self.request.detections
+        if path is not None:
+            return self._given(path)
+        if self.request.initial is not None:
+            return None
+        if self.recording.has(Boxes):
+            return RegionStream(regions_of_boxes(self.recording.tables(Boxes), self.stage.birth_confidence), False)
+        regions = moving_regions(
+            lambda: self.recording.frames(self.names), self.scene, self.views, threads_by_default()
+        )
+        return RegionStream(regions, True)
+
+    def _given(self, path: Path) -> RegionStream:
+        """Regions of a file of detections."""
+        self._detections = opened = open_input(path)
+        if opened.recording is None and opened.has(Views):
+            return RegionStream(regions_of_views(opened.rows(Views)), True)
+        if opened.recording is None and opened.has(TruthBoxes):
+            return self._of_boxes(opened.rows(TruthBoxes))
+        if opened.recording is None:
+            opened.require(Boxes, Views)
+        return self._of_boxes(opened.rows(Boxes))
+
+    def _of_boxes(self, chunks: Iterator[Boxes]) -> RegionStream:
+        regions: Iterator[Regions] = regions_of_boxes(chunks, self.stage.birth_confidence)
+        return RegionStream(regions, False)
+
+
+def first_free(taken: Sequence[int]) -> int:
+    """First of many free identities: after the largest one, or where that is too large after another one.
+
+    Args:
+        taken: identities of targets, from 0 to 2^31 - 1.
+    """
+    ids = sorted({-1, *taken})
+    if ids[-1] < LARGE_ID:
+        return ids[-1] + 1
+    gaps = [after - before for before, after in pairwise([*ids, 2**31])]
+    return ids[gaps.index(max(gaps))] + 1
+
+
+def open_video(request: ViewsRequest) -> tuple[Opened, Recording]:
+    """Open the recording; InputError unless it holds images."""
+    path, method = request.bearings, request.method
+    opened = open_if_ours(path)
+    if opened is None or opened.recording is None:
+        raise InputError(
+            f"{path}: is not a recording (.mcap); method {method} tracks in images: give a recording with video, "
+            "made with `occlog ingest` or `occlog simulate`"
+        )
+    recording = opened.recording
+    if not recording.cameras:
+        other = "track its bearings with another method, for example apf"
+        if recording.has(Boxes) and not recording.has(Bearings):
+            other = "follow everybody by its boxes with method jipda, which wants cameras with a calibration"
+        raise InputError(
+            f"{path}: holds no images; method {method} tracks in images: give a recording with video, or {other}"
+        )
+    return opened, recording
+
+
+def choose_views(recording: Recording, only: tuple[str, ...], without: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the cameras to track in; UsageError for one that has no images."""
+    for name in (*only, *without):
+        if name not in recording.cameras:
+            raise UsageError(f"{recording.path}: no images of camera {name!r}; {nearest(name, recording.cameras)}")
+    names = tuple(n for n in recording.cameras if (not only or n in only) and n not in without)
+    if not names:
+        raise UsageError("no camera is left to track in; leave out fewer of them")
+    return names
+
+
+FROM_DETECTIONS = "trackers were born from detections, so that their numbers are not those of targets"
+
+
+def video_provenance(tracks: Path | None) -> Provenance | None:
+    """How `occlog track` made a table from video; None for anything else."""
+    opened = None if tracks is None else open_if_ours(tracks)
+    if opened is None or opened.recording is not None:
+        return None
+    made = opened.provenance
+    return made if made.command == "track" and "births" in made.parameters else None
+
+
+def born_from_detections(tracks: Path | None) -> bool:
+    """Whether trackers came from detections, perhaps beside those that were given."""
+    made = video_provenance(tracks)
+    return made is not None and made.parameters["births"] != "initial"
+
+
+def own_notes(tracks: Path | None, own: str, asked: str | None) -> list[str]:
+    """A line on which target is a tracker's own where trackers came from detections.
+
+    Args:
+        tracks: the tracks.
+        own: how it is found.
+        asked: value of --own; None: not given.
+    """
+    if not born_from_detections(tracks) or asked not in (None, "label"):
+        return []
+    how = f"--own {own} is used" if asked is None else "FR needs --own start"
+    return [f"{tracks}: {FROM_DETECTIONS}; {how}"]
+
+
+def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[str]:
+    """A line for each recording with video that is not what the tracks were made from.
+
+    Two recordings may have the same times and cameras, so that nothing else tells them apart; but a
+    copy is another file too, so that this is no error.
+
+    Args:
+        tracks: the tracks; tables that `occlog track` did not make from video are not judged.
+        recordings: files that belong to the tracks, as the user says; those without video are passed over.
+    """
+    made = video_provenance(tracks)
+    if made is None or not made.inputs:
+        return []
+    used = {digest for _, digest in made.inputs}
+    names = ", ".join(name for name, _ in made.inputs if name.lower().endswith(".mcap")) or made.inputs[0][0]
+    return [
+        f"{path}: {tracks} was made from another file ({names}); right only if both are of the same video"
+        for path in dict.fromkeys(recordings)
+        if path is not None and _has_video(path) and hash_file(path) not in used
+    ]
+
+
+def _has_video(path: Path) -> bool:
+    """Whether a file is a recording with images."""
+    opened = open_if_ours(path)
+    return opened is not None and opened.recording is not None and bool(opened.recording.cameras)

@@ -1,0 +1,365 @@
+"""Run of `occlog track` with a method that tracks in images: read, track, write, and sum up.
+
+Tracks and losses are counted while they stream past; the summary and the warnings are made of
+the counts.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, fields, replace
+from itertools import combinations
+
+import numpy as np
+
+from occlog.consistency.estimates import FEW, Particles
+from occlog.consistency.verdict import DEPLETED, beyond
+from occlog.console.notes import threads_by_default
+from occlog.errors import InputError, UsageError, option
+from occlog.measure.detect.by_background.one_camera import stretches
+from occlog.records.declared.views import ViewTracks
+from occlog.records.losses import Loss
+from occlog.records.tables import Boxes, FusedTracks
+from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
+from occlog.runner import Job, Tables
+from occlog.settings import configure
+from occlog.track.methods.images.births.config import ViewsConfig
+from occlog.track.methods.images.births.regions import RegionStream
+from occlog.track.methods.images.ground.stage import Verdict
+from occlog.track.methods.images.methods.config import CONFIGS, LoopCheckConfig, MipfConfig
+from occlog.track.request import ViewsRequest
+
+from .frames_in_step import in_step
+from .inputs import ViewsInput
+from .stage import Checks, TrackingSetup, ViewsPart, track_views
+
+NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets at a time", "effective number of particles"
+FIRST, SHARED, ENDS = "first ellipses", "views that help one another", "ends of the views"
+GEOMETRY, PLACES = "fundamental matrices", "places in the world"
+"""Names of checks."""
+MOST_AT_ONCE = 30.0
+"""Targets in a frame that regions can be: one man without a calibration gives 72, the rendered balls of [Qu] 8.8."""
+FEWEST_CHECKS = 20
+"""Loop checks below which the summary does not judge a fundamental matrix."""
+BIN_PX, BINS = 0.1, 20_001
+"""Width and number of the bins of the histogram of distances; the last bin holds all that are farther."""
+EARLY_PERIODS = 3
+"""A view ends early when others go on for more of its frame periods than this."""
+
+
+class ViewsSummary:
+    """Figures of the summary, counted while streaming."""
+
+    def __init__(self, method: str, inputs: ViewsInput) -> None:
+        """Begin with all counts at 0."""
+        self.method, self.inputs = method, inputs
+        n = len(inputs.views)
+        self.rows = 0
+        self.targets: set[int] = set()
+        self.frames = np.zeros(n, dtype=np.int64)
+        self.last_ns = np.full(n, -1, dtype=np.int64)
+        self.events: Counter[str] = Counter()
+        self.begun: set[str] = set()
+        self.modes: Counter[str] = Counter()
+        self.lost: list[list[tuple[int, str]]] = [[] for _ in range(n)]
+        self.failed = np.zeros((n, n), dtype=np.int64)
+        self.distances = {pair: np.zeros(BINS, dtype=np.int64) for pair in combinations(range(n), 2)}
+        self.dropped: list[tuple[int, int]] = []
+        self.places: Counter[str] = Counter()
+        self.verdict = Verdict()
+        self.particles = Particles()
+        self.rows_of: Counter[str] = Counter()
+
+    def add(self, part: ViewsPart) -> None:
+        """Count some more moments."""
+        self.rows += len(part.tracks)
+        self.rows_of.update(part.tracks.sensor.tolist())
+        self.particles.add(part.tracks.ess)
+        self.targets.update(part.tracks.target_id.tolist())
+        self.frames += part.frames
+        self.last_ns = np.maximum(self.last_ns, part.last_ns)
+        self.events.update(e for e in part.tracks.event.tolist() if e)
+        self.begun.update(part.tracks.sensor[part.tracks.event == "start"].tolist())
+        self.modes.update(m for m in part.tracks.mode.tolist() if m)
+        for view, frame, why in part.lost:
+            self.lost[view].append((frame, why))
+        self._check(part.checks)
+        self._check(part.start_checks)
+        self.dropped += part.dropped
+
+    def _check(self, checks: Checks) -> None:
+        """Count loop checks by pair of views."""
+        for a, b, radii, px in zip(*(column.tolist() for column in checks), strict=True):
+            self.failed[int(a), int(b)] += radii > 1.0
+            self.distances[int(a), int(b)][int(min(px / BIN_PX, BINS - 1))] += 1
+
+    def losses(self) -> list[Loss]:
+        """Frames that could not be used, in stretches."""
+        return [
+            loss for view, lost in zip(self.inputs.views, self.lost, strict=True) for loss in stretches(view.name, lost)
+        ]
+
+    def summary(self) -> dict[str, object]:
+        """The figures of the summary."""
+        names = self.inputs.names
+        total = max(sum(self.modes.values()), 1)
+        checks = {
+            f"{names[a]}-{names[b]}": {"checks": int(n), "failed": int(self.failed[a, b])}
+            for (a, b), distances in self.distances.items()
+            if (n := distances.sum())
+        }
+        return {
+            "targets": len(self.targets),
+            "rows": self.rows,
+            "frames": dict(zip(names, self.frames.tolist(), strict=True)),
+            "started": self.events["start"],
+            "left": self.events["left"],
+            "lost_trackers": self.events["lost"],
+            "modes": {mode: n / total for mode, n in sorted(self.modes.items())},
+            "loop_checks": checks,
+            **({"places": dict(sorted(self.places.items())), **self.verdict.figures()} if self.places else {}),
+        }
+
+    def checks(self) -> tuple[Check, ...]:
+        """What was checked of the tracks, and what was found."""
+        pairs = sum(int(each.sum()) >= FEWEST_CHECKS for each in self.distances.values())
+        uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
+        depleted = "" if self.particles.rows else "the method has no particles"
+        places = "" if self.places else "no places in the world were asked for"
+        return (
+            *outcome(NUMBER, self._none(), targets=len(self.targets), rows=self.rows),
+            *outcome(
+                AT_ONCE,
+                () if uncounted else self._too_many(),
+                unless=uncounted,
+                per_frame=max(self._at_a_time().values(), default=0.0),
+                allowed=MOST_AT_ONCE,
+            ),
+            *outcome(
+                PARTICLES,
+                self._depleted(),
+                unless=depleted,
+                median=self.particles.median,
+            ),
+            *outcome(FIRST, self._first()),
+            *outcome(SHARED, self._alone()),
+            *outcome(ENDS, self._ends(), unless="" if len(self.inputs.views) > 1 else "there is one view"),
+            *outcome(
+                GEOMETRY,
+                (self._misfit(a, b) for a, b in self._misfits()),
+                unless="" if pairs else f"no two views have {FEWEST_CHECKS} loop checks",
+            ),
+            *outcome(
+                PLACES,
+                () if places else (finding(PLACES, "note", "places", line) for line in self.verdict.warnings()),
+                unless=places,
+            ),
+        )
+
+    @property
+    def _uses_regions(self) -> bool:
+        """Whether trackers begin from regions that move, and not from first ellipses or from boxes of a detector."""
+        request, boxes = self.inputs.request, self.inputs.recording.has(Boxes)
+        return request.births != "initial" and (request.detections is not None or not boxes)
+
+    def _at_a_time(self) -> dict[str, float]:
+        """Mean number of targets in a frame of each view."""
+        frames = zip(self.inputs.names, self.frames.tolist(), strict=True)
+        return {name: self.rows_of[name] / count for name, count in frames if count}
+
+    def _none(self) -> Iterator[Check]:
+        """No target at all."""
+        if not self.rows:
+            text = (
+                f"no target was found; give the first ellipses ({option('initial')}) or better {option('detections')}"
+            )
+            yield finding(NUMBER, "note", "no-target", text)
+
+    def _too_many(self) -> Iterator[Check]:
+        """Views with more targets at a time than silhouettes of people can be told apart in."""
+        for name, count in self._at_a_time().items():
+            if count > MOST_AT_ONCE:
+                yield finding(
+                    AT_ONCE,
+                    "warning",
+                    "targets-many",
+                    f"view {name}: {count:.0f} targets in a frame on average (allowed: {MOST_AT_ONCE:.0f}): regions "
+                    "that move are not people; state how tall people are in the images (--person-height-px of `occlog "
+                    "detect`), give a calibration, or boxes of a detector",
+                    sensors=[name],
+                    per_frame=count,
+                    allowed=MOST_AT_ONCE,
+                )
+
+    def _depleted(self) -> Iterator[Check]:
+        """Particles that ran out."""
+        few, rows = self.particles.few, self.particles.rows
+        if beyond(few, rows, DEPLETED):
+            yield finding(
+                PARTICLES,
+                "note",
+                "depleted",
+                f"{few / rows:.0%} of the rows rest on fewer than {FEW:.0f} effective particles (median "
+                f"{self.particles.median:.0f}; allowed in {DEPLETED:.0%} of the rows): use more particles",
+                share=few / rows,
+                allowed=DEPLETED,
+            )
+
+    def _first(self) -> Iterator[Check]:
+        """First ellipses that begin no tracker, and views without one."""
+        if (late := self.inputs.given - self.events["start"]) > 0:
+            text = f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them"
+            yield finding(FIRST, "note", "ellipses-unused", text)
+        bare = [name for name in self.inputs.names if name not in self.begun]
+        if self.begun and bare and self.inputs.request.births == "initial":
+            text = (
+                f"no first ellipse began a tracker in {', '.join(bare)}: nothing is tracked there, and no other view "
+                "is helped from there; give some, or leave out what is not wanted "
+                f"({option('without')} {','.join(bare)})"
+            )
+            yield finding(FIRST, "note", "view-untracked", text, sensors=bare)
+
+    def _alone(self) -> Iterator[Check]:
+        """Views that cannot help each other."""
+        config = CONFIGS[self.method]
+        if not issubclass(config, LoopCheckConfig):
+            return
+        does = f"{option('method')} {self.method} {config.ALONE}"
+        if len(self.inputs.views) == 1:
+            text = f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"
+            yield finding(SHARED, "note", "one-view", text)
+        elif not np.isfinite(self.inputs.geometry.fundamental).any():
+            text = (
+                f"nothing tells how the views see the same point, so none helps another: {does}; give fundamental "
+                f"matrices ({option('fundamental')}), or a scene with the cameras' poses"
+            )
+            yield finding(SHARED, "note", "views-apart", text)
+
+    def _ends(self) -> Iterator[Check]:
+        """Views that end before the others."""
+        latest = int(self.last_ns.max(initial=-1))
+        for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
+            if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):
+                text = f"view {s.view.name} ends {(latest - last) / 1e9:.3g} s before the others, after {n} frames"
+                yield finding(ENDS, "note", "view-ends-early", text, sensors=[s.view.name])
+
+    def _misfits(self) -> list[tuple[int, int]]:
+        """Pairs of views whose fundamental matrix most loop checks contradict."""
+        most = [
+            pair
+            for pair, distances in self.distances.items()
+            if (n := int(distances.sum())) >= FEWEST_CHECKS and 2 * int(self.failed[pair]) > n
+        ]
+        return sorted({*most, *self.dropped})
+
+    def _misfit(self, a: int, b: int) -> Check:
+        """The fundamental matrix of two views, with the median distance of their loop checks."""
+        distances = self.distances[a, b]
+        n = int(distances.sum())
+        median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
+        names = self.inputs.names
+        unused = "; trackers did without it" if (a, b) in self.dropped else ""
+        text = (
+            f"views {names[a]} and {names[b]}: the fundamental matrix does not fit: {self.failed[a, b] / n:.0%} of "
+            f"{n} loop checks fail, median distance {median:.0f} px{unused}; give another "
+            f"({option('fundamental')}), or leave "
+            f"one view out ({option('without')})"
+        )
+        return finding(
+            GEOMETRY,
+            "warning",
+            "fundamental-misfit",
+            text,
+            sensors=[names[a], names[b]],
+            share=self.failed[a, b] / n if n else float("nan"),
+            allowed=0.5,
+        )
+
+
+def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
+    """Track and write; return the summary, and what was lost."""
+    config, stage = view_settings(request)
+    inputs = ViewsInput(request, stage)
+    if request.world is not None:
+        inputs.check_world()
+    starts, next_id = inputs.starts()
+    setup = TrackingSetup(
+        views=inputs.views,
+        geometry=inputs.geometry,
+        config=config,
+        stage=stage,
+        starts=starts,
+        next_id=next_id,
+        period_ns=tuple(s.period_ns for s in inputs.surveyed),
+    )
+    stream = inputs.region_stream()
+    if request.initial is None and request.detections is None:
+        source = "the boxes in the recording" if inputs.recording.has(Boxes) else "what moves in the images"
+        job.note(f"no {option('initial')} and no {option('detections')}: trackers begin from {source}")
+    window = request.window_ns if request.window_ns is not None else inputs.window_ns
+    frames = job.progress(inputs.recording.frames(inputs.names), "track", inputs.frames)
+    moments = in_step(frames, inputs.views, window, threads_by_default(), stage.bits, inputs.background(job.quiet))
+    parts = track_views(moments, setup, request.seed, stream)
+    parameters = {
+        "method": request.method,
+        "births": request.births,
+        "cameras": list(inputs.names),
+        "window_ns": window,
+        "geometry": inputs.known.sources,
+        **asdict(stage),
+        **asdict(config),
+    }
+    earlier = inputs.losses
+    made = job.provenance(parameters, earlier, request.seed)
+    summary = ViewsSummary(request.method, inputs)
+    with job.tables(made, inputs.length_unit, {"world": FusedTracks}) as tables:
+        passed = _passed(parts, tables, summary)
+        if request.world is not None:
+            for part in inputs.on_ground(passed, window):
+                tables.write(world=part.tracks)
+                summary.places += part.counts
+                summary.verdict.add(part)
+        for _ in passed:
+            pass
+        _check_met(stream, request, inputs)
+        losses = [*earlier, *summary.losses()]
+        made = replace(made, losses=tuple(losses)).with_checks(summary.checks())
+        tables.annotate(made)
+    for line in inputs.known.notes:
+        job.note(line)
+    for text in texts_of(made.judged, "track"):
+        job.note(text)
+    world = {} if request.world is None else {"world": str(request.world)}
+    figures = {"method": request.method, **summary.summary(), **summary_of(made.judged)}
+    return {"tracks": str(request.output), **world, **figures}, losses
+
+
+def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: ViewsInput) -> None:
+    """Raise InputError where no detection is of the time of a frame."""
+    if stream is not None and stream.read and not stream.met:
+        raise InputError(
+            f"{request.detections or request.bearings}: none of its {stream.read} regions is of the time of a frame "
+            f"of {', '.join(inputs.names)}; give detections that were made from this recording"
+        )
+
+
+def _passed(parts: Iterator[ViewsPart], tables: Tables, summary: ViewsSummary) -> Iterator[ViewTracks]:
+    """Write, count and pass on the tables."""
+    for part in parts:
+        tables.write(output=part.tracks)
+        summary.add(part)
+        yield part.tracks
+
+
+def view_settings(request: ViewsRequest) -> tuple[MipfConfig, ViewsConfig]:
+    """Settings of the method, and of births and ends; UsageError for a setting of neither."""
+    around = {f.name for f in fields(ViewsConfig)}
+    own = {name: value for name, value in request.settings.items() if name not in around}
+    others = {name: value for name, value in request.settings.items() if name in around}
+    config, stage = configure(CONFIGS[request.method](), own), configure(ViewsConfig(), others)
+    if stage.birth_frames == 0 and request.initial is None:
+        raise UsageError(
+            f"birth_frames is 0, so that no tracker begins from detections; give {option('initial')}, or 1 or more"
+        )
+    return config, stage

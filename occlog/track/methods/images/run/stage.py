@@ -1,0 +1,482 @@
+"""Tracking in the images of several views as a stream: moments in, tables of ellipses out.
+
+Around the method's step stand the births and ends of trackers, from a file or from a
+detector's regions, and the checks whether the fundamental matrices fit what is tracked.
+
+Check of the fundamental matrices against what is tracked: the loop check of [Qu] Sec. 3.4.2 on free targets.
+
+Only targets that touch no other in both views count: the tracker of a hidden target may be
+off it, which is no fault of the geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.core.image import touching
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.measure.epipolar.views import Geometry, View
+from occlog.records.declared.views import COUNTERPARTS, EVENTS, ViewTracks
+from occlog.track.methods.images.births.births import (
+    BirthCandidates,
+    births_and_ends,
+    loop_distances,
+    no_candidates,
+    radius,
+)
+from occlog.track.methods.images.births.config import ViewsConfig
+from occlog.track.methods.images.births.regions import RegionStream
+from occlog.track.methods.images.interface import LEFT, LOST, MODES, START, Birth, FrameSet, Outlines, TrackerKey
+from occlog.track.methods.images.methods.config import LoopCheckConfig, MipfConfig
+from occlog.track.methods.images.methods.state import VisualState, end_trackers, initial_state, with_geometry
+from occlog.track.methods.images.methods.step import advance, initiate_trackers
+
+from .frames_in_step import Moment, there
+
+NO_TRACKERS: Mapping[TrackerKey, Floats] = MappingProxyType({})
+FEWEST = 3
+"""Checked starts of targets below which they say nothing about a fundamental matrix."""
+
+StartCounts = Mapping[tuple[int, int], tuple[int, int]]
+"""For pairs of views the number of checked starts of targets, and how many of these failed."""
+
+
+class Checks(NamedTuple):
+    """N loop checks of a target in two views; a check fails above 1 radius."""
+
+    first: Floats  # (N,) the lower view of the two, a whole number
+    second: Floats  # (N,) the higher view
+    radii: Floats  # (N,) larger one of the two distances from a line, in radii of the target in that view
+    px: Floats  # (N,) the same in pixels, by the mean of the two radii
+
+
+def no_checks() -> Checks:
+    """No loop check."""
+    return Checks(*(np.zeros(0) for _ in range(4)))
+
+
+def gather(parts: Sequence[Checks]) -> Checks:
+    """Join loop checks."""
+    return Checks(*(np.concatenate(columns) for columns in zip(*parts, strict=True))) if parts else no_checks()
+
+
+def check_outlines(outlines: Outlines, geometry: Geometry, bottom: bool = False) -> Checks:
+    """Check the targets that touch no other in either view.
+
+    Args:
+        outlines: of one moment.
+        geometry: of the views.
+        bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
+    """
+    return _checks(_free(outlines.view, outlines.target_id, outlines.ellipse), geometry, bottom)
+
+
+def check_births(
+    births: Sequence[Birth],
+    geometry: Geometry,
+    trackers: Mapping[TrackerKey, Floats] = NO_TRACKERS,
+    bottom: bool = False,
+) -> Checks:
+    """Check the ellipses that trackers start with, against one another and against trackers of other views.
+
+    Args:
+        births: of one moment.
+        geometry: of the views.
+        trackers: ellipses of the same time of trackers that there are.
+        bottom: see `check_outlines`.
+    """
+    if not births:
+        return no_checks()
+    rows = {**trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
+    view, target = (np.array(numbers) for numbers in zip(*rows, strict=True))
+    return _checks(
+        _free(view, target, np.array(list(rows.values()))), geometry, bottom, {(b.view, b.target_id) for b in births}
+    )
+
+
+def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats]:
+    """The ellipses (n, 5) that touch no other of their view (n,), by view and target."""
+    rows = {}
+    for v in np.unique(view).tolist():
+        mine = np.flatnonzero(view == v)
+        alone = mine[~touching(ellipses[mine]).any(axis=1)]
+        rows.update({(v, t): e for t, e in zip(target[alone].tolist(), ellipses[alone], strict=True)})
+    return rows
+
+
+def _checks(
+    rows: Mapping[TrackerKey, Floats], geometry: Geometry, bottom: bool, born: Collection[TrackerKey] | None = None
+) -> Checks:
+    """Check each target in each pair of views; with `born` only those with a tracker in it."""
+    parts = []
+    known = np.isfinite(geometry.fundamental).all(axis=(2, 3))
+    for a, b in zip(*(places.tolist() for places in np.nonzero(np.triu(known, 1))), strict=True):
+        shared = [t for v, t in rows if v == a and (b, t) in rows]
+        if born is not None:
+            shared = [t for t in shared if (a, t) in born or (b, t) in born]
+        if shared:
+            of_a, of_b = (np.array([rows[v, t] for t in shared]) for v in (a, b))
+            radii = loop_distances(geometry, a, b, of_a, of_b, bottom)
+            n = len(shared)
+            size = 0.5 * (radius(of_a) + radius(of_b))
+            parts.append(Checks(np.full(n, float(a)), np.full(n, float(b)), radii, radii * size))
+    return gather(parts)
+
+
+def without_contradicted(
+    geometry: Geometry, checks: Checks, counts: StartCounts
+) -> tuple[Geometry, StartCounts, tuple[tuple[int, int], ...]]:
+    """Drop the matrices of pairs of views that more than half of the first targets contradict.
+
+    `FEWEST` checked starts decide, and those of the same moment; later ones change nothing.
+
+    Args:
+        geometry: that is in use.
+        checks: of the births of one moment.
+        counts: of the moments before.
+
+    Returns:
+        The geometry; the counts with the checks; the pairs of views that lost their matrix now.
+    """
+    matrices, after, dropped = geometry.fundamental.copy(), dict(counts), []
+    for a, b in sorted(set(zip(checks.first.astype(int).tolist(), checks.second.astype(int).tolist(), strict=True))):
+        n, failed = counts.get((a, b), (0, 0))
+        if n >= FEWEST:
+            continue
+        mine = checks.radii[(checks.first == a) & (checks.second == b)]
+        n, failed = after[a, b] = n + len(mine), failed + int((mine > 1.0).sum())
+        if n >= FEWEST and 2 * failed > n:
+            matrices[a, b] = matrices[b, a] = np.nan
+            dropped.append((a, b))
+    return geometry._replace(fundamental=matrices) if dropped else geometry, after, tuple(dropped)
+
+
+MOMENTS = 64
+"""Moments in a part."""
+START_VARIANCE = 1.0
+"""Variance of a centre that was given or detected [px^2], each axis."""
+RECENT = 1.5
+"""Age [frame periods] to which a tracker's ellipse is compared with that of a tracker born in another view."""
+
+
+class Start(NamedTuple):
+    """A tracker to begin in the first usable frame whose number is at least `frame`."""
+
+    view: int
+    frame: int
+    target_id: int
+    ellipse: Floats  # (5,)
+
+
+@dataclass(frozen=True)
+class TrackingSetup:
+    """Method, views and starts of a run.
+
+    Attributes:
+        views: V views.
+        geometry: between them.
+        config: settings of a method, which say how it tracks.
+        stage: settings of births and ends.
+        starts: trackers to begin.
+        next_id: number of the first target that detections begin.
+        period_ns: of the frames of each view; 0 or none: not known.
+    """
+
+    views: tuple[View, ...]
+    geometry: Geometry
+    config: MipfConfig
+    stage: ViewsConfig = field(default_factory=ViewsConfig)
+    starts: tuple[Start, ...] = ()
+    next_id: int = 0
+    period_ns: tuple[int, ...] = ()
+
+    @property
+    def bottom(self) -> bool:
+        """Whether the lowest points of ellipses are compared with epipolar lines; else their centres."""
+        return isinstance(self.config, LoopCheckConfig) and self.config.bottom
+
+    @property
+    def views_help(self) -> bool:
+        """Whether the views of a target help each other."""
+        return isinstance(self.config, LoopCheckConfig)
+
+
+class ViewsPart(NamedTuple):
+    """What came out of some moments."""
+
+    tracks: ViewTracks
+    frames: Ints  # (V,) frames that could be used
+    last_ns: Ints  # (V,) time of the latest one of the part, -1: none
+    lost: tuple[tuple[int, int, str], ...]  # (view, frame, why) of the others
+    checks: Checks  # loop checks of targets that touch no other
+    start_checks: Checks  # the same of the ellipses that trackers started with
+    dropped: tuple[tuple[int, int], ...]  # pairs of views whose fundamental matrix is not used any more
+
+
+@dataclass(frozen=True)
+class _RunState:
+    """State of a run between moments."""
+
+    state: VisualState | None  # of the method; None until the first birth
+    geometry: Geometry  # without the matrices that were dropped
+    candidates: BirthCandidates
+    last_ns: Ints  # (V,) time of each view's latest frame; -1: none yet
+    start_counts: StartCounts
+    waiting: tuple[Start, ...]  # starts whose frame has not come yet
+    trackers: Mapping[TrackerKey, Floats]  # latest ellipse of each tracker
+
+
+class _MomentResult(NamedTuple):
+    """What one moment gave."""
+
+    moment: Moment
+    outlines: Outlines | None
+    births: tuple[Birth, ...]
+    ended: tuple[TrackerKey, ...]
+    checks: Checks
+    start_checks: Checks
+    dropped: tuple[tuple[int, int], ...]
+
+
+def track_views(
+    moments: Iterable[Moment], setup: TrackingSetup, seed: int, stream: RegionStream | None = None
+) -> Iterator[ViewsPart]:
+    """Track, and yield view tracks in the order of time, with what happened.
+
+    A tracker's first row is its birth, with the ellipse that was given.  Where most of the
+    first targets that two views share contradict their fundamental matrix, the matrix is not
+    used: the views are tracked without each other's help.
+
+    Args:
+        moments: frames of the views.
+        setup: method, views and starts.
+        seed: of all random numbers.
+        stream: regions of a detector, from which trackers begin too and by which they are ended.
+    """
+    rng = generator(seed, Stage.TRACK)
+    run = _RunState(
+        state=None,
+        geometry=setup.geometry,
+        candidates=no_candidates(len(setup.views), setup.next_id),
+        last_ns=np.full(len(setup.views), -1, dtype=np.int64),
+        start_counts={},
+        waiting=setup.starts,
+        trackers={},
+    )
+    results: list[_MomentResult] = []
+    for moment in moments:
+        run, result = _advance(run, moment, setup, rng, stream)
+        results.append(result)
+        if len(results) == MOMENTS:
+            yield _part(results, setup.views)
+            results = []
+    if results:
+        yield _part(results, setup.views)
+
+
+def _advance(
+    run: _RunState, moment: Moment, setup: TrackingSetup, rng: np.random.Generator, stream: RegionStream | None
+) -> tuple[_RunState, _MomentResult]:
+    """Take in the frames of one moment."""
+    outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
+    found: tuple[Floats | None, ...] = ()
+    if stream is not None:
+        found = tuple(stream.at([view.name for view in setup.views], moment.t_ns))
+        moment = moment._replace(frames=moment.frames._replace(regions=found))
+    run = replace(run, last_ns=np.where(there(moment), moment.t_ns, run.last_ns))
+    # Step of the method
+    if run.state is not None and run.trackers and there(moment).any():
+        state, outlines = advance(run.state, moment.frames, rng)
+        survivors = _survivors(run.trackers, outlines)
+        gone = frozenset(run.trackers) - frozenset(survivors)
+        run = replace(run, state=state, trackers=survivors)
+        if setup.views_help:
+            checks = check_outlines(outlines, setup.geometry, setup.bottom)
+    # Births that were given, and births and ends by regions
+    run, births = _due(run, moment.frames, gone)
+    ended: tuple[TrackerKey, ...] = ()
+    if stream is not None:
+        trackers = {**run.trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
+        candidates, born, ended = births_and_ends(
+            run.candidates,
+            found,
+            trackers,
+            views=setup.views,
+            geometry=run.geometry,
+            config=setup.stage,
+            bottom=setup.bottom,
+            gone=gone,
+        )
+        births, run = (*births, *born), replace(run, candidates=candidates)
+        ended = tuple(key for key in ended if key in run.trackers)
+    # Drop matrices that births contradict, then begin and end
+    start_checks = check_births(births, setup.geometry, _recent(run, moment, setup), setup.bottom)
+    run, dropped = _without_contradicted(run, start_checks, setup)
+    run = _begun(run, moment.frames, births, ended, setup)
+    return run, _MomentResult(moment, outlines, births, ended, checks, start_checks, dropped)
+
+
+def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: Outlines) -> dict[TrackerKey, Floats]:
+    """The trackers after a step, with their latest ellipses."""
+    out = dict(trackers)
+    rows = zip(
+        outlines.view.tolist(), outlines.target_id.tolist(), outlines.ellipse, outlines.event.tolist(), strict=True
+    )
+    for view, target, ellipse, event in rows:
+        if event in (LEFT, LOST):
+            out.pop((view, target), None)
+        else:
+            out[view, target] = ellipse
+    return out
+
+
+def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState, tuple[Birth, ...]]:
+    """The starts whose frame has come, or was lost, as births; none where the target has a tracker in the view.
+
+    A start whose tracker has ended in this frame waits for the next: a frame has one row of a target.
+    """
+    here = [s for s in run.waiting if frames.images[s.view] is not None and frames.number[s.view] >= s.frame]
+    due = [s for s in here if (s.view, s.target_id) not in gone]
+    if not due:
+        return run, ()
+    births = tuple(Birth(s.view, s.target_id, s.ellipse) for s in due if (s.view, s.target_id) not in run.trackers)
+    return replace(run, waiting=tuple(s for s in run.waiting if s not in due)), births
+
+
+def _recent(run: _RunState, moment: Moment, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
+    """Ellipses of trackers with which births of other views may be compared.
+
+    There are none without collaboration: the trackers of two views may then be on different
+    targets, which is no fault of the geometry.
+    """
+    if not setup.views_help:
+        return {}
+    period = np.array(setup.period_ns or (0,) * len(setup.views))
+    age = moment.t_ns.max() - run.last_ns
+    fresh = there(moment) | ((run.last_ns >= 0) & (age <= RECENT * period))
+    return {(view, target): ellipse for (view, target), ellipse in run.trackers.items() if fresh[view]}
+
+
+def _without_contradicted(
+    run: _RunState, checks: Checks, setup: TrackingSetup
+) -> tuple[_RunState, tuple[tuple[int, int], ...]]:
+    """The run without the matrices that births contradict, and the pairs of views that lost theirs now."""
+    geometry, counts, dropped = without_contradicted(run.geometry, checks, run.start_counts)
+    state = run.state
+    if dropped and state is not None and setup.views_help:
+        state = with_geometry(state, geometry)
+    return replace(run, state=state, geometry=geometry, start_counts=counts), dropped
+
+
+def _begun(
+    run: _RunState,
+    frames: FrameSet,
+    births: tuple[Birth, ...],
+    ended: tuple[TrackerKey, ...],
+    setup: TrackingSetup,
+) -> _RunState:
+    """The run with the trackers that begin and without those that end."""
+    state = run.state
+    if births and state is None:
+        state = initial_state(setup.views, run.geometry, setup.config)
+    if ended and state is not None:
+        state = end_trackers(state, ended)
+    if births and state is not None:
+        state = initiate_trackers(state, frames, births)
+    trackers = {key: ellipse for key, ellipse in run.trackers.items() if key not in ended}
+    trackers |= {(b.view, b.target_id): b.ellipse for b in births}
+    return replace(run, state=state, trackers=trackers)
+
+
+def _part(results: Sequence[_MomentResult], views: Sequence[View]) -> ViewsPart:
+    """What some moments gave, in one."""
+    seen = np.array([there(result.moment) for result in results])
+    times = np.array([result.moment.t_ns for result in results])
+    return ViewsPart(
+        tracks=ViewTracks.concat([_table(result, views) for result in results]),
+        frames=seen.sum(axis=0),
+        last_ns=times.max(axis=0),
+        lost=tuple(lost for result in results for lost in result.moment.lost),
+        checks=gather([result.checks for result in results]),
+        start_checks=gather([result.start_checks for result in results]),
+        dropped=tuple(pair for result in results for pair in result.dropped),
+    )
+
+
+def _table(result: _MomentResult, views: Sequence[View]) -> ViewTracks:
+    """Rows of one moment: the births, and the outlines of the trackers there were."""
+    parts = [] if result.outlines is None else [_tracked(result.outlines, result.moment, views, result.ended)]
+    if result.births:
+        parts.append(_born(result.births, result.moment, views))
+    return ViewTracks.merge(parts)
+
+
+def _born(births: Sequence[Birth], moment: Moment, views: Sequence[View]) -> ViewTracks:
+    """Rows of births."""
+    n = len(births)
+    view = np.array([birth.view for birth in births])
+    ellipse = np.array([birth.ellipse for birth in births])
+    nothing = np.full(n, "")
+    return ViewTracks.of(
+        **_places(view, np.array([birth.target_id for birth in births]), ellipse, moment, views),
+        cov_xx_px=np.full(n, START_VARIANCE),
+        cov_xy_px=np.zeros(n),
+        cov_yy_px=np.full(n, START_VARIANCE),
+        likeness=np.ones(n),
+        ess=np.full(n, np.nan),
+        mode=nothing,
+        counterpart=nothing,
+        neighbours=nothing,
+        helpers=nothing,
+        event=np.full(n, EVENTS[START]),
+    ).sorted()
+
+
+def _tracked(o: Outlines, moment: Moment, views: Sequence[View], ended: Sequence[TrackerKey]) -> ViewTracks:
+    """Rows of outlines; trackers that regions ended are lost."""
+    keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
+    event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), LOST, o.event)
+    names = np.array([view.name for view in views])
+    return ViewTracks.of(
+        **_places(o.view, o.target_id, o.ellipse, moment, views),
+        cov_xx_px=o.covariance[:, 0],
+        cov_xy_px=o.covariance[:, 1],
+        cov_yy_px=o.covariance[:, 2],
+        likeness=o.likeness,
+        ess=o.ess,
+        mode=np.array(MODES)[o.mode],
+        counterpart=np.array(COUNTERPARTS)[o.counterpart],
+        neighbours=_listed(o.touching, o.target_id.astype(str)),
+        helpers=_listed(o.helpers, names),
+        event=np.array(EVENTS)[event],
+    ).sorted()
+
+
+def _places(
+    view: Ints, target: Ints, ellipse: Floats, moment: Moment, views: Sequence[View]
+) -> dict[str, NDArray[np.generic]]:
+    """Columns of time, camera, frame, target and ellipse."""
+    rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+    return {
+        "t_ns": moment.t_ns[view],
+        "sensor": np.array([v.name for v in views])[view],
+        "frame": moment.frames.number[view],
+        "target_id": target.astype(np.int32),
+        "x_px": ellipse[:, 0],
+        "y_px": ellipse[:, 1],
+        "a_px": ellipse[:, 2],
+        "b_px": ellipse[:, 3],
+        "rho": np.where(rho >= 0.5 * np.pi, -0.5 * np.pi, rho),
+    }
+
+
+def _listed(marks: Bools, names: Strings) -> list[str]:
+    """For each row of marks (n, K) the names (K,) that are marked, with commas."""
+    return [",".join(names[row].tolist()) for row in marks]

@@ -1,0 +1,475 @@
+"""Method `imm`: a filter of several motion models for several targets that microphone arrays hear.
+
+Every target has particles of its own ([Lee] Sec. 3.2.1, `occlog.track.methods.imm.kernel`).  What is not in the
+thesis: bearings are associated jointly (`occlog.track.methods.imm.association`; `association=any` is the thesis'
+form), several arrays are taken in one after the other by multiplying weights, and every target has a
+probability that it exists and one that it sounds, from which births, deaths and silence follow.
+
+Scans of arrays that listened in vain: a recording has rows only for what arrays hear.
+
+An array that has had a row listens at its rate: the scene's `rate_hz`, or else the shortest of
+the last intervals between its rows.  Where by its own clock it should have had a row and has
+none, it listened in vain.  An array that has had no row yet, or too few to tell its rate, is not
+taken to listen; nothing is known of the time after the last row of all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.consistency.estimates import FEW
+from occlog.filtering.particles import effective_size
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.tables import UNLABELLED
+from occlog.scans.grouping import Scan, concat, in_vain
+from occlog.track.interface import Estimate, Joint, Smoothing
+
+from . import kernel as imm
+from .association import Association, BearingFit, Direction, associate, both, direction, hear, in_range, reweigh
+from .config import ImmConfig
+from .tracks import (
+    UNLABELLED_TRACK,
+    UNNUMBERED,
+    ImmWorld,
+    Lineage,
+    Moved,
+    Track,
+    TrackTrace,
+    after,
+    back,
+    begun,
+    given,
+    made_up,
+    make_world,
+    move_track,
+    on_line,
+    resampled,
+    standing,
+    trace_of,
+)
+
+FREE = 0.5
+"""A bearing that is of no target with more than this probability may be a new target's."""
+
+
+class ImmState(NamedTuple):
+    """All targets at the time of the last scan; `t_ns` is None before the first."""
+
+    world: ImmWorld
+    tracks: tuple[Track, ...]  # of targets and candidates; confirmed ones first, by number
+    t_ns: int | None
+    free: int  # least number that no track has had
+
+
+class Count(NamedTuple):
+    """How many bearings an array had, and how many were expected."""
+
+    array: int
+    bearings: int
+    targets: int  # tracks in its range, before the scan
+    free: Ints  # bearings of no target
+
+
+class Belief(NamedTuple):
+    """Posterior of one confirmed track after a scan."""
+
+    number: int
+    moved: Moved
+    estimate: imm.Estimate
+    ess: float  # effective number of particles, or of the families that they come from
+
+
+class Report(NamedTuple):
+    """Outcome of a scan."""
+
+    beliefs: tuple[Belief, ...]  # by number
+    counts: tuple[Count, ...]
+    scan: Scan
+    log_evidence: float  # of all bearings
+
+
+def init(scene: Scene, config: ImmConfig, rng: Generator) -> ImmState:
+    """The state before the first scan: no tracks, or those of the targets in `config.start`."""
+    tracks = given(config, 0, rng)
+    return ImmState(make_world(scene, config), tracks, None, len(tracks))
+
+
+def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, Report]:
+    """The state after a scan of any arrays, and what came of it.
+
+    Args:
+        state: before.
+        scan: rows of arrays alone, not earlier than the last ones; an array that has rows but none
+            that is seen listened in vain.
+        rng: draws of all targets.
+    """
+    world, t_ns = state.world, scan.t_ns
+    # Propose: move all particles under every motion model (Eq. 3.3)
+    dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
+    known = state.tracks if state.t_ns is not None else tuple(t._replace(met_ns=t_ns) for t in state.tracks)
+    moved = [move_track(world, track, dt, rng) for track in known]
+    counts, evidence = [], 0.0
+    for sensor, heard in scan.by_sensor():
+        array = sensor - world.cameras
+        expected = sum(_in_range(world, m, array) for m in moved if m.track.number != UNNUMBERED)
+        # Associate and weigh (Eqs. 3.4-3.6)
+        moved, free, fit = _listen(world, moved, array, heard)
+        evidence += fit
+        counts.append(Count(array, len(heard.bearing), expected, free))
+        # Births: tracks on the sight lines of bearings of no target
+        moved += _births(world, array, heard.take(free), {m.track.number for m in moved}, rng)
+    # Deaths: end tracks that hardly exist, or were neither heard nor seen for long
+    moved = [m._replace(track=_met(m, t_ns)) for m in moved]
+    moved = [m for m in moved if _alive(m.track, t_ns, world.config)]
+    # Confirm tracks that were heard often enough
+    moved, least = _numbered(moved, state.free, world.config)
+    # Resample: systematic, a model drawn for each row
+    drawn = [resampled(m, world.config.particles, dt, rng) for m in moved]
+    # Estimate: mean and covariance over particles and models
+    beliefs, tracks = [], []
+    for m, track in zip(moved, drawn, strict=True):
+        if track.lineage is not None:
+            estimate = imm.moments(m.predicted, m.weights)
+            track, size = _rests_on(track, track.lineage, estimate, world.config)
+            beliefs.append(Belief(track.number, m, estimate, min(size, effective_size(m.weights.ravel()))))
+        tracks.append(track)
+    return ImmState(world, tuple(tracks), t_ns, least), Report(tuple(beliefs), tuple(counts), scan, evidence)
+
+
+def _rests_on(track: Track, lineage: Lineage, estimate: imm.Estimate, config: ImmConfig) -> tuple[Track, float]:
+    """The track, and how many families of particles its covariance rests on; infinity where these are enough.
+
+    Families are counted anew once the motion's noise has made up for those that were lost.
+    """
+    families = lineage.effective()
+    if families >= FEW:
+        return track, math.inf
+    if made_up(lineage, estimate.covariance[::2, ::2], config.sigma_v):
+        return track._replace(lineage=begun(len(lineage.families))), math.inf
+    return track, families
+
+
+def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
+    """Whether the middle of a track is in an array's range."""
+    if math.isinf(world.reach[array]):
+        return True
+    x, y = np.einsum("ml,mlc->c", moved.weights, moved.predicted)[::2] - world.places[array]
+    return math.hypot(x, y) <= float(world.reach[array])
+
+
+def _listen(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> tuple[list[Moved], Ints, float]:
+    """Tracks after an array's bearings, which of these are of no target, and the log density of all."""
+    if heard.labelled.any():
+        moved = _labelled(world, moved, array, heard)
+    take = _take_any if world.config.association == "any" else _take_jointly
+    found, moved = take(world, moved, array, heard, _allowed(moved, heard))
+    taken = found.alone.sum(axis=0) + 0.5 * found.shared.sum(axis=(0, 1))
+    return moved, np.flatnonzero(taken < 1.0 - FREE), found.log_evidence
+
+
+def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[BearingFit]:
+    """How an array's bearings fit each track."""
+    position, reach = world.places[array], float(world.reach[array])
+    return [
+        hear(m.predicted, m.weights, bearing=heard.bearing, sigma=heard.sigma, position=position, reach=reach)
+        for m in moved
+    ]
+
+
+def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[Moved]:
+    """The tracks; a label that is new is given to the track that fits its bearing best."""
+    fits = np.array([f.fit for f in _fits(world, moved, array, heard)]).reshape(len(moved), len(heard.bearing))
+    for i in np.flatnonzero(heard.labelled).tolist():
+        label = int(heard.target_id[i])
+        if any(m.track.label == label for m in moved):
+            continue
+        fit = [f if m.track.label == UNLABELLED_TRACK else 0.0 for m, f in zip(moved, fits[:, i].tolist(), strict=True)]
+        if fit and max(fit) > 1.0 / (2.0 * math.pi):
+            k = int(np.argmax(fit))
+            moved[k] = moved[k]._replace(track=moved[k].track._replace(label=label))
+    return moved
+
+
+def _allowed(moved: list[Moved], heard: Scan) -> Bools:
+    """(K, N) whether bearing i can be of track k: labels must agree, and a track's own label excludes others."""
+    if not heard.labelled.any():
+        return np.ones((len(moved), len(heard.bearing)), dtype=np.bool_)
+    own = np.array([m.track.label for m in moved], dtype=np.int64)[:, None]
+    same = own == heard.target_id
+    spoken = (same & (own != UNLABELLED_TRACK)).any(axis=1, keepdims=True)  # its own bearing is among them
+    return np.asarray(np.where(spoken, same, ~heard.labelled))
+
+
+def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
+    """(N,) density of each bearing if it is clutter [1/rad]."""
+    return np.full(len(bearing), world.config.clutter / (2.0 * math.pi))
+
+
+def _take_jointly(
+    world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
+) -> tuple[Association, list[Moved]]:
+    """Joint association of an array's bearings with all tracks, and the tracks with their weights after it."""
+    K, N, config = len(moved), len(heard.bearing), world.config
+    fits = _fits(world, moved, array, heard)
+    exists = np.array([m.track.exists for m in moved])
+    chance = np.array([m.track.sounds for m in moved]) * config.detection
+    fit = np.array([f.fit for f in fits]).reshape(K, N)
+    # Likelihood that bearing i is of track k alone, and that track k is not heard
+    alone = (exists * chance)[:, None] * fit * allowed
+    unheard = 1.0 - exists * chance * np.array([f.reached for f in fits])
+    # A track whose label is among the bearings was heard.
+    unheard = np.where((allowed & heard.labelled).any(axis=1), 1e-6 * unheard, unheard)
+    # Likelihood that two tracks nearer than the array's resolution are heard as one
+    shared, apart, pairs = _together(world, moved, array, heard, fits)
+    shared *= (exists * chance)[:, None, None] * (exists * chance)[:, None] * allowed[:, None] * allowed
+    # Joint association: marginals over all events
+    found = associate(alone, unheard, shared, apart, _clutter(world, heard.bearing))
+    # Weigh each track's particles by its share of every bearing
+    out = []
+    for k, m in enumerate(moved):
+        mine = [(found.shared[k, b], pairs[k, b]) for b in range(K) if (k, b) in pairs]
+        weights = reweigh(m.weights, fits[k], float(chance[k]), found.alone[k], float(found.unheard[k]), mine)
+        out.append(_after(m, weights, fits[k].reached, config, float(found.unheard[k]), array))
+    return found, out
+
+
+def _together(
+    world: ImmWorld, moved: list[Moved], array: int, heard: Scan, fits: list[BearingFit]
+) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
+    """Two targets heard as one: (K, K, N) densities, (K, K) probabilities to be heard apart, and those by particle."""
+    K, N, resolution = len(moved), len(heard.bearing), float(world.resolution[array])
+    shared, apart = np.zeros((K, K, N)), np.ones((K, K))
+    pairs: dict[tuple[int, int], Floats] = {}
+    if K < 2 or not N or resolution <= 0.0:
+        return shared, apart, pairs
+    at = [direction(f, m.weights) for f, m in zip(fits, moved, strict=True)]
+    for k, b in permutations(range(K), 2):
+        each = both(fits[k], at[k], at[b], bearing=heard.bearing, sigma=heard.sigma, resolution=resolution)
+        if each.any():
+            pairs[k, b] = each
+            mean = 0.5 * np.einsum("nml,ml->n", each, moved[k].weights)  # the two ways to see it are averaged
+            shared[k, b] += mean
+            shared[b, k] += mean
+            apart[k, b] = apart[b, k] = _apart(at[k], at[b], resolution)
+    return shared, apart, pairs
+
+
+def _apart(one: Direction, other: Direction, resolution: float) -> float:
+    """Probability that two targets are heard apart, both taken for Gaussians in bearing."""
+    gap = math.remainder(one.centre - other.centre, 2.0 * math.pi)
+    scale = math.sqrt(2.0) * max(math.hypot(one.spread, other.spread), 1e-9)
+    return 1.0 - 0.5 * (math.erf((resolution - gap) / scale) + math.erf((resolution + gap) / scale))
+
+
+def _take_any(
+    world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
+) -> tuple[Association, list[Moved]]:
+    """Every track takes any bearing, [Lee] Eq. 3.6; silence says nothing of where it is."""
+    K, N, config = len(moved), len(heard.bearing), world.config
+    position, reach = world.places[array], float(world.reach[array])
+    alone, unheard, out, evidence = np.zeros((K, N)), np.ones(K), [], 0.0
+    for k, m in enumerate(moved):
+        some = np.flatnonzero(allowed[k])
+        reached = in_range(m.predicted, m.weights, position, reach)[1]
+        weights, fit = m.weights, np.zeros(len(some))
+        chance = m.track.exists * m.track.sounds * config.detection
+        if len(some):
+            found = imm.weigh(m.predicted, m.weights, heard.bearing[some], heard.sigma[some], position)
+            weights, evidence = found.total, evidence + found.log_evidence
+            # The mean density of each bearing is its share of that of all.
+            share = found.each.reshape(len(some), -1).sum(axis=1)
+            fit = chance * math.exp(found.log_evidence) * share * (2.0 * math.pi / config.clutter)
+        missed = 1.0 - chance * reached
+        alone[k, some] = fit / (fit.sum() + missed)
+        unheard[k] = missed / (fit.sum() + missed)
+        out.append(_after(m, weights, reached, config, float(unheard[k]), array))
+    return Association(alone, unheard, np.zeros((K, K, N)), evidence), out
+
+
+def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard: float, array: int) -> Moved:
+    track = after(m.track, reached, config.detection, unheard)
+    arrays = (*m.arrays, array)
+    return m._replace(track=track, weights=weights, heard=m.heard or unheard < FREE, arrays=arrays)
+
+
+def _births(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
+    """New tracks on the sight lines of bearings of no target; a label that is a track's number gets another."""
+    # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
+    config, born = world.config, []
+    unaided = config.birth > 0.0 and config.association == "joint"
+    for label, bearing, sigma in zip(free.target_id.tolist(), free.bearing.tolist(), free.sigma.tolist(), strict=True):
+        if unaided or label != UNLABELLED_TRACK:
+            track = on_line(world, array, bearing, sigma, free.t_ns, label, rng)
+            if track.number in numbers:
+                track = track._replace(number=UNNUMBERED)
+            numbers.add(track.number)
+            born.append(standing(world, track)._replace(arrays=(array,)))
+    return born
+
+
+def _met(m: Moved, t_ns: int) -> Track:
+    """The track with its hits and the time of the last."""
+    if not m.heard:
+        return m.track
+    return m.track._replace(hits=m.track.hits + (not m.born), met_ns=t_ns)
+
+
+def _alive(track: Track, t_ns: int, config: ImmConfig) -> bool:
+    return track.exists >= config.die and t_ns - track.met_ns <= config.forget_s * NS
+
+
+def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Moved], int]:
+    """The tracks with numbers for those that are confirmed now, in the order of these; and the least free number."""
+    out = []
+    for m in moved:
+        track = m.track
+        if track.number == UNNUMBERED and track.exists >= config.confirm and track.hits >= config.confirm_hits:
+            track, free = track._replace(number=free), free + 1
+        free = max(free, track.number + 1)
+        out.append(m._replace(track=track))
+    return sorted(out, key=lambda m: (m.track.number == UNNUMBERED, m.track.number)), free
+
+
+def estimates(report: Report, scene: Scene) -> list[tuple[int, Estimate]]:
+    """The confirmed targets' estimates by number."""
+    return [(belief.number, _estimate(belief, report, len(scene.cameras))) for belief in report.beliefs]
+
+
+def _estimate(belief: Belief, report: Report, cameras: int) -> Estimate:
+    e, m = belief.estimate, belief.moved
+    evidence = report.log_evidence
+    return Estimate(
+        xy=e.mean[::2],
+        velocity=e.mean[1::2],
+        covariance=np.ascontiguousarray(e.covariance[::2, ::2]),
+        ess=belief.ess,
+        log_likelihood=evidence if math.isfinite(evidence) else math.nan,
+        n_looked=len(report.counts),
+        n_seen=int(m.heard),
+        fallback="depleted" if belief.ess < FEW else "",
+        used=tuple(cameras + a for a in m.arrays),
+    )
+
+
+def trace(told: tuple[ImmState, int]) -> TrackTrace:
+    """What the last step leaves of a target for the way back."""
+    state, number = told
+    assert state.t_ns is not None
+    return trace_of(next(track for track in state.tracks if track.number == number), state.t_ns)
+
+
+METHOD = Joint(
+    config=ImmConfig,
+    init=init,
+    step=step,
+    estimates=estimates,
+    smoothing=Smoothing(lambda config: config, trace, back),
+)
+
+
+INTERVALS = 15
+"""Intervals of which the shortest counts as an array's period."""
+ENOUGH = 3
+"""With fewer intervals than this an array's rate is not known."""
+LATE = 0.5
+"""A row may be late by this share of the period before it counts as missing."""
+
+
+class Clock:
+    """The times at which one array listens."""
+
+    def __init__(self, array: MicrophoneArray) -> None:
+        """Before the first row."""
+        self._known = None if array.rate_hz is None else round(NS / array.rate_hz)
+        self._gaps: deque[int] = deque(maxlen=INTERVALS)
+        self._row_ns: int | None = None  # of the last row
+        self.last_ns: int | None = None  # when it listened last
+
+    @property
+    def period_ns(self) -> int | None:
+        """Time between two scans; None: not known."""
+        if self._known is not None:
+            return self._known
+        return min(self._gaps) if len(self._gaps) >= ENOUGH else None
+
+    def heard(self, t_ns: int) -> None:
+        """It has a row at this time."""
+        if self._row_ns is not None:
+            self._gaps.append(t_ns - self._row_ns)
+        self._row_ns = self.last_ns = t_ns
+
+    def due(self, t_ns: int, most: int) -> list[int]:
+        """Times before t_ns at which it listened in vain, up to `most` of them."""
+        period = self.period_ns
+        if period is None or self.last_ns is None or period <= 0:
+            return []
+        count = max(0, int((t_ns - LATE * period - self.last_ns) // period))
+        times = [self.last_ns + (n + 1) * period for n in range(min(count, most))]
+        if count:
+            self.last_ns += count * period
+        return times
+
+
+class Listener:
+    """All arrays' scans, silent ones among them."""
+
+    def __init__(self, scene: Scene, forget_s: float) -> None:
+        """Before the first row.
+
+        Args:
+            scene: the arrays.
+            forget_s: of a silence that is longer, only this much is gone through [s].
+        """
+        self._cameras = len(scene.cameras)
+        self._clocks = [Clock(a) for a in scene.arrays]
+        self._forget_ns = round(forget_s * NS)
+
+    def scans(self, scan: Scan) -> Iterator[Scan]:
+        """What arrays heard, up to the time of a scan: times in vain first, then the arrays' rows themselves.
+
+        An array that listened in vain has a row that is not `seen`.  Rows of an array come by label and
+        bearing; labels below 0 are none.
+        """
+        rows = scan.take(scan.sensor >= self._cameras)
+        # Silence before this scan, by the arrays' own clocks
+        yield from self._in_vain(scan.t_ns)
+        if not len(rows.sensor):
+            return
+        spoke = {sensor - self._cameras for sensor in rows.sensor.tolist()}
+        for a in spoke:
+            self._clocks[a].heard(scan.t_ns)
+        # Others whose next scan is now: not before its time, for a row of theirs may be about to come.
+        silent = []
+        for a, clock in enumerate(self._clocks):
+            period = clock.period_ns
+            if a in spoke or clock.last_ns is None or period is None:
+                continue
+            if scan.t_ns - clock.last_ns >= period:
+                silent.append(self._cameras + a)
+                clock.last_ns += period
+        yield _ordered(concat([in_vain(scan.t_ns, silent), rows]))
+
+    def _in_vain(self, t_ns: int) -> Iterator[Scan]:
+        """Times before t_ns at which arrays listened in vain."""
+        silent: dict[int, list[int]] = {}
+        for a, clock in enumerate(self._clocks):
+            period = clock.period_ns or 1
+            for at in clock.due(t_ns, max(1, self._forget_ns // period)):
+                silent.setdefault(at, []).append(self._cameras + a)
+        for at in sorted(silent):
+            yield in_vain(at, silent[at])
+
+
+def _ordered(scan: Scan) -> Scan:
+    """The rows by array, label, bearing and standard deviation, whatever order they came in."""
+    label = np.maximum(scan.target_id, UNLABELLED)
+    order = np.lexsort((scan.sigma, scan.bearing, label, scan.sensor))
+    return scan._replace(target_id=label).take(order)

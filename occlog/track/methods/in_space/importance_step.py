@@ -1,0 +1,304 @@
+"""A step of a particle filter whose importance density looks at the scan, in space or in one plane.
+
+The particles after a scan stand for the kernel density of `occlog.filtering.kernel_density`,
+
+    sum_l w_l N(x; a x_l + (1 - a) m, h^2 V),   a^2 + h^2 = 1,
+
+m and V being the cloud's mean and covariance.  What one of its Gaussians is after a step of time is a Gaussian, too:
+that of the kernel as it moves plus the noise of the motion.  So a target without any noise of motion ([Lee]'s)
+has one to draw from as well, and one form serves both.  A step is that of the auxiliary particle filter (Pitt and
+Shephard 1999) with the optimal importance density (Doucet, Godsill and Andrieu 2000), approximated
+(`occlog.track.methods.in_space.kernels.importance`): parents are drawn by their weights times the predictive
+likelihood of the scan, places from the posterior of each, velocities given the place from the motion; the weights put right
+what is only approximate.
+
+Smoothing of tracks in space: what was seen afterwards tells of a state as well.
+
+`direct3d` draws trajectories back through the kernel densities of its particles
+(`occlog.filtering.kernel_density`), the same densities from which its particles were drawn.
+`pps` has no density in space; its combined estimates are smoothed as Gaussians (Rauch, Tung and Striebel 1965).
+A filter that began anew forgot what it knew before: states before such a time are smoothed with what follows up to it
+alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.filtering.kernel_density import (
+    Knot,
+    best_width,
+    last_states,
+    moments,
+    root_of,
+    spread_of,
+    states_before,
+    weigh,
+)
+from occlog.filtering.motion.coordinated_turn import acceleration_root
+from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, moved_back
+from occlog.filtering.particles import effective_size, log_of, normalise, systematic_ancestors
+from occlog.track.interface import Height, Past
+
+from .config import SpaceConfig
+from .kernels.importance import LEAST_RIVAL, Lines, adapt, draw
+from .kernels.likelihood import Chances
+from .sensing import ScanDirections, motion_of
+
+DEFENSIVE = 0.05
+"""Share of parents and of places that are drawn without a look at the scan, so that no density is far too small."""
+LEAST_SIZE = 1e-9
+"""A cloud without extent gets this much of the distance from the origin, so that densities stay finite."""
+
+
+class Way(NamedTuple):
+    """A step of time."""
+
+    motion: AccelerationModel
+    dt: float  # [s], >= 0
+    jump: Floats | None = None  # (2d,) known change besides
+
+
+class Proposed(NamedTuple):
+    """Particles that were drawn with a look at the scan."""
+
+    cloud: Floats  # (2d, n)
+    log_prior: Floats  # (n,) log weights before the likelihood
+    log_likelihood: Floats  # (n,) of the scan
+
+
+def taken_in(
+    cloud: Floats,
+    log_weights: Floats,
+    way: Way,
+    lines: Callable[[], Lines],
+    log_likelihood: Callable[[Floats], Floats],
+    *,
+    config: SpaceConfig,
+    rng: Generator,
+    log_going: Callable[[Floats, Floats], Floats] | None = None,
+) -> tuple[Floats, Floats, float]:
+    """Particles at the time of a scan, their weights, and the log of the sum of these before they were normalised.
+
+    Particles move without a look at the scan as long as that leaves `config.resample_below` of them effective,
+    and else are drawn anew by `propose`.  Where nearly none agrees with the scan even then, its likelihood
+    is flattened (`occlog.filtering.kernel_density.weigh`).
+
+    Args:
+        cloud: (2d, L) before the step.
+        log_weights: (L,) of weights of sum 1.
+        way: the step.
+        lines: makes the residuals of the scan.
+        log_likelihood: (n,) of the scan for (d, n) places.
+        config: settings.
+        rng: draws.
+        log_going: (n,) log of a factor of the motion from (d, n) places to (d, n) others; None: 1.
+    """
+    d, least = len(cloud) // 2, 2.0 * len(cloud)
+    # Propose: draw from the transition density ([Lee] Eq. 2.4), and weigh (Eq. 2.5)
+    ahead = moved(cloud, way.motion, way.dt, rng, way.jump) if way.dt > 0.0 else cloud
+    before = log_weights if log_going is None else log_weights + log_going(cloud[:d], ahead[:d])
+    told = log_likelihood(ahead[:d])
+    weights, log_sum = normalise(before + told)
+    if effective_size(weights) >= config.resample_below * len(weights) and math.isfinite(log_sum):
+        return ahead, weights, log_sum
+    if config.proposal == "scan":
+        found = propose(
+            cloud,
+            np.exp(log_weights),
+            way,
+            lines(),
+            log_likelihood,
+            particles=config.particles,
+            kernel=config.kernel,
+            rng=rng,
+            log_going=log_going,
+        )
+        weights, log_sum = weigh(found.log_prior, found.log_likelihood, least)
+        if math.isfinite(log_sum):
+            return found.cloud, weights, log_sum
+    return ahead, *weigh(before, told, least)
+
+
+def process_noise(motion: AccelerationModel, dt: float) -> Floats:
+    """(2d, 2d) covariance of what white acceleration gathers in a step; dt < 0 gives that of the step back in time.
+
+    The noise of a turn counts as that of the straight way.
+    """
+    root = acceleration_root(1.0, abs(dt))
+    block = root @ root.T
+    block[0, 1] = block[1, 0] = math.copysign(block[0, 1], dt)
+    return np.asarray(np.kron(block, np.diag(motion.density)), dtype=np.float64)
+
+
+def drift_matrix(d: int, dt: float) -> Floats:
+    """(2d, 2d) of constant velocity: positions, then velocities."""
+    return np.kron(np.array([[1.0, dt], [0.0, 1.0]]), np.eye(d))
+
+
+def kernel_density(cloud: Floats, weights: Floats, kernel: float) -> tuple[Floats, Floats, float]:
+    """The (2d, L) centres of the Gaussians, the covariance (2d, 2d) of the cloud and the width h."""
+    mean, covariance = moments(cloud, weights)
+    h = min(kernel * best_width(cloud.shape[1], len(cloud)), 0.999)
+    a = math.sqrt(1.0 - h * h)
+    return a * cloud + (1.0 - a) * mean[:, None], covariance, h
+
+
+def propose(
+    cloud: Floats,
+    weights: Floats,
+    way: Way,
+    lines: Lines,
+    log_likelihood: Callable[[Floats], Floats],
+    *,
+    particles: int,
+    kernel: float,
+    rng: Generator,
+    log_going: Callable[[Floats, Floats], Floats] | None = None,
+) -> Proposed:
+    """Particles at the time of a scan.
+
+    Args:
+        cloud: (2d, L) before the step, d = 3 in space, 2 in a plane.
+        weights: (L,) of sum 1.
+        way: the step.
+        lines: the scan.
+        log_likelihood: (n,) of the scan for (d, n) places.
+        particles: how many are wanted.
+        kernel: width of the kernel, of the one that is best for a Gaussian.
+        rng: draws.
+        log_going: see `taken_in`.
+    """
+    d, n = len(cloud) // 2, particles
+    # Move the kernel density: its centres exactly, its covariance by a constant velocity
+    centres, covariance, h = kernel_density(cloud, weights, kernel)
+    still = way.motion._replace(density=np.zeros(d))
+    centres = moved(centres, still, way.dt, rng, way.jump)
+    F = drift_matrix(d, way.dt)
+    C = h * h * (F @ covariance @ F.T) + process_noise(way.motion, way.dt)
+    root, gain, rest = _conditional(C, d, LEAST_SIZE * (1.0 + float(np.abs(centres[:d]).max())))
+    # Weigh the parents: predictive likelihood by Laplace's approximation
+    modes, factors, volume = adapt(_in_space(centres[:d]), root, lines)
+    at_modes = centres[:d] + root[:d, :d] @ modes[:d]
+    prior = log_of(weights)
+    going = 0.0 if log_going is None else log_going(cloud[:d], np.ascontiguousarray(at_modes))
+    first, log_sum = normalise(prior + going + volume + log_likelihood(np.ascontiguousarray(at_modes)))
+    first = weights if not math.isfinite(log_sum) else (1.0 - DEFENSIVE) * first + DEFENSIVE * weights
+    # Resample: systematic
+    parents = systematic_ancestors(first, n, rng.random())
+    # Propose: places from each parent's posterior, velocities given the place
+    y, ratio = draw(modes, factors, parents, DEFENSIVE, rng.random(n), rng.standard_normal((3, n)))
+    new = centres[:, parents]
+    new[:d] += root[:d, :d] @ y[:d]
+    new[d:] += gain @ y[:d] + rest @ rng.standard_normal((d, n))
+    log_prior = prior[parents] - np.log(first[parents]) - math.log(n) + ratio
+    if log_going is not None:
+        log_prior += log_going(np.ascontiguousarray(cloud[:d, parents]), np.ascontiguousarray(new[:d]))
+    return Proposed(new, log_prior, log_likelihood(np.ascontiguousarray(new[:d])))
+
+
+def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
+    """The lower root (3, 3) of the place, the regression (d, d) of the velocity on y, and the root of what is left."""
+    place = C[:d, :d] + least**2 * np.eye(d)
+    root = np.eye(3)
+    root[:d, :d] = np.linalg.cholesky(place)
+    gain = np.asarray(np.linalg.solve(root[:d, :d], C[:d, d:]).T, dtype=np.float64)
+    return root, gain, root_of(C[d:, d:] - gain @ gain.T)
+
+
+def _in_space(places: Floats) -> Floats:
+    """(3, n) of (2, n) or (3, n) places, row by row in memory."""
+    return np.ascontiguousarray(places if len(places) == 3 else np.vstack([places, np.zeros(places.shape[1])]))
+
+
+def sight_lines(heard: ScanDirections, chances: Chances) -> Lines:
+    """The directions of a scan as residuals in space."""
+    s = heard.sights
+    flat = np.isnan(s.phi)
+    phi = np.where(flat, 0.5 * math.pi, s.phi)[:, None]
+    along = np.sin(phi) * s.frame[:, 0] + np.cos(phi) * s.frame[:, 2]
+    above = np.sin(phi) * s.frame[:, 2] - np.cos(phi) * s.frame[:, 0]
+    across = np.where(flat, 1.0, np.sin(phi[:, 0]) ** 2 + (np.cos(phi[:, 0]) * s.sigma_phi) ** 2)
+    variance = np.stack([across * s.sigma_theta**2, np.where(flat, np.inf, s.sigma_phi**2)], axis=1)
+    scale, rival = factors(heard, s.first, s.share, heard.uniform, chances)
+    return Lines(s.first, s.position, along, s.frame[:, 1].copy(), above, variance, scale * np.sqrt(across), rival)
+
+
+def factors(
+    heard: ScanDirections, first: Ints, share: Floats, uniform: Floats, chances: Chances
+) -> tuple[Floats, Floats]:
+    """Scale and rival of `Lines`, as in `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`."""
+    labelled = np.repeat(heard.sights.labelled, np.diff(first))
+    scale = np.where(labelled, 1.0 - chances.false, chances.candidate / chances.clutter * share / uniform)
+    rival = np.where(labelled, chances.false * uniform, 1.0 - chances.candidate)
+    return scale, np.maximum(rival, LEAST_RIVAL)
+
+
+class CloudTrace(NamedTuple):
+    """Particles after a scan, for the way back."""
+
+    t_ns: int
+    knot: Knot
+    begun: bool  # anew: they do not come from the particles before
+
+
+class GaussianTrace(NamedTuple):
+    """A combined estimate after a scan, for the way back."""
+
+    t_ns: int
+    mean: Floats  # (6,)
+    covariance: Floats  # (6, 6)
+    begun: bool
+
+
+def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Generator) -> list[Past]:
+    """Past states from trajectories that are drawn back from the last trace to the first."""
+    motion, out, states = motion_of(config), [], np.empty((6, 0))
+    for k in range(len(traces) - 1, -1, -1):
+        if k == len(traces) - 1 or traces[k + 1].begun:
+            states, _ = last_states(traces[k].knot, config.trajectories, rng)
+        else:
+            dt = (traces[k + 1].t_ns - traces[k].t_ns) / NS
+            back = moved_back(states, motion, dt)
+            states, _ = states_before(traces[k].knot, back, process_noise(motion, -dt), rng=rng)
+        out.append(past_of(*spread_of(states)))
+    return out[::-1]
+
+
+def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng: Generator) -> list[Past]:
+    """Past states by the recursion of Rauch, Tung and Striebel."""
+    motion, out = motion_of(config), []
+    mean, covariance = np.empty(6), np.empty((6, 6))
+    for k in range(len(traces) - 1, -1, -1):
+        m, P = traces[k].mean, traces[k].covariance
+        if k == len(traces) - 1 or traces[k + 1].begun:
+            mean, covariance = m, P
+        else:
+            dt = (traces[k + 1].t_ns - traces[k].t_ns) / NS
+            mean, covariance = _before(m, P, mean, covariance, motion, dt, rng)
+        out.append(past_of(mean, covariance))
+    return out[::-1]
+
+
+def _before(
+    m: Floats, P: Floats, later: Floats, later_covariance: Floats, motion: AccelerationModel, dt: float, rng: Generator
+) -> tuple[Floats, Floats]:
+    """Mean and covariance a time dt before a smoothed state, where the filter had (m, P)."""
+    F = drift_matrix(3, dt)
+    ahead = moved(m[:, None], motion._replace(density=np.zeros(3)), dt, rng)[:, 0]
+    predicted = F @ P @ F.T + process_noise(motion, dt)
+    G = P @ F.T @ np.linalg.pinv(predicted, rcond=1e-13, hermitian=True)
+    covariance = P + G @ (later_covariance - predicted) @ G.T
+    return m + G @ (later - ahead), 0.5 * (covariance + covariance.T)
+
+
+def past_of(mean: Floats, covariance: Floats) -> Past:
+    """A state in space as a past one."""
+    height = Height(float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]]))
+    return Past(mean[:2], mean[3:5], np.ascontiguousarray(covariance[:2, :2]), height)

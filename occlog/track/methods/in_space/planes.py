@@ -1,0 +1,367 @@
+"""The planes xy, yz and zx of projected planes selection ([Lee] Sec. 2.2).
+
+Directions of a scan become angles of the planes (`plane_angles`), two planes are chosen (`choose_pair`),
+particles of a plane are weighed (`log_likelihood`), and the two planes' estimates become one in space
+(`combine`, Eqs. 2.17-2.21 and 2.26) with the covariance of what their errors have in common (`errors_after`).
+
+Errors of the three planes' estimates, and how they go together.
+
+Each plane's filter knows its own covariance, but not what its errors share with the others': all three began
+from one prior, move by one target's acceleration, and hear one noise, whose projected angles are
+correlated (`occlog.core.sight.projected_planes.projected_covariance`).  An estimate that is combined of two planes
+has the covariance of the combination, for which their cross-covariance is needed.  It obeys the recursion
+of Bar-Shalom (1981) for two tracks,
+
+    P_pq = (I - K_p H_p) (F P_pq F^T + Q_pq) (I - K_q H_q)^T + K_p R_pq K_q^T,
+
+which is run here for all planes at once: the state is the (12,) error of (a, b, va, vb) of xy, yz and zx.  After each
+scan the blocks on the diagonal are set to what the particles say (`rescaled`), correlations being kept.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.bounds.in_space import plane_axes
+from occlog.core.sight.projected_planes import (
+    AXES,
+    XY,
+    YZ,
+    blind_planes,
+    direction,
+    projected_angles,
+    projected_covariance,
+    select_as_printed,
+    select_by_variance,
+)
+from occlog.filtering.motion.white_acceleration import AccelerationModel
+
+from .importance_step import drift_matrix, factors, process_noise
+from .kernels.importance import Lines
+from .kernels.likelihood import UNIFORM_AZIMUTH, Chances, log_in_plane, scan_log_likelihood
+from .sensing import ScanDirections
+
+PLANE_ROWS = tuple(slice(4 * p, 4 * p + 4) for p in range(3))
+TO_PLANES = np.eye(6)[[k for p in range(3) for k in plane_axes(p)]]
+"""(12, 6) from the state in space to those of the planes."""
+LEAST = 1e-12
+"""Variances below this share of the largest count as so much."""
+
+
+def begun(covariance: Floats) -> Floats:
+    """(12, 12) errors of planes that all begin from one estimate in space, of (6, 6) covariance."""
+    return np.asarray(TO_PLANES @ covariance @ TO_PLANES.T)
+
+
+def moved_errors(errors: Floats, motion: AccelerationModel, dt: float) -> Floats:
+    """(12, 12) errors a time dt later; all planes have the noise of one motion."""
+    F = np.kron(np.eye(3), drift_matrix(2, dt))
+    return np.asarray(F @ errors @ F.T + begun(process_noise(motion, dt)))
+
+
+def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floats, used: Bools) -> Floats:
+    """(12, 12) errors after the directions of one sensor, by the gain that each plane has of its own.
+
+    Args:
+        errors: (12, 12) before.
+        places: (3, 2) of the target on each plane's axes.
+        sensor: (3,) its place.
+        angles: (3, 3) covariance of its projected angles.
+        used: (3,) the planes that took it in.
+    """
+    K, H = np.zeros((12, 3)), np.zeros((3, 12))
+    for p in np.flatnonzero(used):
+        rows = PLANE_ROWS[p]
+        a, b = places[p] - sensor[list(AXES[p])]
+        square = a * a + b * b
+        if square > 0.0:
+            h = np.array([-b, a, 0.0, 0.0]) / square
+            H[p, rows] = h
+            K[rows, p] = errors[rows, rows] @ h / (h @ errors[rows, rows] @ h + angles[p, p])
+    kept = np.eye(12) - K @ H
+    return np.asarray(kept @ errors @ kept.T + K @ angles @ K.T)
+
+
+def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
+    """(12, 12) errors whose blocks of some planes are the given (4, 4) covariances.
+
+    The errors of a plane are mapped by the symmetric matrix that changes Gaussians of the one covariance into those
+    of the other with the least motion (Olkin and Pukelsheim 1982), so that correlations are changed as little.
+    """
+    T = np.eye(12)
+    for p, covariance in covariances.items():
+        rows = PLANE_ROWS[p]
+        root, inverse = _roots(errors[rows, rows])
+        T[rows, rows] = inverse @ _roots(root @ covariance @ root)[0] @ inverse
+    return np.asarray(T @ errors @ T.T)
+
+
+def woken(errors: Floats, plane: int, combination: Floats) -> Floats:
+    """(12, 12) errors where a plane begins from the combined estimate, which is the (6, 12) combination of planes."""
+    T = np.eye(12)
+    T[PLANE_ROWS[plane]] = TO_PLANES[PLANE_ROWS[plane]] @ combination
+    return np.asarray(T @ errors @ T.T)
+
+
+def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floats:
+    """(6, 12) the state in space as a combination of two planes'.
+
+    Args:
+        planes: two different ones.
+        shared: the axis that both have.
+        shares: (2, 2) weights of the two, for position and velocity of that axis.
+    """
+    W = np.zeros((6, 12))
+    for n, p in enumerate(planes):
+        for place, k in enumerate(AXES[p]):
+            for part in range(2):
+                W[k + 3 * part, 4 * p + place + 2 * part] = shares[n, part] if k == shared else 1.0
+    return W
+
+
+def _roots(covariance: Floats) -> tuple[Floats, Floats]:
+    """The symmetric root of a covariance, and its inverse."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    sd = np.sqrt(np.maximum(values, max(LEAST * values[-1], 1e-300)))
+    return (vectors * sd) @ vectors.T, (vectors / sd) @ vectors.T
+
+
+BELIEVED = 5.0
+"""Standard deviations from a plane's estimate within which an angle counts as taken in."""
+
+
+class Flat(NamedTuple):
+    """What the filter of a plane knows."""
+
+    mean: Floats  # (4,) a, b, va, vb
+    covariance: Floats  # (4, 4)
+    log_evidence: float  # of the scan: log of the sum of the unnormalised weights
+    ess: float
+
+
+class Joined(NamedTuple):
+    """What two planes know of the target in space."""
+
+    mean: Floats  # (6,) x, y, z, vx, vy, vz
+    covariance: Floats  # (6, 6)
+    combination: Floats  # (6, 12) of the three planes' states, see `occlog.track.methods.in_space.planes`
+
+
+def shared_axis(p: int, q: int) -> int:
+    """The axis that two different planes have in common."""
+    return next(k for k in AXES[p] if k in AXES[q])
+
+
+def combine(planes: tuple[int, int], flat: tuple[Flat, Flat], rule: str, errors: Floats) -> Joined:
+    """The state in space from two planes.
+
+    The axis that both have is a weighted mean.  The covariance is that of the combination: what both
+    planes' errors have in common counts once.
+
+    Args:
+        planes: two different ones.
+        flat: what they know.
+        rule: `inverse` weighs position and velocity by inverse variance, `planes-weighted` by the sums of the
+            unnormalised weights (Eq. 2.19), `equal` evenly (Eq. 2.21).
+        errors: (12, 12) covariance of the errors of all planes, see `occlog.track.methods.in_space.planes`.
+    """
+    k = shared_axis(*planes)
+    rows = [[AXES[p].index(k), AXES[p].index(k) + 2] for p in planes]
+    # Eqs. 2.18 and 2.20, the axes that one plane alone has; Eqs. 2.19 and 2.21, the redundant axis
+    W = combination_of(planes, k, _shares(flat, rows, rule))
+    states = np.zeros(12)
+    for p, f in zip(planes, flat, strict=True):
+        states[PLANE_ROWS[p]] = f.mean
+    return Joined(W @ states, W @ errors @ W.T, W)
+
+
+def _shares(flat: tuple[Flat, Flat], rows: list[list[int]], rule: str) -> Floats:
+    """(2, 2) weights of the two planes, for position and velocity of the common axis."""
+    if rule == "equal":
+        return np.full((2, 2), 0.5)
+    if rule == "planes-weighted":
+        gap = flat[1].log_evidence - flat[0].log_evidence
+        first = 1.0 / (1.0 + math.exp(min(gap, 700.0))) if math.isfinite(gap) else 0.5
+        return np.array([[first, first], [1.0 - first, 1.0 - first]])
+    precision = np.array([1.0 / np.maximum(np.diag(f.covariance)[r], 1e-300) for f, r in zip(flat, rows, strict=True)])
+    return np.asarray(precision / precision.sum(axis=0))
+
+
+Pair = tuple[tuple[int, int], tuple[int, int]]
+"""Two (sensor of the scan, plane); sensor -1: no sensor tells anything in that plane."""
+NOTHING: Pair = ((-1, XY), (-1, YZ))
+
+
+class Angles(NamedTuple):
+    """The rows of a scan in the three planes."""
+
+    angle: Floats  # (R, 3) [rad]
+    sigma: Floats  # (R, 3) [rad]
+    covariance: Floats  # (R, 3, 3) of a row's three angles; what is blind is not to be read
+    blind: Bools  # (R, 3) planes in which a row tells nothing, or not what its sigma says
+    toward: Floats  # (R, 3) unit vectors in the world
+
+
+def plane_angles(heard: ScanDirections) -> Angles:
+    """Projected angles and their standard deviations; an azimuth alone is one of xy."""
+    s = heard.sights
+    phi = np.where(heard.flat, 0.5 * math.pi, s.phi)
+    toward = np.einsum("rij,rj->ri", heard.rotation, direction(heard.theta, phi))
+    noise = (heard.theta, phi, s.sigma_theta, s.sigma_phi, heard.rotation)
+    covariance = projected_covariance(*noise, pole_term=True)
+    covariance[heard.flat] = np.diag([1.0, 0.0, 0.0]) * s.sigma_theta[heard.flat, None, None] ** 2
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    blind = blind_planes(*noise)
+    blind = np.where(heard.flat[:, None], np.array([False, True, True]), blind | ~(variance > 0))
+    return Angles(projected_angles(toward), np.sqrt(np.where(blind, 1.0, variance)), covariance, blind, toward)
+
+
+def choose_pair(rule: str, heard: ScanDirections, angles: Angles, near: Floats, before: Pair) -> Pair:
+    """The two planes to use, with the sensor that tells most in each.
+
+    Of the candidates of a sensor that one counts which points nearest to where the target should be.
+
+    Args:
+        rule: `variance` or `printed`.
+        heard: the scan.
+        angles: of its rows.
+        near: (3,) where the target should be; NaN: unknown, each sensor's first row counts.
+        before: what to use where the scan does not tell.
+    """
+    rows = nearest_rows(heard, angles, near)
+    if not (rows >= 0).any():
+        return before
+    if rule == "printed":
+        return _printed(heard, rows, before)
+    variance = np.where(rows[:, None] >= 0, angles.sigma[rows] ** 2, np.nan)
+    chosen = select_by_variance(variance, angles.blind[rows])
+    return _filled([(int(s), int(p)) for s, p in chosen if p >= 0], before)
+
+
+def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
+    """By polar angles alone; a sensor without them is not asked."""
+    phi = np.where(rows >= 0, heard.sights.phi[rows], np.nan)
+    told = np.flatnonzero(~np.isnan(phi))
+    if not len(told):
+        return _filled([(int(np.flatnonzero(rows >= 0)[0]), XY)], before)
+    (s, p), (t, q) = select_as_printed(phi[told])
+    return (int(told[s]), int(p)), (int(told[t]), int(q))
+
+
+def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
+    """Two planes in any case: those found, those used before, and yz or xy."""
+    planes = [p for _, p in found]
+    spare = [p for _, p in (*before, *NOTHING) if p not in planes]
+    found = [*found, *((-1, p) for p in dict.fromkeys(spare))]
+    return found[0], found[1]
+
+
+def nearest_rows(heard: ScanDirections, angles: Angles, near: Floats) -> Ints:
+    """(N,) row of each sensor that points nearest to a place; -1 for a sensor that saw nothing."""
+    first = heard.sights.first
+    to = near - heard.sights.position
+    away = -np.einsum("ri,ri->r", angles.toward, to) / np.maximum(np.linalg.norm(to, axis=1), 1e-300)
+    away = np.where(np.isnan(away), 0.0, away)
+    found = [a + int(np.argmin(away[a:b])) if b > a else -1 for a, b in pairwise(first.tolist())]
+    return np.array(found, dtype=np.int64).reshape(-1)
+
+
+class PlaneSights(NamedTuple):
+    """The angles of a scan that count in one plane."""
+
+    rows: Bools  # (R,) of the scan
+    first: Ints  # (N + 1,) rows of each sensor among those that count
+    place: Floats  # (K, 2) of their sensors on the plane's axes
+    angle: Floats  # (K,) [rad]
+    sigma: Floats  # (K,) [rad]
+
+
+def sights_in_plane(plane: int, heard: ScanDirections, angles: Angles, only: int | None = None) -> PlaneSights:
+    """What a scan tells in a plane.
+
+    A sensor counts if none of its candidates is blind in this plane: otherwise one that cannot be seen
+    here might be the target's.
+
+    Args:
+        plane: index in `planes.PLANES`.
+        heard: the scan.
+        angles: of its rows.
+        only: the one sensor of the scan to use; None: all.
+    """
+    s = heard.sights
+    counts = np.diff(s.first)
+    of = np.repeat(np.arange(len(counts)), counts)
+    usable = np.bincount(of, weights=angles.blind[:, plane], minlength=len(counts)) == 0
+    if only is not None:
+        usable &= np.arange(len(counts)) == only
+    rows = usable[of]
+    first = np.concatenate([[0], np.cumsum(np.where(usable, counts, 0))])
+    place = np.ascontiguousarray(s.position[rows][:, list(AXES[plane])])
+    return PlaneSights(rows, first, place, angles.angle[rows, plane], angles.sigma[rows, plane])
+
+
+def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: Chances) -> Floats:
+    """(L,) log likelihoods of a scan for (2, L) places in a plane, up to a constant.
+
+    Args:
+        ab: places.
+        own: what the scan tells in the plane.
+        heard: the scan.
+        chances: see `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`.
+    """
+    if not len(own.angle):
+        return np.zeros(ab.shape[1])
+    s = heard.sights
+    each = log_in_plane(ab, own.place, own.angle, own.sigma, s.reach[own.rows], chances.soften)
+    uniform = np.full(len(each), UNIFORM_AZIMUTH)
+    return scan_log_likelihood(each, own.first, s.labelled, s.share[own.rows], uniform, chances)
+
+
+def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: Chances) -> Lines:
+    """What a scan tells in a plane as azimuths in a space whose third axis nothing depends on."""
+    none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
+    share = heard.sights.share[own.rows]
+    scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)
+    return Lines(
+        first=own.first,
+        position=np.column_stack([own.place, none]),
+        along=np.column_stack([c, s, none]),
+        left=np.column_stack([-s, c, none]),
+        above=np.column_stack([none, none, none + 1.0]),
+        variance=np.stack([own.sigma**2, np.full(len(share), np.inf)], axis=1),
+        scale=scale,
+        rival=rival,
+    )
+
+
+def errors_after(
+    errors: Floats, heard: ScanDirections, angles: Angles, own: dict[int, PlaneSights], flats: dict[int, Flat]
+) -> Floats:
+    """(12, 12) errors of all planes after a scan that those of `own` took in, see `plane_errors`.
+
+    Of a sensor's candidates that one counts which is nearest to where the plane has the target, if it is
+    within `BELIEVED` standard deviations.
+    """
+    s = heard.sights
+    places = np.zeros((3, 2))
+    for p, f in flats.items():
+        places[p] = f.mean[:2]
+    for a, b in pairwise(s.first.tolist()):
+        if a == b:
+            continue
+        off = np.full((b - a, 3), np.inf)
+        for p, found in own.items():
+            if found.rows[a]:
+                to = places[p] - s.position[a, list(AXES[p])]
+                gap = angles.angle[a:b, p] - math.atan2(to[1], to[0])
+                off[:, p] = np.abs(np.remainder(gap + math.pi, 2.0 * math.pi) - math.pi) / angles.sigma[a:b, p]
+        row = int(np.argmin(off.min(axis=1)))
+        used = off[row] < BELIEVED
+        if used.any():
+            errors = measured_errors(errors, places, s.position[a], angles.covariance[a + row], used)
+    return rescaled(errors, {p: f.covariance for p, f in flats.items()})

@@ -1,0 +1,226 @@
+"""How sure the smoothed tracks are: of who is who, of places, and of when somebody was there.
+
+Where two identities may have been exchanged: an exchange of the tails of two tracks that is hardly less likely.
+
+How much larger errors of boxes are in the long run than the smoother's places hold.
+
+The smoother weighs a box by the noise of one look, which counts more often where errors go on from look to look.  What
+it averages over many looks is the long-run variance g_0 + 2 (g_1 + g_2 + ..), g_k the covariance of the errors of a
+camera's boxes of one person k looks apart.  A region of video is cut the same way for a second: its errors are a sum of
+some that are soon over and some that stay, which one correlation from look to look does not describe.  Here the g_k are
+measured, from how far the cameras of one moment disagree (`kernels.disagreement`), which no walk can follow.
+
+How probably somebody was there already before their first place, and still is after the last one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.jit import kernel
+from occlog.track.methods.jipda.detectors import LEAST_KEPT, MIDDLES
+from occlog.track.methods.jipda.interface import NOBODY, Event
+from occlog.track.methods.jipda.kernels.body_box import Views
+from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
+from occlog.track.methods.jipda.kernels.disagreement import disagreement
+
+from .appearance import together
+from .association import Found
+from .chains import NONE, Candidates, Chain, Places, Walk, link, may_follow
+from .states import States
+from .tracks import Span, Tracks, listed_of
+
+LEAST = 0.05
+"""Less probable exchanges are not named."""
+APART_S = 4.0
+"""Of exchanges of the same two people within so long, the most probable one is named."""
+
+
+def doubts(tracks: Tracks, span: Span, number: Ints, identity: Ints) -> dict[int, list[Event]]:
+    """Exchanges that are doubtful, by the moment from which on the identities may be wrong.
+
+    Args:
+        tracks: of the places.
+        span: the moments.
+        number: (n,) track of each place; NONE: none.
+        identity: of each track; NOBODY: it is not reported.
+    """
+    walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))
+    listed = listed_of(tracks._replace(walk=walk), span)
+    i, j, probability = _exchanges(tracks.places, walk, span.looked, listed, tracks.chain, number)
+    named: dict[tuple[int, int], list[tuple[float, int]]] = {}
+    out: dict[int, list[Event]] = {}
+    # The most probable first
+    for k in np.argsort(-probability, kind="stable").tolist():
+        one, other = int(identity[number[i[k]]]), int(identity[number[j[k]]])
+        if NOBODY in (one, other):
+            continue
+        moment = int(tracks.places.moment[j[k]])
+        time = float(span.time[moment])
+        pair = (min(one, other), max(one, other))
+        if any(abs(time - t) < APART_S for t, _ in named.get(pair, [])):
+            continue
+        named.setdefault(pair, []).append((time, moment))
+        for a, b in (pair, pair[::-1]):
+            out.setdefault(moment, []).append(Event("doubt", a, b, float(probability[k])))
+    return out
+
+
+@kernel
+def _exchanges(
+    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, number: Ints
+) -> tuple[Ints, Ints, Floats]:
+    """Places i and j whose link, with that of the tails that are left, has a probability of at least `LEAST`."""
+    before, after, probability = [0], [0], [0.0]
+    for i in range(places.moment.shape[0]):
+        a = chain.after[i]
+        if not chain.used[i] or a == NONE:
+            continue
+        for k in range(listed.first_next[i], listed.first_next[i + 1]):
+            j = listed.next[k]
+            if not chain.used[j] or number[j] == number[i]:
+                continue
+            b = chain.before[j]
+            if b == NONE or not may_follow(places, walk, b, a):
+                continue
+            now = link(places, walk, looked, chain, i, a) + link(places, walk, looked, chain, b, j)
+            then = link(places, walk, looked, chain, i, j) + link(places, walk, looked, chain, b, a)
+            sums = chain.sums
+            now += together(places.alike, sums, i, NONE, a) + together(places.alike, sums, b, NONE, j)
+            then += together(places.alike, sums, i, NONE, j) + together(places.alike, sums, b, NONE, a)
+            p = 1.0 / (1.0 + np.exp(min(now - then, 50.0)))
+            if p >= LEAST:
+                before.append(i)
+                after.append(j)
+                probability.append(p)
+    return np.array(before[1:]), np.array(after[1:]), np.array(probability[1:])
+
+
+LASTS_S = 1.0
+"""Errors are compared up to so long apart [s]: what lasts longer is a bias."""
+MOST_OFF = 5.0
+"""Errors count at most so many standard deviations of one look: an edge farther off is not the body's."""
+ENOUGH = 100
+"""With fewer disagreements nothing is said."""
+NOISE_SHARE = 0.75
+"""Share of the variance of a smoothed walk that is the noise of places; the rest is what the smoother lags behind.
+
+With white acceleration the smoother passes the share 1 / (1 + x^4) of a frequency x, and the integral of its square is
+3/4 of its own."""
+
+
+def widening(
+    views: Views, rates: Rates, packed: Sequence[Boxes], found: Sequence[Found], walk: States, span: Span
+) -> float:
+    """How many times as large the variances of smoothed walks are as the smoother says, at least 1.
+
+    Args:
+        views: cameras.
+        rates: of the detectors, for all looks.
+        packed: boxes of each moment.
+        found: people of each moment with their boxes.
+        walk: states of tracks whose places are these people, in the order of moments.
+        span: the moments.
+    """
+    key, look, error, held = _errors(views, rates, packed, found, walk, span)
+    worst = 1.0
+    for axis in range(2):
+        fine = np.isfinite(error[:, axis])
+        if fine.sum() >= ENOUGH:
+            measured = long_run_variance(key[fine], look[fine], error[fine, axis], _most_looks(span))
+            worst = max(worst, measured / float(np.mean(held[fine, axis])))
+    return 1.0 + NOISE_SHARE * (worst - 1.0)
+
+
+def _most_looks(span: Span) -> int:
+    """How many looks of a camera there are in `LASTS_S`."""
+    looks = float(span.looked[-1].max())
+    return round(LASTS_S * max(looks - 1.0, 0.0) / max(float(span.gaps.sum()), LASTS_S))
+
+
+def long_run_variance(key: Ints, look: Ints, error: Floats, most: int) -> float:
+    """Long-run variance of errors of series `key` (n,) at the looks (n,), compared up to so many looks apart."""
+    # Rows of one series lie side by side, with a gap to those of the next one
+    at = key * (int(look.max()) + most + 1) + look
+    order = np.argsort(at)
+    at, error = at[order], error[order]
+    total = float(np.mean(error**2))
+    for k in range(1, most + 1):
+        later = np.minimum(np.searchsorted(at, at + k), len(at) - 1)
+        both = at[later] == at + k
+        if both.any():
+            total += 2.0 * float(np.mean(error[both] * error[later[both]]))
+    return total
+
+
+def _errors(
+    views: Views, rates: Rates, packed: Sequence[Boxes], found: Sequence[Found], walk: States, span: Span
+) -> tuple[Ints, Ints, Floats, Floats]:
+    """Errors of boxes' middles, and what the smoother holds of them.
+
+    Returns:
+        key: (n,) series, of a person in a camera.
+        look: (n,) number of the camera's look.
+        error: (n, 2) across and down, in standard deviations of one look; NaN: not known.
+        held: (n, 2) long-run variance of these that places hold.
+    """
+    first = np.cumsum([0, *(len(f.track) for f in found)])
+    row = np.full(first[-1], NONE)
+    has = np.flatnonzero(walk.place != NONE)
+    row[walk.place[has]] = has
+    C = span.looked.shape[1]
+    parts = []
+    for k, (boxes, of) in enumerate(zip(packed, found, strict=True)):
+        rows = row[first[k] : first[k + 1]]
+        who = np.flatnonzero(rows != NONE)
+        owner = np.full(len(boxes.box), NONE)
+        for given in of.given[:, who]:
+            owner[given[given != NONE]] = np.flatnonzero(given != NONE)
+        whole = (owner != NONE) & boxes.believed.all(axis=1)
+        if not whole.any():
+            continue
+        rows = rows[who]
+        apart = disagreement(walk.mean[rows], walk.covariance[rows], views, boxes, rates, owner, whole)
+        box = np.flatnonzero(whole)
+        camera = np.repeat(boxes.camera, np.diff(boxes.first))[box]
+        size, kept = apart.size[box][:, MIDDLES] ** 2, apart.kept[box][:, MIDDLES]
+        new, sway = rates.noise[MIDDLES, 0] + rates.noise[MIDDLES, 1] * size, rates.sway * size
+        error = apart.residual[box][:, MIDDLES] / np.sqrt((new + sway) * np.maximum(kept, LEAST_KEPT))
+        error = np.clip(error, -MOST_OFF, MOST_OFF)
+        held = (rates.slow * new + rates.lasting[camera, None] * sway) / (new + sway)
+        key, look = walk.track[rows[owner[box]]] * C + camera, span.looked[k, camera].astype(np.int64)
+        parts.append((key, look, np.where(kept > LEAST_KEPT, error, np.nan), held))
+    if not parts:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2))
+    key, look, error, held = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return key, look, error, held
+
+
+def presence(tracks: Tracks, span: Span, walk: States) -> Floats:
+    """(K,) probability that the person of each row is there at its moment; 1 from the first to the last place.
+
+    Whoever was not seen after their last place has left at once, or was missed, and missed again, and left, or is
+    still there when the recording ends: each with the probability of leaving then times that of all misses before.
+    """
+    out = np.ones(len(walk.track))
+    for ends, step in ((walk.last, 1), (walk.next, -1)):
+        rows = np.flatnonzero(~walk.inside & (ends != NONE))
+        for place in np.unique(ends[rows]).tolist():
+            of = rows[ends[rows] == place]
+            out[of] = _still(tracks, span, place, step)[np.abs(walk.moment[of] - tracks.places.moment[place])]
+    return out
+
+
+def _still(tracks: Tracks, span: Span, place: int, step: int) -> Floats:
+    """Probabilities of being there 0, 1, .. moments after a last place (step 1), or before a first one (step -1)."""
+    here = tracks.places.moment[place]
+    at = np.arange(here, len(span.time)) if step > 0 else np.arange(here, -1, -1)
+    looked = span.looked[at + 1] - span.looked[here + 1] if step > 0 else span.looked[here] - span.looked[at]
+    away = np.abs(span.time[at] - span.time[here])
+    missed = np.exp(looked @ tracks.places.miss[place] - away / span.stay)
+    # Leaving between a moment and the next; after the last one nobody leaves
+    weight = missed * np.append(-np.expm1(-np.diff(away) / span.stay), 1.0)
+    return np.asarray(np.cumsum(weight[::-1])[::-1] / weight.sum())

@@ -1,0 +1,265 @@
+"""Particle filter of the states of all objects together ([Ercan] Sec. 4.4; Doucet, Vo, Andrieu, Davy 2002).
+
+A particle has a place and a velocity for every object.  In it nothing is left to chance: an object hides another from a
+camera or does not.  So a report of one object tells of all that may stand in between, and priors are not needed.  Its
+price is that weights are products over all objects: the more there are, the fewer particles are left.
+
+Objects move as in `occlog.filtering.motion.ornstein_uhlenbeck`.  Each is proposed by the motion and its own rows,
+linearised at the particle's prediction (Doucet, Godsill and Andrieu 2000); the weights are prior times likelihood
+over that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats
+from occlog.consistency.estimates import FEW
+from occlog.core.sight.visibility import seen_from
+from occlog.filtering.gaussian import Gaussian, predicted
+from occlog.filtering.lifecycle import elapsed, is_lost, loss_count
+from occlog.filtering.likelihood.directions import PackedScan
+from occlog.filtering.likelihood.measurement_model import Rows, World, linearised, measured, residuals, rows_of
+from occlog.filtering.particles import effective_size, mean_and_covariance, normalise, systematic_ancestors
+from occlog.records.scene import Scene
+from occlog.scans.grouping import Scan
+from occlog.track.interface import Estimate, Together
+from occlog.track.methods.apf.model import pack_scan, read_noise
+from occlog.track.methods.kalman.filter import anywhere_of, first_place, motion_of, world_of
+from occlog.track.methods.kalman.updates import agreeing
+
+from .config import JointConfig
+
+WIDER = 1.2
+"""Proposals are so much wider than the linearised posterior, so that weights stay bounded."""
+CERTAIN = 1.0 - 1e-6
+"""Largest probability of a detection, or of none."""
+
+
+class Chances(NamedTuple):
+    """Of S sensors: a camera's own by the scene, else those of the settings."""
+
+    detection: Floats  # (S,) P_D
+    false: Floats  # (S,) P_F
+
+
+class JointState(NamedTuple):
+    """Particles at the time of the last scan."""
+
+    config: JointConfig
+    world: World
+    chances: Chances
+    read_px: Floats
+    anywhere: Gaussian
+    objects: tuple[int, ...]  # their identities, in the order in which they were first seen
+    astray: tuple[int, ...]  # of each, rows outside the gate more than inside
+    particles: Floats  # (L, M, 4) x, y, vx, vy of each object
+    t_ns: int | None = None
+
+
+class Look(NamedTuple):
+    """What the sensors say of one object."""
+
+    packed: PackedScan
+    rows: Rows
+
+
+def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
+    """State without objects; InputError for a scene without free floor."""
+    world = world_of(scene)
+    none = np.empty((config.particles, 0, 4))
+    return JointState(
+        config,
+        world,
+        chances_of(scene, config),
+        read_noise(scene),
+        anywhere_of(scene, world, config, rng),
+        (),
+        (),
+        none,
+    )
+
+
+def chances_of(scene: Scene, config: JointConfig) -> Chances:
+    """How reliable sensors are; none is so to more than `CERTAIN`, or one look could contradict every particle."""
+    own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
+    found = [config.detection if detection is None else detection for detection, _ in own]
+    false = [config.false if false is None else false for _, false in own]
+    return Chances(*(np.clip(np.array(p, dtype=np.float64), 1.0 - CERTAIN, CERTAIN) for p in (found, false)))
+
+
+def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, list[tuple[int, Estimate]]]:
+    """The state after a scan of labelled rows, and the estimate of every object; ValueError for an earlier scan."""
+    config, L = state.config, state.config.particles
+    dt = elapsed(state.t_ns, scan.t_ns)
+    looks = {}
+    for target in sorted(set(scan.target_id.tolist()).union(state.objects)):
+        packed = pack_scan(scan.take(scan.target_id == target), state.read_px, use_score=False)
+        looks[target] = Look(packed, rows_of(packed))
+    # Begin: an object has a state from the first scan on in which a sensor sees it
+    begun = [t for t in looks if t not in state.objects and len(looks[t].rows.sensor)]
+    objects = (*state.objects, *begun)
+    lost = [
+        t
+        for t, astray in zip(state.objects, state.astray, strict=True)
+        if is_lost(astray, config.lost_after) and len(looks[t].rows.sensor)
+    ]
+    # Propose object by object, and weigh by what was linearised
+    particles, log_weights = np.empty((L, len(objects), 4)), np.zeros(L)
+    gap = dt > config.max_gap_s
+    anew = dict.fromkeys(lost, "restart") | dict.fromkeys(begun, "")
+    if gap:
+        anew |= dict.fromkeys(state.objects, "gap")
+    astray = dict(zip(state.objects, state.astray, strict=True))
+    for j, target in enumerate(objects):
+        rows = looks[target].rows
+        if target in anew:
+            particles[:, j], corrected = _placed(rows, state, rng)
+            log_weights += corrected
+            astray[target] = 0
+            continue
+        before = state.particles[:, j]
+        known = Gaussian(*mean_and_covariance(np.full(L, 1.0 / L), before))
+        inside = agreeing(predicted(known, *motion_of(config).transition(dt)), rows, state.world, config.gate)
+        astray[target] = loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
+        particles[:, j], corrected = _proposed(before, rows.take(inside), dt, state, rng)
+        log_weights += corrected
+    # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
+    log_weights += log_factors(particles[:, :, :2], [looks[t] for t in objects], state.world, state.chances, config)
+    if not objects:
+        return state._replace(t_ns=scan.t_ns), []
+    weights, log_likelihood = normalise(log_weights)
+    estimates = [
+        (t, _estimate(particles[:, j], weights, looks[t], anew.get(t, ""), log_likelihood))
+        for j, t in enumerate(objects)
+    ]
+    # Resample: systematic
+    particles = particles[systematic_ancestors(weights, L, rng.random())]
+    after = state._replace(
+        objects=objects, astray=tuple(astray[t] for t in objects), particles=particles, t_ns=scan.t_ns
+    )
+    return after, estimates
+
+
+def _placed(rows: Rows, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
+    """(L, 4) states of an object drawn where its first rows say, and (L,) logarithms of anywhere over proposal."""
+    first, _ = first_place(state.anywhere, rows, state.world, state.config.gate)
+    drawn = Gaussian(first.state.mean, WIDER**2 * first.state.covariance)
+    states = rng.multivariate_normal(drawn.mean, drawn.covariance, state.config.particles, method="cholesky")
+    return states, _log_density(states, state.anywhere) - _log_density(states, drawn)
+
+
+def _log_density(states: Floats, of: Gaussian) -> Floats:
+    """(L,) logarithms of a normal density at (L, 4) states, but for its constant."""
+    off = states - of.mean
+    square = np.einsum("li,ij,lj->l", off, np.linalg.inv(of.covariance), off)
+    return np.asarray(-0.5 * (square + np.linalg.slogdet(of.covariance)[1]))
+
+
+def _proposed(before: Floats, rows: Rows, dt: float, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
+    """(L, 4) states of an object drawn by the motion and its rows, and (L,) logarithms of motion over proposal.
+
+    Args:
+        before: (L, 4) states at the scan before.
+        rows: those inside the gate.
+        dt: time since [s].
+        state: settings and sensors.
+        rng: draws.
+    """
+    L = len(before)
+    F, Q = motion_of(state.config).transition(dt)
+    ahead = before @ F.T
+    prior = Q[:2, :2] + 1e-12 * np.trace(state.anywhere.covariance[:2, :2]) * np.eye(2)
+    P0 = np.linalg.inv(prior)
+    information, pull = np.broadcast_to(P0, (L, 2, 2)).copy(), np.zeros((L, 2))
+    if len(rows.sensor):
+        # Linearise at the cloud's mean; residuals at each particle's prediction
+        H, R = linearised(ahead[:, :2].mean(axis=0), rows, state.world)
+        expected, possible = measured(ahead[:, :2], rows, state.world)
+        off = np.where(possible, residuals(expected, rows), 0.0)
+        information += (H.T / R) @ H
+        pull = off / R @ H
+    covariance = np.linalg.inv(information)
+    mean = ahead[:, :2] + np.einsum("lij,lj->li", covariance, pull)
+    root = np.linalg.cholesky(covariance)
+    noise = rng.standard_normal((L, 2))
+    xy = mean + WIDER * np.einsum("lij,lj->li", root, noise)
+    moved = xy - ahead[:, :2]
+    # Velocity given the place, by the motion
+    G = np.linalg.solve(prior, Q[:2, 2:]).T
+    rest = Q[2:, 2:] - G @ Q[:2, 2:]
+    drawn = rng.standard_normal((L, 2)) * np.sqrt(np.maximum(np.diag(rest), 0.0))
+    velocity = ahead[:, 2:] + moved @ G.T + drawn
+    log_motion = -0.5 * np.einsum("li,ij,lj->l", moved, P0, moved) - 0.5 * np.linalg.slogdet(prior)[1]
+    log_drawn = -0.5 * (noise**2).sum(axis=1) - 2.0 * math.log(WIDER) - np.log(root[:, 0, 0] * root[:, 1, 1])
+    return np.hstack([xy, velocity]), log_motion - log_drawn
+
+
+def hidden_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
+    """(L, M) which of (L, M, 2) objects another one of the same row hides from a camera (2,) ([Ercan] Fig. 3)."""
+    away = xy - camera
+    r = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-12)
+    e = away / r[..., None]
+    along = np.einsum("lji,lki->ljk", e, away)
+    across = e[:, :, None, 0] * away[:, None, :, 1] - e[:, :, None, 1] * away[:, None, :, 0]
+    inside = (np.abs(across) < 0.5 * diameter) & (along > 0.0) & (along < r[:, :, None])
+    diagonal = np.arange(xy.shape[1])
+    inside[:, diagonal, diagonal] = False
+    return np.asarray(inside.any(axis=2))
+
+
+def log_factors(xy: Floats, looks: list[Look], world: World, chances: Chances, config: JointConfig) -> Floats:
+    """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places; nobody hides sounds from arrays.
+
+    A report z of an object in plain view has the density P_D N(z) + (1 - P_D) P_F / W, of one that is hidden P_F / W;
+    "not seen" has 1 - P_D and 1 - P_F.  W is the width of the image.
+    """
+    total = np.zeros(len(xy))
+    sensors = sorted({int(i) for look in looks for i in look.packed.sensor})
+    cameras = [i for i in sensors if world.sensors.cos2[i] >= 0.0]
+    hidden = {i: hidden_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
+    for j, look in enumerate(looks):
+        place = np.ascontiguousarray(xy[:, j])
+        expected, _ = measured(place, look.rows, world)
+        _, variance = linearised(place.mean(axis=0), look.rows, world)
+        for k, sensor in enumerate(look.packed.sensor.tolist()):
+            seen = seen_from(place, sensor, world.sensors)
+            if sensor in hidden:
+                seen &= ~hidden[sensor][:, j]
+            first, last = int(look.packed.first[k]), int(look.packed.first[k + 1])
+            detection, false = float(chances.detection[sensor]), float(chances.false[sensor])
+            if first == last:
+                total += np.log(np.where(seen, 1.0 - detection, 1.0 - false))
+                continue
+            row = look.rows.take(np.arange(first, first + 1))
+            off = residuals(expected[:, first : first + 1], row)[:, 0]
+            density = np.exp(-0.5 * off**2 / variance[first]) / math.sqrt(2.0 * math.pi * variance[first])
+            widths = world.noise.width_px if row.pixel[0] else world.noise.width
+            floor = false / widths[sensor]
+            total += np.log(np.where(seen, detection * density + (1.0 - detection) * floor, floor))
+    return total
+
+
+def _estimate(own: Floats, weights: Floats, look: Look, fallback: str, log_likelihood: float) -> Estimate:
+    mean, covariance = mean_and_covariance(weights, own)
+    size = effective_size(weights)
+    seen = np.diff(look.packed.first) > 0
+    return Estimate(
+        xy=mean[:2],
+        velocity=mean[2:],
+        covariance=np.ascontiguousarray(covariance[:2, :2]),
+        ess=size,
+        log_likelihood=log_likelihood if math.isfinite(log_likelihood) else math.nan,
+        n_looked=len(look.packed.sensor),
+        n_seen=int(np.count_nonzero(seen)),
+        fallback=fallback or ("depleted" if size < FEW else ""),
+        used=tuple(look.packed.sensor.tolist()),
+        seen_by=tuple(look.packed.sensor[seen].tolist()),
+    )
+
+
+METHOD = Together(config=JointConfig, init=init, step=step)

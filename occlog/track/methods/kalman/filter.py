@@ -1,0 +1,295 @@
+"""The filters `ekf`, `ukf` and `iekf`: predict, gate, update; begin, and begin anew where the target is lost.
+
+They differ in the update alone (`occlog.track.methods.kalman.updates`).  What a Gaussian cannot hold has no place in
+them: that a camera did not see the target, moving occluders, and several places at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.plane import make_floor, sample_floor
+from occlog.core.sight.visibility import draw
+from occlog.errors import InputError
+from occlog.filtering.gaussian import Gaussian, Link, predicted, rts_smooth
+from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
+from occlog.filtering.likelihood.directions import PackedScan
+from occlog.filtering.likelihood.measurement_model import (
+    Rows,
+    World,
+    azimuths,
+    linearised,
+    measured,
+    residuals,
+    rows_of,
+)
+from occlog.filtering.motion.ornstein_uhlenbeck import OrnsteinUhlenbeck
+from occlog.records.scene import Scene
+from occlog.scans.grouping import Scan
+from occlog.track.interface import Estimate, Online, Past, Smoothing
+from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise, with_distances
+
+from . import updates
+from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
+from .stations import StationUpdate, extended, first_position, inside_gate, unscented
+from .updates import Updated, agreeing, descended, linear
+
+K = TypeVar("K", bound=KalmanConfig)
+DRAWS = 500
+"""Places drawn for the mean and the covariance of where a target can be at first."""
+MOST_ROWS = 40
+"""A filter begins from so many measurements at most, the most certain ones."""
+AWAY_S = 1.0
+"""A target of which most reports disagree with the prediction is as far from it as it goes in about this time [s]."""
+WIDENED = "widened"
+"""Value of `fallback`: most reports disagreed with the prediction, which was made wider."""
+SEARCH = IekfConfig(feasible=IGNORE)
+"""How the first place is searched."""
+
+
+class KalmanState(NamedTuple, Generic[K]):
+    """What is known at the time of the last scan; `t_ns` is None before the first."""
+
+    config: K
+    world: World
+    read_px: Floats
+    anywhere: Gaussian  # before anything was seen
+    known: Gaussian
+    t_ns: int | None
+    astray: int  # reports outside the gate more than inside, since they last were even
+    link: Link | None = None  # what the last step leaves for the way back
+
+
+def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:
+    """State before the first scan: around `config.start`, or as wide as the floor; InputError without free floor."""
+    world = world_of(scene)
+    anywhere = anywhere_of(scene, world, config, rng)
+    known = anywhere
+    if config.start is not None:
+        known = gaussian_of(np.array(config.start[:2]), config.start[2] ** 2 * np.eye(2), config)
+    return KalmanState(config, world, read_noise(scene), anywhere, known, None, 0)
+
+
+def world_of(scene: Scene) -> World:
+    """The sensors and the floor of a scene."""
+    return World(pack_sensors(scene), pack_noise(scene), make_floor(scene.region, [o.polygon for o in scene.occluders]))
+
+
+def anywhere_of(scene: Scene, world: World, config: WalkConfig, rng: Generator) -> Gaussian:
+    """Mean and covariance of where a target can be before anything was seen; InputError without free floor."""
+    try:
+        places = sample_floor(DRAWS, world.floor, rng) if scene.views is None else draw(DRAWS, scene.views, rng)
+    except ValueError as error:
+        raise InputError(f"scene: {error}; make the room larger") from error
+    return gaussian_of(places.mean(axis=0), np.cov(places.T), config)
+
+
+def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:
+    """The motion model of the settings."""
+    return OrnsteinUhlenbeck(config.speed, config.turn_s, config.sigma_v)
+
+
+def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
+    """A state with an unknown velocity."""
+    whole = np.zeros((4, 4))
+    whole[:2, :2], whole[2:, 2:] = covariance, motion_of(config).velocity_variance * np.eye(2)
+    return Gaussian(np.array([*xy, 0.0, 0.0]), whole)
+
+
+Update = Callable[[Gaussian, Rows, World, K], Updated]
+
+
+def stepper(
+    update: Update[K], by_stations: StationUpdate | None
+) -> Callable[[KalmanState[K], Scan, Generator], tuple[KalmanState[K], Estimate]]:
+    """The step of the filter with these updates; None: it takes no measurements of stations."""
+
+    def step(state: KalmanState[K], scan: Scan, rng: Generator) -> tuple[KalmanState[K], Estimate]:  # noqa: ARG001
+        config, world = state.config, state.world
+        looks = pack_scan(scan, state.read_px, use_score=False)
+        rows = rows_of(looks)
+        dt = elapsed(state.t_ns, scan.t_ns)
+        distances = None if scan.measured is None or by_stations is None else scan.measured.distances
+        stations = 0 if distances is None else len(distances.kind)
+
+        def initiate(reason: str) -> Taken:
+            if distances is not None:
+                first, used = first_position(state.anywhere, rows, distances, world, config.gate)
+                return Taken(Updated(first, math.nan, reason), used, begun=True, anew=True)
+            done, used = first_place(state.anywhere, rows, world, config.gate)
+            return Taken(done._replace(fallback=reason), used, begun=True, anew=True)
+
+        def predict_and_update(dt: float) -> Taken:
+            known = predicted(state.known, *motion_of(config).transition(dt))
+            taken = by_directions(known)
+            if distances is None or by_stations is None:
+                return taken
+            inside = inside_gate(known, distances, config.gate)
+            after, score = by_stations(taken.done.state, distances.take(inside))
+            done = Updated(after, taken.done.score + score, taken.done.fallback)
+            return taken._replace(done=done, against=int(np.count_nonzero(~inside)))
+
+        def by_directions(known: Gaussian) -> Taken:
+            inside = agreeing(known, rows, world, config.gate)
+            used, begun = rows.sensor[inside], state.t_ns is None
+            if _outvoted(rows, inside):
+                # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
+                done, used = first_place(_widened(known, config), rows, world, config.gate)
+                return Taken(done._replace(fallback=WIDENED), used, begun=True)
+            if inside.any():
+                return Taken(update(known, rows.take(inside), world, config), used, begun)
+            return Taken(Updated(known, 0.0), used, begun)
+
+        def loss(taken: Taken) -> tuple[int, bool]:
+            count = 0 if taken.anew else _track_loss(state.astray, looks, taken, stations)
+            lost = not taken.anew and (is_lost(count, config.lost_after) or left_scene(taken.done.state, world))
+            return (0, True) if lost else (count, False)
+
+        known = state.t_ns is not None or config.start is not None
+        (done, used, begun, anew, _), astray = advance(
+            dt, config.max_gap_s, known=known, initiate=initiate, update=predict_and_update, loss=loss
+        )
+        link = Link(done.state, 0.0 if anew else dt, begun=begun)
+        state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
+        estimate = _estimate(done, looks, used)
+        return state, estimate if distances is None else with_distances(estimate, distances)
+
+    return step
+
+
+class Taken(NamedTuple):
+    """A posterior, the sensors that it is from, and whether it forgets what was known before."""
+
+    done: Updated
+    used: Ints
+    begun: bool
+    anew: bool = False  # from the scan alone
+    against: int = 0  # measurements of stations outside the gate
+
+
+def _outvoted(rows: Rows, inside: Bools) -> bool:
+    """Whether at least two labelled rows are outside the gate, and more than inside."""
+    against = int(np.count_nonzero(rows.labelled & ~inside))
+    return against >= 2 and against > int(np.count_nonzero(rows.labelled & inside))
+
+
+def _widened(known: Gaussian, config: KalmanConfig) -> Gaussian:
+    """A prediction as wide as a target gets away in `AWAY_S`, whose velocity is not known."""
+    away = (config.speed * AWAY_S) ** 2 * np.eye(2)
+    return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
+
+
+def left_scene(known: Gaussian, world: World) -> bool:
+    """Whether a target is far outside of the region: by more than its extent."""
+    low, high = world.floor.room.min(axis=0), world.floor.room.max(axis=0)
+    xy = known.mean[:2]
+    return not bool(np.all((xy >= 2.0 * low - high) & (xy <= 2.0 * high - low)))
+
+
+def first_place(anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Updated, Ints]:
+    """The most probable place by the rows of one scan, and the sensors that it is from.
+
+    Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.
+    """
+    rows = rows.take(np.sort(np.argsort(rows.variance, kind="stable")[:MOST_ROWS]))
+    starts = np.vstack([anywhere.mean[None, :2], crossings(rows, world)])
+    _, costs = zip(*(_agreed(place, anywhere, rows, world, gate) for place in starts), strict=True)
+    kept, _ = _agreed(starts[int(np.argmin(costs))], anywhere, rows, world, gate)
+    rows = rows.take(kept)
+    if not len(rows.sensor):
+        return Updated(anywhere, 0.0), rows.sensor
+    place, _, _ = descended(starts[int(np.argmin(costs))], anywhere, rows, world, SEARCH)
+    return linear(anywhere, place, rows, world), rows.sensor
+
+
+def _agreed(place: Floats, anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Ints, float]:
+    """Rows that agree with a place, one a sensor, and the cost of the place; a sensor that disagrees costs the gate."""
+    expected, ahead = measured(place[None], rows, world)
+    _, variance = linearised(place, rows, world)
+    off = np.where(ahead[0], residuals(expected[0], rows) ** 2 / variance, np.inf)
+    nearest = [own[np.argmin(off[own])] for s in np.unique(rows.sensor) for own in [np.flatnonzero(rows.sensor == s)]]
+    chosen = np.array(nearest, dtype=np.int64)
+    away = place - anywhere.mean[:2]
+    cost = 0.5 * float(np.minimum(off[chosen], gate**2).sum())
+    cost += 0.5 * float(away @ np.linalg.solve(anywhere.covariance[:2, :2], away))
+    return chosen[off[chosen] <= gate**2], cost
+
+
+def crossings(rows: Rows, world: World) -> Floats:
+    """(K, 2) places where sight lines of two sensors cross ahead of both."""
+    azimuth = azimuths(rows, world)
+    e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
+    i, j = np.nonzero(rows.sensor[:, None] < rows.sensor[None, :])
+    base = origin[j] - origin[i]
+    sine = e[i, 0] * e[j, 1] - e[i, 1] * e[j, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along_i = (base[:, 0] * e[j, 1] - base[:, 1] * e[j, 0]) / sine
+        along_j = (base[:, 0] * e[i, 1] - base[:, 1] * e[i, 0]) / sine
+    ahead = np.isfinite(along_i) & (along_i > 0.0) & (along_j > 0.0)
+    return np.asarray(origin[i][ahead] + along_i[ahead, None] * e[i][ahead])
+
+
+def _track_loss(before: int, looks: PackedScan, taken: Taken, measured: int) -> int:
+    """The track-loss counter after a scan with so many measurements of stations besides its labelled reports."""
+    reports = looks.sensor[looks.labelled & (np.diff(looks.first) > 0)]
+    against = int(np.count_nonzero(~np.isin(reports, taken.used))) + taken.against
+    return loss_count(before, against, len(reports) + measured)
+
+
+def _estimate(done: Updated, looks: PackedScan, agree: Ints) -> Estimate:
+    seen = np.diff(looks.first) > 0
+    seen &= looks.labelled | np.isin(looks.sensor, agree)
+    return Estimate(
+        xy=done.state.mean[:2],
+        velocity=done.state.mean[2:],
+        covariance=np.ascontiguousarray(done.state.covariance[:2, :2]),
+        ess=math.nan,
+        log_likelihood=done.score,
+        n_looked=len(looks.sensor),
+        n_seen=int(np.count_nonzero(seen)),
+        fallback=done.fallback,
+        used=tuple(looks.sensor.tolist()),
+        seen_by=tuple(looks.sensor[seen].tolist()),
+    )
+
+
+def _trace(state: KalmanState[K]) -> Link:
+    assert state.link is not None, "a trace is asked for after a step"
+    return state.link
+
+
+def _smoothed(traces: Sequence[Link], config: K) -> list[Past]:
+    found = rts_smooth(traces, motion_of(config).transition)
+    return [Past(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
+
+
+def _method(config: type[K], update: Update[K], by_stations: StationUpdate | None) -> Online[KalmanState[K], K]:
+    return Online(
+        config=config,
+        init=init,
+        step=stepper(update, by_stations),
+        started=lambda own: own.start is not None,
+        measured=by_stations is not None,
+        smoothing=Smoothing(
+            wanted=lambda own: own,
+            trace=_trace,
+            back=lambda traces, own, rng: _smoothed(traces, own),  # noqa: ARG005
+        ),
+    )
+
+
+EKF: Online[KalmanState[EkfConfig], EkfConfig] = _method(
+    EkfConfig, lambda known, rows, world, _: updates.ekf(known, rows, world), extended
+)
+UKF: Online[KalmanState[UkfConfig], UkfConfig] = _method(UkfConfig, updates.ukf, unscented)
+IEKF: Online[KalmanState[IekfConfig], IekfConfig] = _method(
+    IekfConfig,
+    lambda known, rows, world, config: updates.iekf(known, rows, world, config, crossings(rows, world)),
+    None,
+)

@@ -1,0 +1,85 @@
+"""Obstacles of a record: walls and static occluders, and views in which the target was not seen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+from occlog.core.plane import convex_pieces, counter_clockwise, offset
+from occlog.track.methods.map.kernels.detours import Obstacle
+
+from .config import MapConfig
+from .measurements import Stations
+from .record import Record
+
+ARC = math.radians(10.0)
+"""The far end of a view is a polygon with such sides."""
+BORDER = 2.0
+"""Standard deviations from the border of a view, or from a wall in it, within which a target may go unseen."""
+
+
+def obstacles(record: Record, at: Stations, config: MapConfig, extent: float, T: int) -> tuple[Obstacle, ...]:
+    """The obstacles of a record of T states.
+
+    Walls are there if the configuration has them.  A view is an obstacle at the states at which its
+    camera looked and did not see the target, where the probability of detection P_D is known; a
+    target inside costs - log(1 - P_D) there.
+    """
+    always, nowhere = np.ones(T, dtype=np.bool_), np.zeros(2)
+    walls = [Obstacle(counter_clockwise(w), tuple(convex_pieces(w)), None, nowhere, always, math.inf) for w in at.walls]
+    return (*walls, *(_view(s, when, at, config, extent) for s, when in _unseen(record, at, config, T)))
+
+
+def _unseen(record: Record, at: Stations, config: MapConfig, T: int) -> list[tuple[int, Bools]]:
+    """Cameras with a known probability of detection, and at which states each did not see the target."""
+    found = []
+    unseen = ~record.rows.seen
+    for s in np.unique(record.rows.sensor[unseen]).tolist():
+        if at.focal_px[s] > 0.0 and not math.isnan(_detection(s, at, config)):
+            when = np.zeros(T, dtype=np.bool_)
+            when[record.state[unseen & (record.rows.sensor == s)]] = True
+            # Among moving occluders `occlog.track.methods.map.hiding` says what "not seen" tells
+            when[[t for t, priors in enumerate(record.occluders) if priors is not None]] = False
+            found.append((s, when))
+    return found
+
+
+def _detection(s: int, at: Stations, config: MapConfig) -> float:
+    own = float(at.detection[s])
+    if math.isnan(own) and config.detection is not None:
+        return config.detection
+    return own
+
+
+def _view(s: int, when: Bools, at: Stations, config: MapConfig, extent: float) -> Obstacle:
+    """The field of view of a camera, as far as it reaches."""
+    missed = 1.0 - _detection(s, at, config)
+    price = -math.log(missed) if missed > 0.0 else math.inf
+    unsure = BORDER * max(float(at.sigma_yaw[s]), float(at.read_px[s] / at.focal_px[s]))
+    fov = max(float(at.fov[s]) - 2.0 * unsure, 0.1 * float(at.fov[s]))
+    corners = view_polygon(at.place[s], float(at.yaw[s]), fov, min(float(at.range[s]), 2.0 * extent))
+    hiding = tuple(_wider(piece, at.place[s], unsure) for w in at.blockers[s] for piece in convex_pieces(w))
+    return Obstacle(corners, tuple(convex_pieces(corners)), hiding, at.place[s], when, price)
+
+
+def _wider(wall: Floats, eye: Floats, angle: float) -> Floats:
+    """A convex polygon that hides an angle more on either side."""
+    return offset(wall, angle * float(np.hypot(*(wall - eye).T).max()))
+
+
+def view_polygon(place: Floats, yaw: float, fov: float, reach: float) -> Floats:
+    """(K, 2) counter-clockwise polygon inside a field of view: the camera and an arc.
+
+    Args:
+        place: (2,) of the camera.
+        yaw: azimuth of its axis [rad].
+        fov: full field of view [rad]; at most 2 pi.
+        reach: farthest distance.
+    """
+    half = 0.5 * min(fov, 2.0 * math.pi - 1e-3)
+    n = max(1, math.ceil(2.0 * half / ARC))
+    angle = yaw + np.linspace(-half, half, n + 1)
+    arc = place + reach * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.vstack([place[None], arc])

@@ -1,0 +1,198 @@
+"""Forms of A and Sigma, and what of them data decide: a vector of free parameters each.
+
+Time is in steps and length in a scale of the data, so that parameters are of order 1.
+
+Positions alone do not decide everything.  A velocity is known by what it does to the
+position, so that the position's rows of A are fixed: in `cv` [1 1; 0 1] per axis, in `damped`
+velocity dies out exponentially at a rate beta (a = exp(-beta), b = (1 - a) / beta), and in `full`
+the velocity's two rows are free and the position's are those of `cv`, which is no loss: any
+other A is this one with other units of velocity.  Of the 2 x 2 block of Sigma of an axis only
+two of three numbers have an influence on positions, hence the structures
+
+    white     acceleration that is white noise of density q^2, and white noise j^2 on the position,
+    diagonal  diag(s_u^2, s_v^2), as in [Rahimi] Sec. 6,
+
+and `full` (a 4 x 4 covariance) which leaves some of it to the start of the search.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.track.methods.map.kernels.gauss_markov import VELOCITY
+
+from .smoother import CV, Sums
+
+SMALLEST, LARGEST = 1e-5, 1e3
+"""Limits of standard deviations, in scales of the data."""
+FASTEST_DECAY = 20.0
+SLOWEST_DECAY = -1.0
+"""Limits of beta per step; below 0 velocity grows."""
+LOWER = np.tril_indices(4)
+NODE, WEIGHT = np.polynomial.legendre.leggauss(12)
+
+
+class Shape(NamedTuple):
+    """What is fitted."""
+
+    form: str = "cv"  # cv, damped or full
+    disturbance: str = "white"  # white, diagonal or full
+    alike: bool = True  # one disturbance for both axes
+    noise: bool = True  # measurement noise is fitted, too
+    free: tuple[int, ...] = VELOCITY  # rows of A that `full` fits
+
+
+class Model(NamedTuple):
+    """A, Sigma and the standard deviation of measured positions (None: it is given)."""
+
+    A: Floats
+    sigma: Floats
+    noise: float | None
+
+
+@functools.cache
+def names(shape: Shape) -> tuple[str, ...]:
+    """What each parameter is; standard deviations (sd) are held as logarithms."""
+    out = {"cv": [], "damped": ["decay"], "full": [f"A{i + 1}{j + 1}" for i in shape.free for j in range(4)]}[
+        shape.form
+    ]
+    if shape.disturbance == "full":
+        out = out + [f"chol{i + 1}{j + 1}" for i, j in zip(*LOWER, strict=True)]
+    else:
+        pair = ["jitter", "acceleration"] if shape.disturbance == "white" else ["sd_u", "sd_v"]
+        out = out + (pair if shape.alike else [f"{p}_{axis}" for axis in "xy" for p in pair])
+    return (*out, *(["noise"] if shape.noise else []))
+
+
+@functools.cache
+def limits(shape: Shape) -> tuple[tuple[float | None, float | None], ...]:
+    """Lower and upper limit of each parameter."""
+    small, large = float(np.log(SMALLEST)), float(np.log(LARGEST))
+    out: list[tuple[float | None, float | None]] = []
+    for name in names(shape):
+        if name == "decay":
+            out.append((SLOWEST_DECAY, FASTEST_DECAY))
+        elif name.startswith("A") or (name.startswith("chol") and name[4] != name[5]):
+            out.append((None, None))
+        else:
+            out.append((small, large))
+    return tuple(out)
+
+
+def start(shape: Shape, bend: float) -> Floats:
+    """Parameters to begin with.
+
+    Args:
+        shape: what is fitted.
+        bend: standard deviation of second differences of the positions, in scales; > 0.
+    """
+    values = dict.fromkeys(names(shape), np.log(max(0.25 * bend, 10.0 * SMALLEST)))
+    for name in values:
+        if name.startswith(("acceleration", "sd_v")) or name in ("chol22", "chol44"):
+            values[name] = np.log(max(0.7 * bend, 10.0 * SMALLEST))
+        elif name == "decay":
+            values[name] = 0.05
+        elif name.startswith("A"):
+            values[name] = float(CV[int(name[1]) - 1, int(name[2]) - 1])
+        elif name.startswith("chol") and name[4] != name[5]:
+            values[name] = 0.0
+    return np.array(list(values.values()))
+
+
+def build(shape: Shape, theta: Floats) -> Model:
+    """The model of some parameters."""
+    known = names(shape)
+    if shape.form == "cv":
+        A, beta, used = CV, 0.0, 0
+    elif shape.form == "damped":
+        beta, used = float(theta[0]), 1
+        A = np.kron(np.eye(2), np.array([[1.0, _reach(np.array(1.0), beta)], [0.0, np.exp(-beta)]]))
+    else:
+        beta, used = 0.0, 4 * len(shape.free)
+        A = CV.copy()
+        A[list(shape.free)] = theta[:used].reshape(-1, 4)
+    noise = float(np.exp(theta[-1])) if shape.noise else None
+    own = theta[used : len(known) - int(shape.noise)]
+    return Model(A, _sigma(shape, own, beta), noise)
+
+
+def _sigma(shape: Shape, own: Floats, beta: float) -> Floats:
+    if shape.disturbance == "full":
+        L = np.zeros((4, 4))
+        L[LOWER] = own
+        L[np.diag_indices(4)] = np.exp(np.diag(L))
+        # A limit for small eigenvalues, as the other structures have it.
+        full: Floats = L @ L.T + SMALLEST**2 * np.eye(4)
+        return full
+    first, second = (
+        (np.diag([1.0, 0.0]), _white(beta))
+        if shape.disturbance == "white"
+        else (np.diag([1.0, 0.0]), np.diag([0.0, 1.0]))
+    )
+    sd = np.exp(np.tile(own, 2) if shape.alike else own)
+    sigma = np.zeros((4, 4))
+    for axis in range(2):
+        i = 2 * axis
+        sigma[i : i + 2, i : i + 2] = sd[i] ** 2 * first + sd[i + 1] ** 2 * second
+    return sigma
+
+
+def _reach(s: Floats, beta: float) -> Floats:
+    """What a velocity does to the position in time s: (1 - exp(-beta s)) / beta."""
+    return s.copy() if abs(beta) < 1e-9 else -np.expm1(-beta * s) / beta
+
+
+def _white(beta: float) -> Floats:
+    """Noise gathered in a step from white acceleration of density 1: Gauss-Legendre quadrature."""
+    if beta == 0.0:
+        return np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
+    s, w = 0.5 * (NODE + 1.0), 0.5 * WEIGHT
+    rows = np.stack([_reach(s, beta), np.exp(-beta * s)])
+    gathered: Floats = (rows * w) @ rows.T
+    return gathered
+
+
+def expected(shape: Shape, theta: Floats, sums: Sums) -> float:
+    """Expected log-likelihood of states and measurements, without what parameters do not change (the Q of EM)."""
+    A, sigma, noise = build(shape, theta)
+    B = A - CV
+    cross = B @ sums.DX.T
+    S = sums.DD - cross - cross.T + B @ sums.XX @ B.T
+    L = np.linalg.cholesky(sigma)
+    half = np.linalg.solve(L, np.linalg.solve(L, S).T)
+    value = -sums.n * float(np.log(np.diag(L)).sum()) - 0.5 * float(np.trace(half))
+    if noise is not None:
+        value -= sums.m * 2.0 * np.log(noise) + 0.5 * float(np.trace(sums.E)) / noise**2
+    return value
+
+
+def slope(shape: Shape, theta: Floats, sums: Sums, h: float = 1e-5) -> Floats:
+    """Gradient of `expected` by central differences."""
+    out = np.empty(len(theta))
+    for i in range(len(theta)):
+        there, here = theta.copy(), theta.copy()
+        there[i] += h
+        here[i] -= h
+        out[i] = (expected(shape, there, sums) - expected(shape, here, sums)) / (2.0 * h)
+    return out
+
+
+def regression(shape: Shape, theta: Floats, sums: Sums) -> Floats:
+    """The parameters with A's free rows by least squares (the exact maximum for the Sigma given); `full` only.
+
+    K = CV_f + (W_ff)^-1 W_f. DX XX^-1, W = Sigma^-1, f the free rows.
+    """
+    if shape.form != "full":
+        return theta
+    rows = list(shape.free)
+    W = np.linalg.inv(build(shape, theta).sigma)
+    K = np.linalg.solve(W[np.ix_(rows, rows)], W[rows] @ sums.DX)
+    scale = np.sqrt(np.diag(sums.XX))
+    K = np.linalg.solve(sums.XX / np.outer(scale, scale), (K / scale).T).T / scale
+    out = theta.copy()
+    out[: K.size] = (CV[rows] + K).ravel()
+    return out

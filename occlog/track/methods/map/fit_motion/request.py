@@ -1,0 +1,41 @@
+"""What `occlog fit-motion` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Request, group, output_file, source
+from occlog.settings import setting
+
+from .config import FitConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitMotionRequest(Request):
+    """Identify A and Sigma of linear Gaussian motion from POSITIONS: truth or tracks, tables or recordings.
+
+    The model says how a target moves: x' = A x + noise of covariance Sigma, x position and velocity of both axes.
+    Positions may be noisy, at unequal times and with gaps; the noise is told apart from the motion.
+
+    \b
+      occlog fit-motion room.mcap -o motion.json --step 0.25
+      occlog fit-motion monday.parquet tuesday.parquet -o motion.json --form damped --noise 0.1
+    """
+
+    OWNER: ClassVar[str] = "fit-motion"
+    RUN: ClassVar[str] = "occlog.track.methods.map.fit_motion.run:run_fit"
+
+    positions: tuple[Path, ...] = source("Truth or tracks.", argument=True)
+    output: Path = output_file("The model (JSON).")
+    settings: Mapping[str, object] = group(lambda: FitConfig)
+    targets: tuple[int, ...] = setting(
+        (),
+        "Use this object only; may be repeated. [default: all, of truth those of role target]",
+        option="--target",
+        metavar="ID",
+        repeat=True,
+        shown="",
+    )

@@ -1,0 +1,314 @@
+"""Values and derivatives of the terms of a trajectory's cost; see `occlog.track.methods.map.kernels.problem`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+from occlog.core.numerics.jit import kernel
+
+from .problem import CAUCHY, HUBER, MIXTURE, HalfPlanes, Hints, SightLines, Steps
+
+TINY = 1e-150
+"""Squares of distances are not below this, so that a state in a camera gives large numbers, not none."""
+
+
+@kernel
+def leaning(k: float, lean: float) -> float:
+    """The mixture's k with so much added to the log odds k^2/2; below 0 where these are."""
+    if lean == 0.0:
+        return k
+    k2 = k * k + 2.0 * lean
+    return math.copysign(math.sqrt(abs(k2)), k2)
+
+
+@kernel
+def loss_value(r: float, loss: int, k: float) -> float:
+    """Loss of a residual, in units of a negative log likelihood; a k below 0 is the mixture's of `leaning`."""
+    if loss == HUBER and abs(r) > k:
+        return k * (abs(r) - 0.5 * k)
+    if loss == CAUCHY:
+        return 0.5 * k * k * math.log1p((r / k) ** 2)
+    if loss == MIXTURE:
+        # log(1 + e^a) - log(1 + e^b), a the log odds that the line is true at r, b those at 0
+        k2 = k * abs(k)
+        a, b = 0.5 * (k2 - r * r), 0.5 * k2
+        return max(b, 0.0) + math.log1p(math.exp(-abs(b))) - (max(a, 0.0) + math.log1p(math.exp(-abs(a))))
+    return 0.5 * r * r
+
+
+@kernel
+def belief(r: float, k: float) -> float:
+    """Probability that a sight line with that residual is true, if it is 1/2 at k."""
+    a = 0.5 * (k * abs(k) - r * r)
+    return 1.0 / (1.0 + math.exp(-a)) if a >= 0.0 else math.exp(a) / (1.0 + math.exp(a))
+
+
+@kernel
+def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
+    """First and second derivative of the loss, and the weight first / r of iteratively reweighted least squares."""
+    if loss == HUBER and abs(r) > k:
+        return math.copysign(k, r), 0.0, k / abs(r)
+    if loss == CAUCHY:
+        q = 1.0 + (r / k) ** 2
+        return r / q, (1.0 - (r / k) ** 2) / (q * q), 1.0 / q
+    if loss == MIXTURE:
+        w = belief(r, k)
+        return w * r, w - w * (1.0 - w) * r * r, w
+    return r, 1.0, 1.0
+
+
+@kernel
+def in_camera(lines: SightLines, n: int, X: Floats) -> tuple[float, float]:
+    """Offset to the left of the axis, h, and distance along it, d, of the state that sight line n is of."""
+    t = lines.step[n]
+    dx, dy = X[t, 0] - lines.place[n, 0], X[t, 2] - lines.place[n, 1]
+    c, s = lines.axis[n, 0], lines.axis[n, 1]
+    return c * dy - s * dx, c * dx + s * dy
+
+
+@kernel
+def residual(lines: SightLines, n: int, h: float, d: float) -> float:
+    """Residual of a sight line in standard deviations."""
+    if lines.direction[n]:
+        return math.atan2(h, d) / math.sqrt(lines.c0[n])
+    missed: float = lines.focal[n] * h - lines.reading[n] * d
+    return missed / math.sqrt(max(lines.c0[n] * d * d + lines.c1[n], TINY))
+
+
+@kernel
+def residuals(lines: SightLines, X: Floats) -> Floats:
+    """(N,) residuals of all sight lines in standard deviations."""
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        h, d = in_camera(lines, n, X)
+        out[n] = residual(lines, n, h, d)
+    return out
+
+
+@kernel
+def losses(lines: SightLines, X: Floats, loss: int, k: float) -> Floats:
+    """(N,) losses of all sight lines."""
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        h, d = in_camera(lines, n, X)
+        out[n] = loss_value(residual(lines, n, h, d), loss, leaning(k, lines.lean[n]))
+    return out
+
+
+@kernel
+def beliefs(lines: SightLines, X: Floats, k: float) -> Floats:
+    """(N,) probability that each sight line is true, 1/2 for a residual of k; 0 behind the camera."""
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        h, d = in_camera(lines, n, X)
+        out[n] = belief(residual(lines, n, h, d), leaning(k, lines.lean[n])) if d > 0.0 or lines.direction[n] else 0.0
+    return out
+
+
+@kernel
+def depths(lines: SightLines, X: Floats) -> Floats:
+    """(N,) distance of each state along the axis of the camera that saw it."""
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        out[n] = in_camera(lines, n, X)[1]
+    return out
+
+
+@kernel
+def lines_cost(lines: SightLines, X: Floats, loss: int, k: float) -> float:
+    """Part of the cost that the measurements have."""
+    total = 0.0
+    for n in range(lines.step.shape[0]):
+        h, d = in_camera(lines, n, X)
+        total += loss_value(residual(lines, n, h, d), loss, leaning(k, lines.lean[n]))
+        if lines.volume[n] > 0.0:
+            total += -lines.volume[n] * math.log(d) if d > 0.0 else math.inf
+        if lines.c1[n] > 0.0 and lines.c0[n] > 0.0:
+            total += 0.5 * math.log(lines.c0[n] + lines.c1[n] / (d * d))
+    return total
+
+
+@kernel
+def chain_cost(steps: Steps, X: Floats) -> float:
+    """Part of the cost that the motion has."""
+    total = 0.0
+    for i in range(4):
+        e = 0.0
+        for j in range(i + 1):
+            e += steps.whiten_first[i, j] * (X[0, j] - steps.mean[j])
+        total += 0.5 * e * e
+    nu = np.empty(4)
+    for t in range(steps.kind.shape[0]):
+        A, W = steps.A[steps.kind[t]], steps.whiten[steps.kind[t]]
+        for i in range(4):
+            nu[i] = X[t + 1, i] - A[i, 0] * X[t, 0] - A[i, 1] * X[t, 1] - A[i, 2] * X[t, 2] - A[i, 3] * X[t, 3]
+        for i in range(4):
+            e = 0.0
+            for j in range(i + 1):
+                e += W[i, j] * nu[j]
+            total += 0.5 * e * e
+    return total
+
+
+@kernel
+def add_chain(steps: Steps, X: Floats, g: Floats) -> None:
+    """Add the gradient of `chain_cost` to `g` (T, 4)."""
+    e = np.empty(4)
+    for i in range(4):
+        e[i] = 0.0
+        for j in range(i + 1):
+            e[i] += steps.whiten_first[i, j] * (X[0, j] - steps.mean[j])
+    for i in range(4):
+        for j in range(i + 1):
+            g[0, j] += steps.whiten_first[i, j] * e[i]
+    nu, w = np.empty(4), np.empty(4)
+    for t in range(steps.kind.shape[0]):
+        A, U = steps.A[steps.kind[t]], steps.whiten[steps.kind[t]]
+        for i in range(4):
+            nu[i] = X[t + 1, i] - A[i, 0] * X[t, 0] - A[i, 1] * X[t, 1] - A[i, 2] * X[t, 2] - A[i, 3] * X[t, 3]
+        w[:] = 0.0
+        for i in range(4):
+            e[i] = 0.0
+            for j in range(i + 1):
+                e[i] += U[i, j] * nu[j]
+            for j in range(i + 1):
+                w[j] += U[i, j] * e[i]
+        for i in range(4):
+            g[t + 1, i] += w[i]
+            g[t, i] -= A[0, i] * w[0] + A[1, i] * w[1] + A[2, i] * w[2] + A[3, i] * w[3]
+
+
+@kernel
+def hints_cost(hints: Hints, X: Floats) -> float:
+    """Part of the cost that the quadratic terms have."""
+    total = 0.0
+    for m in range(hints.step.shape[0]):
+        t = hints.step[m]
+        dx, dy = X[t, 0] - hints.place[m, 0], X[t, 2] - hints.place[m, 1]
+        bent = hints.bend[m, 0] * dx * dx + 2.0 * hints.bend[m, 1] * dx * dy + hints.bend[m, 2] * dy * dy
+        total += hints.slope[m, 0] * dx + hints.slope[m, 1] * dy + 0.5 * bent
+    return total
+
+
+@kernel
+def add_hints(hints: Hints, X: Floats, g: Floats, H: Floats) -> None:
+    """Add the quadratic terms' derivatives to `g` (T, 4) and, by position, to `H` (T, 3)."""
+    for m in range(hints.step.shape[0]):
+        t = hints.step[m]
+        dx, dy = X[t, 0] - hints.place[m, 0], X[t, 2] - hints.place[m, 1]
+        g[t, 0] += hints.slope[m, 0] + hints.bend[m, 0] * dx + hints.bend[m, 1] * dy
+        g[t, 2] += hints.slope[m, 1] + hints.bend[m, 1] * dx + hints.bend[m, 2] * dy
+        for i in range(3):
+            H[t, i] += hints.bend[m, i]
+
+
+@kernel
+def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
+    """- sum of log slacks; inf outside."""
+    total = 0.0
+    for m in range(planes.step.shape[0]):
+        t = planes.step[m]
+        s = planes.normal[m, 0] * X[t, 0] + planes.normal[m, 1] * X[t, 2] - planes.offset[m]
+        if s <= 0.0:
+            return math.inf
+        total -= math.log(s)
+    return total
+
+
+@kernel
+def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: float, g: Floats, H: Floats) -> None:
+    """Add the measurements' derivatives to `g` (T, 4) and, by position, to `H` (T, 3): xx, xy, yy.
+
+    Args:
+        lines: N sight lines.
+        X: (T, 4) states.
+        loss: SQUARE, HUBER, CAUCHY or MIXTURE.
+        k: its parameter.
+        exact: 1: second derivatives; 0: those of Gauss and Newton with reweighting, which are never negative;
+            a mixture in between.
+        g: changed in place.
+        H: changed in place.
+    """
+    for n in range(lines.step.shape[0]):
+        h, d = in_camera(lines, n, X)
+        r, rh, rd, rhh, rhd, rdd = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if lines.direction[n]:
+            q, a = max(h * h + d * d, TINY), 1.0 / math.sqrt(lines.c0[n])
+            r, rh, rd = a * math.atan2(h, d), a * d / q, -a * h / q
+            rhh, rhd, rdd = -2.0 * a * h * d / (q * q), a * (h * h - d * d) / (q * q), 2.0 * a * h * d / (q * q)
+        else:
+            w2 = max(lines.c0[n] * d * d + lines.c1[n], TINY)
+            w = math.sqrt(w2)
+            r = (lines.focal[n] * h - lines.reading[n] * d) / w
+            v = lines.c0[n] * d / w2  # derivative of log w
+            vd = lines.c0[n] / w2 - 2.0 * v * v
+            rh, rd = lines.focal[n] / w, -lines.reading[n] / w - r * v
+            rhd = -rh * v
+            rdd = lines.reading[n] / w * v - rd * v - r * vd
+        first, second, weight = loss_slopes(r, loss, leaning(k, lines.lean[n]))
+        gh, gd = first * rh, first * rd
+        curved, bent = weight + exact * (second - weight), exact * first
+        hh, hd, dd = curved * rh * rh + bent * rhh, curved * rh * rd + bent * rhd, curved * rd * rd + bent * rdd
+        if lines.c1[n] > 0.0 and lines.c0[n] > 0.0:  # 1/2 log(c0 + c1 / d^2)
+            w2 = lines.c0[n] * d * d + lines.c1[n]
+            gd -= lines.c1[n] / (d * w2)
+            dd += lines.c1[n] * (3.0 * lines.c0[n] * d * d + lines.c1[n]) / (d * d * w2 * w2)
+        if lines.volume[n] > 0.0:
+            gd -= lines.volume[n] / d
+            dd += lines.volume[n] / (d * d)
+        c, s, t = lines.axis[n, 0], lines.axis[n, 1], lines.step[n]
+        g[t, 0] += -s * gh + c * gd
+        g[t, 2] += c * gh + s * gd
+        H[t, 0] += s * s * hh - 2.0 * s * c * hd + c * c * dd
+        H[t, 1] += -s * c * hh + (c * c - s * s) * hd + s * c * dd
+        H[t, 2] += c * c * hh + 2.0 * s * c * hd + s * s * dd
+
+
+@kernel
+def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: Floats, H: Floats) -> None:
+    """Add the barrier's derivatives in primal-dual form: g - mu/s n, H + multiplier/s n n'."""
+    for m in range(planes.step.shape[0]):
+        t, n0, n1 = planes.step[m], planes.normal[m, 0], planes.normal[m, 1]
+        s = n0 * X[t, 0] + n1 * X[t, 2] - planes.offset[m]
+        g[t, 0] -= mu / s * n0
+        g[t, 2] -= mu / s * n1
+        q = multiplier[m] / s
+        H[t, 0] += q * n0 * n0
+        H[t, 1] += q * n0 * n1
+        H[t, 2] += q * n1 * n1
+
+
+@kernel
+def in_front(lines: SightLines, X: Floats) -> Bools:
+    """(N,) which states are in front of their camera."""
+    out = np.empty(lines.step.shape[0], dtype=np.bool_)
+    for n in range(out.shape[0]):
+        out[n] = in_camera(lines, n, X)[1] > 0.0
+    return out
+
+
+@kernel
+def leverages(lines: SightLines, X: Floats, loss: int, k: float, C: Floats) -> Floats:
+    """(N,) share of each sight line in what is known of its own direction, 0 to 1.
+
+    That is J' C J with J the gradient of the residual and C (T, 4, 4) the covariances of the states.
+    """
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        t = lines.step[n]
+        h, d = in_camera(lines, n, X)
+        if lines.direction[n]:
+            q, a = max(h * h + d * d, TINY), 1.0 / math.sqrt(lines.c0[n])
+            r, rh, rd = a * math.atan2(h, d), a * d / q, -a * h / q
+        else:
+            w2 = max(lines.c0[n] * d * d + lines.c1[n], TINY)
+            r = (lines.focal[n] * h - lines.reading[n] * d) / math.sqrt(w2)
+            rh, rd = lines.focal[n] / math.sqrt(w2), -lines.reading[n] / math.sqrt(w2) - r * lines.c0[n] * d / w2
+        weight = loss_slopes(r, loss, leaning(k, lines.lean[n]))[2]
+        c, s = lines.axis[n, 0], lines.axis[n, 1]
+        gu, gv = -s * rh + c * rd, c * rh + s * rd
+        out[n] = weight * (gu * gu * C[t, 0, 0] + 2.0 * gu * gv * C[t, 0, 2] + gv * gv * C[t, 2, 2])
+    return out

@@ -1,0 +1,228 @@
+"""Bearings of a target as sight lines and half-planes of its trajectory ([Rahimi] Secs. 4 and 5)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.plane import convex_pieces, counter_clockwise, pockets
+from occlog.core.sight.camera import wrap_angle
+from occlog.records.scene import Scene
+from occlog.scans.grouping import Scan
+from occlog.track.methods.apf.model import LEAST_SIGMA
+from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, SightLines, join_planes, some_lines
+
+from .config import MapConfig
+from .record import Record
+
+BESIDE = math.radians(89.0)
+"""A bearing farther off the optical axis cannot be read off a picture; it counts as a direction."""
+BESIDE_WALL = 4.0
+"""Standard deviations by which a sight line must meet a wall to say that the target is before it."""
+
+
+class Stations(NamedTuple):
+    """All sensors of a scene, in the order of `sensor_names`."""
+
+    place: Floats  # (S, 2)
+    yaw: Floats  # (S,)
+    focal_px: Floats  # (S,) 0: not a camera
+    read_px: Floats  # (S,)
+    sigma_position: Floats  # (S,)
+    sigma_yaw: Floats  # (S,)
+    range: Floats  # (S,)
+    fov: Floats  # (S,) [rad]; NaN: not a camera
+    detection: Floats  # (S,) a camera's own probability of detection; NaN: not known
+    blockers: tuple[tuple[Floats, ...], ...]  # polygons that hide things from each sensor
+    hull: Floats | None  # (K, 2) convex hull of the room, counter-clockwise; None: unbounded
+    walls: tuple[Floats, ...]  # polygons in which the target cannot be: static occluders and pockets of the room
+
+
+def stations(scene: Scene, origin: Floats, *, walls: bool) -> Stations:
+    """The sensors of a scene, in coordinates about an origin.
+
+    Args:
+        scene: cameras and arrays.
+        origin: (2,)
+        walls: whether room and static occluders hold the target in.
+    """
+    cameras, arrays = scene.cameras, scene.arrays
+    none = [0.0] * len(arrays)
+    columns = (
+        [c.yaw for c in cameras] + [a.yaw for a in arrays],
+        [float(c.focal_px[0]) for c in cameras] + none,
+        [c.sigma_read_px for c in cameras] + none,
+        [c.sigma_position for c in cameras] + none,
+        [c.sigma_yaw for c in cameras] + none,
+        [c.range for c in cameras] + [a.range for a in arrays],
+        [c.fov for c in cameras] + [math.nan] * len(arrays),
+        [math.nan if c.detection is None else c.detection for c in cameras] + [math.nan] * len(arrays),
+    )
+    places = np.array([c.position[:2] for c in cameras] + [a.position[:2] for a in arrays], dtype=np.float64)
+    places = places.reshape(-1, 2)
+    blockers: list[tuple[Floats, ...]] = [()] * len(places)
+    if walls:
+        blockers[: len(cameras)] = [tuple(b - origin for b in scene.blockers(c.ground)) for c in cameras]
+    hull = convex_hull(scene.room) - origin if walls and scene.room is not None else None
+    yaw, focal, read, position, turn, reach, fov, found = (np.array(c, dtype=np.float64) for c in columns)
+    solid: tuple[Floats, ...] = ()
+    if walls:
+        solid = tuple(o.polygon - origin for o in scene.occluders)
+        solid += () if scene.room is None else tuple(p - origin for p in pockets(scene.room))
+    return Stations(
+        place=places - origin,
+        yaw=yaw,
+        focal_px=focal,
+        read_px=read,
+        sigma_position=position,
+        sigma_yaw=turn,
+        range=reach,
+        fov=fov,
+        detection=found,
+        blockers=tuple(blockers),
+        hull=hull,
+        walls=solid,
+    )
+
+
+def convex_hull(polygon: Floats) -> Floats:
+    """(K, 2) corners of the convex hull of a polygon, counter-clockwise."""
+    from scipy.spatial import ConvexHull
+
+    return np.asarray(counter_clockwise(polygon[ConvexHull(polygon).vertices]))
+
+
+def sight_lines(record: Record, at: Stations) -> SightLines:
+    """The sight lines of the rows that saw the target; readings of cameras with the noise of [Ercan] Eq. 2."""
+    seen = record.rows.take(record.rows.seen)
+    sensor, u = seen.sensor, seen.u_px
+    off_axis = np.abs(wrap_angle(seen.bearing - at.yaw[sensor]))
+    pixel = np.isfinite(u) & (off_axis < BESIDE)
+    f = np.where(pixel, at.focal_px[sensor], 1.0)
+    z = np.where(pixel, -u, 0.0)
+    angle = np.where(pixel, at.yaw[sensor], seen.bearing)
+    sigma_px = np.where(np.isfinite(seen.sigma_px), seen.sigma_px, at.read_px[sensor])
+    sigma = np.maximum(np.where(pixel, sigma_px, seen.sigma), LEAST_SIGMA)
+    # The poses' part of Eq. 2, at the reading itself; the distance stays.
+    ratio2 = 1.0 + (z / f) ** 2
+    yaw2 = np.where(pixel, f**2 * ratio2**2 * at.sigma_yaw[sensor] ** 2, 0.0)
+    place2 = np.where(pixel, f**2 * ratio2 * at.sigma_position[sensor] ** 2, 0.0)
+    return SightLines(
+        step=record.state[record.rows.seen],
+        place=np.ascontiguousarray(at.place[sensor]),
+        axis=np.column_stack([np.cos(angle), np.sin(angle)]),
+        focal=f,
+        reading=z,
+        c0=sigma**2 + yaw2,
+        c1=place2,
+        direction=~pixel,
+        volume=np.zeros(len(sensor)),
+        lean=np.zeros(len(sensor)),
+    )
+
+
+def constraints(
+    lines: SightLines, record: Record, at: Stations, config: MapConfig, T: int, believed: Bools | None = None
+) -> HalfPlanes:
+    """Half-planes of a trajectory: in front of every camera that saw the target, within its range, in the room.
+
+    A target that is seen is on the camera's side of the first wall behind it on its sight line.
+
+    Args:
+        lines: N sight lines, of the rows of the record that saw the target.
+        record: of T states.
+        at: the sensors.
+        config: which constraints there are.
+        T: number of states.
+        believed: (N,) which sight lines constrain the trajectory; None: all.
+    """
+    seen = record.rows.take(record.rows.seen)
+    if believed is not None:
+        lines, seen = some_lines(lines, believed), seen.take(believed)
+    along = np.einsum("ni,ni->n", lines.axis, lines.place)
+    # A direction says which side the target is on, whatever is known of cameras.
+    ahead = lines.direction | config.front
+    parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.near)]
+    if config.front:
+        reach = at.range[seen.sensor]
+        far = np.isfinite(reach)
+        parts += [
+            HalfPlanes(lines.step[far], -lines.axis[far], -along[far] - reach[far]),
+            _before_walls(lines, seen, at),
+        ]
+    if at.hull is not None:
+        edges = np.roll(at.hull, -1, axis=0) - at.hull
+        inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.hypot(*edges.T)[:, None]
+        bound = np.einsum("ki,ki->k", inward, at.hull) + config.clearance
+        K = len(bound)
+        parts.append(HalfPlanes(np.repeat(np.arange(T), K), np.tile(inward, (T, 1)), np.tile(bound, T)))
+    return join_planes(NO_PLANES, *parts)
+
+
+def _before_walls(lines: SightLines, seen: Scan, at: Stations) -> HalfPlanes:
+    """Half-planes on the camera's side of the first wall that each sight line meets.
+
+    A sight line that may also pass beside that wall, by its standard deviation, says nothing.
+    """
+    focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
+    away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)
+    rows, normals, offsets = [np.empty(0, dtype=np.int64)], [np.empty((0, 2))], [np.empty(0)]
+    for s in np.unique(seen.sensor).tolist():
+        if at.blockers[s]:
+            own = np.flatnonzero(seen.sensor == s)
+            kept, normal, offset = _before(at.place[s], seen.bearing[own], away[own], at.blockers[s])
+            rows.append(own[kept])
+            normals.append(normal)
+            offsets.append(offset)
+    return HalfPlanes(lines.step[np.concatenate(rows)], np.vstack(normals), np.concatenate(offsets))
+
+
+def _before(place: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, ...]) -> tuple[Ints, Floats, Floats]:
+    """Which of n sight lines from one place meet a wall for certain, and half-planes (normal, offset) before it.
+
+    Where they are sure to meet one edge it is this edge's; around a corner of a convex wall what is before it is
+    not beyond the farther of the outermost sight lines' hits.
+    """
+    start = np.vstack(walls)
+    edge = np.vstack([np.roll(w, -1, axis=0) for w in walls]) - start
+    which = np.repeat(np.arange(len(walls)), [len(w) for w in walls])
+    bulges = np.array([len(convex_pieces(w)) == 1 for w in walls], dtype=np.bool_)
+    left, middle, right = (first_hit(place, bearing + k * away, start, edge) for k in (-1, 0, 1))
+    one = (left == middle) & (right == middle)
+    same = (which[left] == which[middle]) & (which[right] == which[middle]) & bulges[which[middle]]
+    met = (np.minimum(np.minimum(left, middle), right) >= 0) & (away < 0.5 * math.pi)
+    kept = np.flatnonzero(met & (one | same))
+    left, middle, right, one = left[kept], middle[kept], right[kept], one[kept]
+    outward = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]
+    outward *= np.sign(np.einsum("ki,ki->k", outward, place - start))[:, None]
+    support = np.einsum("ki,ki->k", outward, start)
+    back = -np.column_stack([np.cos(bearing[kept]), np.sin(bearing[kept])])
+    reach = np.zeros(len(kept))
+    for k, hit in ((-1, left), (1, right)):
+        angle = bearing[kept] + k * away[kept]
+        ray = np.column_stack([np.cos(angle), np.sin(angle)])
+        distance = (support[hit] - outward[hit] @ place) / np.einsum("ni,ni->n", outward[hit], ray)
+        reach = np.maximum(reach, distance * np.cos(away[kept]))
+    return kept, np.where(one[:, None], outward[middle], back), np.where(one, support[middle], back @ place - reach)
+
+
+def first_hit(place: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
+    """(n,) which of E edges sight lines from one place meet first; -1 for none.
+
+    Args:
+        place: (2,)
+        bearing: (n,) [rad]
+        start: (E, 2) one end of each edge.
+        edge: (E, 2) from there to the other end.
+    """
+    ray = np.column_stack([np.cos(bearing), np.sin(bearing)])[:, None, :]
+    to = (start - place)[None]
+    cross = ray[..., 0] * edge[None, :, 1] - ray[..., 1] * edge[None, :, 0]
+    safe = np.where(np.abs(cross) > 1e-12, cross, np.inf)
+    distance = (to[..., 0] * edge[None, :, 1] - to[..., 1] * edge[None, :, 0]) / safe
+    share = (to[..., 0] * ray[..., 1] - to[..., 1] * ray[..., 0]) / safe
+    met = (np.abs(cross) > 1e-12) & (distance > 1e-9) & (share >= 0.0) & (share <= 1.0)
+    return np.where(met.any(axis=1), np.argmin(np.where(met, distance, np.inf), axis=1), -1)

@@ -1,0 +1,264 @@
+"""Method `map`: most probable trajectories from bearings of cameras that need not overlap ([Rahimi]).
+
+The record of a target is solved as a whole, or with `lag_s` in windows that move along:
+then a state is given out when that much time has been seen after it, and what came before
+the window is summed up in a Gaussian of its first state.
+
+Departures from the paper: times are those of the measurements, at any intervals; variances
+hold the errors of the cameras' poses ([Ercan] Eq. 2); the quadratic programs are replaced by
+Newton's method inside the constraints (`occlog.track.methods.map.kernels.interior_point`); room, walls
+and the cameras' ranges are constraints besides.
+
+Fixed lag (`--lag`): which states of a trajectory have seen enough of what comes after them to be given out.
+
+With a lag, the driver hands a target's scans over in blocks (`occlog.track.drivers.batch`).  After each block the
+whole record that is held is solved anew; states that lie at least the lag before its end are settled: they are given
+out and forgotten, but for what they say of the states after them.  Memory does not grow with the recording.
+
+What an estimate says of its bearings: which are believed, and whether residuals are what was stated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.sight.camera import wrap_angle
+from occlog.errors import InputError
+from occlog.scans.grouping import Scan
+from occlog.track.interface import Batch, Fit, Noise, OccluderTerms, Smoothed
+
+from .barriers import obstacles
+from .config import MapConfig
+from .kernels.detours import Detours, Obstacle, find_detours
+from .kernels.evidence import evidence, sandwich
+from .kernels.interior_point import Options, Solution, covariance
+from .kernels.invariant import invariant, second_moment
+from .kernels.problem import Problem, SightLines
+from .kernels.terms import beliefs, depths, leverages, losses, residuals
+from .kernels.windows import summary
+from .measurements import sight_lines
+from .mixed import mixed_search, with_distances
+from .record import EMPTY, Record, after, fill, join, record_of
+from .search.pending import Pending, begin, forgets_ns
+from .search.robust import Sought, Watch, plain_search, robust_search, trust_of
+from .search.start import rays_of
+
+
+def lag_ns(lag_s: float | None) -> int | None:
+    """The lag [ns] of a setting [s]; None: estimates wait for everything that was recorded."""
+    return None if lag_s is None else round(lag_s * NS)
+
+
+def settled(t_ns: Ints, lag_ns: int | None) -> int:
+    """How many of the first states are settled; the last one never is.
+
+    Args:
+        t_ns: (T,) times of the states, rising, T >= 1.
+        lag_ns: a state is settled when it lies at least so long before the last one; None: no state is.
+    """
+    if lag_ns is None:
+        return 0
+    return min(int(np.searchsorted(t_ns, t_ns[-1] - lag_ns, side="right")), len(t_ns) - 1)
+
+
+def judge(pending: Pending, record: Record, sought: Sought, found: Detours) -> tuple[Fit, Noise]:
+    """How the bearings of a record agree with the estimate, and by how much they and the motion are noisier.
+
+    Args:
+        pending: the target.
+        record: its record.
+        sought: which bearings the search used.
+        found: the estimate.
+    """
+    X, problem = found.solution.X, found.problem
+    stated = sight_lines(record, pending.at)
+    spread = covariance(problem, X)
+    # Residuals as stated; by the angle where the target is not before the camera
+    off = residuals(stated, X)
+    behind = (depths(stated, X) <= 0.0) & ~stated.direction
+    off[behind] = _angles(stated, record, pending, X)[behind]
+    # Belief with the variances that were used
+    if sought.told is not None:
+        stated = stated._replace(lean=sought.told.lean)
+    scaled = stated._replace(c0=stated.c0 * sought.scales[0], c1=stated.c1 * sought.scales[0])
+    believed = np.where(sought.used, beliefs(scaled, X, trust_of(pending.config, sought.scales[0])), 0.0)
+    expected = np.ones(len(off))
+    shares = leverages(problem.lines, X, problem.loss, problem.k, spread)
+    expected[sought.used] = np.clip(1.0 - shares, 0.0, 1.0)
+    told = evidence(problem, X, spread)
+    noise = Noise(told.lines_scale * sought.scales[0], told.steps_scale * sought.scales[1])
+    return Fit(stated.step, record.rows.sensor[record.rows.seen], off, expected, believed), noise
+
+
+def _angles(lines: SightLines, record: Record, pending: Pending, X: Floats) -> Floats:
+    """(N,) angles between sight lines and the states, in standard deviations."""
+    rays = rays_of(lines, record, pending.at)
+    away = X[lines.step, ::2] - lines.place
+    angle = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
+    sigma = np.sqrt(np.maximum(rays.a + rays.b / np.maximum(np.sum(away**2, axis=1), 1e-300), 1e-300))
+    return np.asarray(np.minimum(np.abs(wrap_angle(angle)), math.pi) / sigma)
+
+
+UNOBSERVABLE, CONTRADICTION, WALL = "unobservable", "contradiction", "wall"
+UNFINISHED, DOUBTED = "unfinished", "doubted"
+
+
+def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = None) -> tuple[Pending, Smoothed]:
+    """One more block of a target's record, and the states that are settled by it.
+
+    Args:
+        pending: from `begin` or the call before.
+        scans: of this target, after those of the last call; only labelled rows.
+        last: nothing will follow, so that everything is given out.
+        watch: called with each iterate of the search for the whole (not of windows that only start it);
+            its positions count from `pending.origin`.
+    """
+    config = pending.config
+    # Gather the record so far, with a state at least every `fill_s`
+    whole = fill(join(pending.record, record_of(scans)), config.fill_s)
+    T = len(whole.t_ns)
+    keep = T if last else settled(whole.t_ns, lag_ns(config.lag_s))
+    # Obstacles: walls, and views in which the target was not seen
+    around = obstacles(whole, pending.at, config, pending.extent, T)
+    try:
+        # Formulate (Eqs. 1-5 and 8-9), and search for the mode around the obstacles (Eq. 6)
+        search = robust_search if config.consensus else plain_search
+        if whole.measured is not None:
+            search = mixed_search
+        sought = search(pending, whole, around, watch)
+        # Estimate, with covariances
+        found, spread = _estimate(sought, around, pending, stated=whole.measured is not None)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            f"map: numbers too large or too small to compute with ({error}); look at sigma_px, u_px and sigma of the "
+            "bearings, and at the settings of the motion"
+        ) from error
+    # Give out the states that have seen enough after them
+    problem, solution, stuck = found.problem, found.solution, sought.stuck
+    walls = np.array([o.seen_through is None for o in around], dtype=np.bool_)
+    through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
+    judged = judge(pending, whole, sought, found)
+    out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through, judged)
+    if whole.measured is not None:
+        out = with_distances(out, pending, whole, found)
+    if last:
+        return pending._replace(record=EMPTY, X=np.empty((0, 4))), out
+    # Marginalise what is given out: it becomes a Gaussian of the first state that is left
+    before = summary(problem, solution, keep) if keep else pending.before
+    return pending._replace(before=before, record=after(whole, keep), X=solution.X[keep:], scales=sought.scales), out
+
+
+def _estimate(
+    sought: Sought, around: tuple[Obstacle, ...], pending: Pending, *, stated: bool = False
+) -> tuple[Detours, Floats]:
+    """The estimate that is given out, and its covariances (T, 4, 4).
+
+    Args:
+        sought: the mode.
+        around: the obstacles.
+        pending: the target.
+        stated: covariances are made with the stated noises, whatever residuals tell.
+    """
+    config, extent, mode = pending.config, pending.extent, sought.mode
+    honest = config.adapt and config.consensus and config.loss != "square" and not stated
+    if not config.front or (config.estimate == "mode" and config.covariance == "hessian"):
+        spread = covariance(mode.problem, mode.solution.X)
+        return mode, sandwich(mode.problem, mode.solution.X, spread) if honest else spread
+    options = Options(config.tolerance * extent, config.iterations)
+    other = invariant(mode.problem, mode.solution, options, extent)
+    estimate = mode.solution.X if config.estimate == "mode" else other.solution.X
+    # Spread about the estimate, without sight lines that are met by chance alone
+    centre = other
+    if sought.careful is not None:
+        centre = invariant(sought.careful.problem, sought.careful.solution, options, extent)
+    spread = centre.covariance
+    if honest:
+        spread = sandwich(centre.problem, centre.solution.X, spread)
+    spread = second_moment(estimate, centre.solution.X, spread)
+    if config.estimate == "mode":
+        solution = mode.solution._replace(iterations=other.solution.iterations)
+        return mode._replace(solution=solution), spread
+    # It may lead through walls that the mode did not come near.
+    flat = sought.problem._replace(lines=other.problem.lines)
+    solved = other.problem, other.solution
+    found = find_detours(flat, solved, around, options, extent, config.clearance, mode.holds, mode.left_alone)
+    if len(found.holds) == len(mode.holds):
+        return found, spread
+    return found, covariance(found.problem, found.solution.X)
+
+
+def _smoothed(
+    pending: Pending,
+    problem: Problem,
+    solution: Solution,
+    spread: Floats,
+    record: Record,
+    stuck: Bools,
+    through: Bools,
+    judged: tuple[Fit, Noise],
+) -> Smoothed:
+    """The first states, as many as there are covariances, as they are given out."""
+    X = solution.X
+    T, keep = len(X), len(spread)
+    looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
+    sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
+    vague = sigma > pending.config.vague * pending.extent
+    fit, noise = judged
+    doubted = np.bincount(fit.row, weights=fit.believed >= 0.5, minlength=T) < 0.5 * seen
+    flags = np.select(
+        [stuck[:keep], through[:keep], vague, doubted[:keep]], [CONTRADICTION, WALL, UNOBSERVABLE, DOUBTED], ""
+    )
+    if not solution.converged:
+        flags = np.where(flags == "", UNFINISHED, flags)
+    order = np.array([0, 2, 1, 3])
+    bounds = np.searchsorted(record.state, np.arange(keep + 1)).tolist()
+    sensors = record.rows.sensor.tolist()
+    saw_it = record.rows.seen.copy()
+    saw_it[saw_it] = fit.believed >= 0.5
+    return Smoothed(
+        t_ns=record.t_ns[:keep],
+        xy=X[:keep, ::2] + pending.origin,
+        velocity=X[:keep, 1::2],
+        covariance=spread[:, order[:, None], order],
+        log_likelihood=_scores(problem, X)[:keep],
+        n_looked=looked[:keep],
+        n_seen=seen[:keep],
+        fallback=tuple(flags.tolist()),
+        used=tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
+        seen_by=tuple(
+            tuple(s for s, saw in zip(sensors[a:b], saw_it[a:b].tolist(), strict=True) if saw)
+            for a, b in pairwise(bounds)
+        ),
+        iterations=solution.iterations,
+        converged=solution.converged,
+        fit=Fit._make(column[fit.row < keep] for column in fit),
+        noise=noise,
+    )
+
+
+def _scores(problem: Problem, X: Floats) -> Floats:
+    """(T,) log likelihood of the measurements of each state: of Gaussian errors, by the loss."""
+    lines = problem.lines
+    away = X[lines.step, ::2] - lines.place
+    d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)
+    variance = lines.c0 + lines.c1 / d2
+    each = -losses(lines, X, problem.loss, problem.k) - 0.5 * np.log(2.0 * np.pi * variance)
+    total = np.bincount(lines.step, weights=each, minlength=len(X))
+    return np.where(np.bincount(lines.step, minlength=len(X)) > 0, total, np.nan)
+
+
+METHOD = Batch(
+    config=MapConfig,
+    begin=begin,
+    advance=advance,
+    started=lambda config: config.start is not None,
+    lag_ns=lambda config: lag_ns(config.lag_s),
+    forgets_ns=forgets_ns,
+    occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
+    measured=True,
+)

@@ -1,0 +1,228 @@
+"""Where a search begins: on a path on which most sight lines agree (`occlog.track.methods.map.kernels.consensus`).
+
+Where a search with measurements of distances begins: Kalman filters from many places, the best one smoothed.
+
+A likelihood of ranges has several modes, and the first measurements may leave open which is the target's.  An extended
+Kalman filter runs along the record from each place of a grid that the first measurements fit better than places
+beside it.  It passes over measurements that are more probably false; filters that become improbable end.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.filtering.likelihood.distances import Distances, Errors, direct, linearise, log_density, without_detours
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.consensus import Rays, agreed_path
+from occlog.track.methods.map.kernels.problem import Problem, SightLines
+from occlog.track.methods.map.measurements import Stations
+from occlog.track.methods.map.record import Record
+
+from .pending import BEND, Pending
+
+
+class Agreed(NamedTuple):
+    """A path, and the sight lines that agree with it."""
+
+    X: Floats  # (T, 4) states
+    agree: Bools  # (N,) sight lines that agree with it
+    cost: float  # -2 log of the likelihood, up to a constant
+
+
+def rays_of(lines: SightLines, record: Record, at: Stations) -> Rays:
+    """The sight lines as half-lines with the variance across them, by [Ercan] Eq. 2."""
+    sensor = record.rows.sensor[record.rows.seen]
+    left = np.column_stack([-lines.axis[:, 1], lines.axis[:, 0]])
+    ratio = np.where(lines.direction, 0.0, lines.reading / lines.focal)
+    ratio2 = 1.0 + ratio**2
+    direction = (lines.axis + ratio[:, None] * left) / np.sqrt(ratio2)[:, None]
+    to_angle = np.where(lines.direction, 1.0, 1.0 / (lines.focal * ratio2)) ** 2
+    return Rays(
+        step=lines.step,
+        sensor=sensor,
+        place=lines.place,
+        direction=np.ascontiguousarray(direction),
+        a=lines.c0 * to_angle,
+        # c1 belongs to the distance along the axis.
+        b=lines.c1 * to_angle * ratio2,
+        reach=at.range[sensor],
+    )
+
+
+def agreed(problem: Problem, record: Record, at: Stations, config: MapConfig, extent: float, bend: float) -> Agreed:
+    """The most probable choice of true sight lines, and a path along them.
+
+    Args:
+        problem: of T states; its sight lines are of the rows of the record that saw the target.
+        record: the same T states.
+        at: the sensors.
+        config: settings.
+        extent: size of the place.
+        bend: standard deviations beyond which a sight line does not agree.
+    """
+    rays = rays_of(problem.lines, record, at)
+    first = np.searchsorted(rays.step, np.arange(len(record.t_ns) + 1))
+    seconds = (record.t_ns - record.t_ns[0]) / NS
+    ground = np.array([max(config.speed, config.acceleration), config.vague * extent, extent])
+    return Agreed(*agreed_path(rays, first, seconds, problem.steps, ground, bend))
+
+
+GRID, MOST, FIRST_S, FIRST = 30, 24, 2.0, 100
+"""Places a side, most filters, and the time [s] and the number of measurements that decide where they begin."""
+LEAST_LOG, SAME = 20.0, 1e-3
+"""Filters that are less probable by so much in the logarithm end, and those nearer to a better one, by the extent."""
+SURE = 0.05
+"""A start that is known to a smaller share of the extent is the only one."""
+LONGEST = 1000
+"""The best filter is chosen after so many states."""
+
+
+class Rows(NamedTuple):
+    """All measurements of a record of T states, in the coordinates of the search."""
+
+    lines: Floats  # (N, 6) place, direction, a and b of `Rays`
+    line_first: Ints  # (T + 1,) first line of each state
+    distances: Distances  # m
+    distance_first: Ints  # (T + 1,)
+
+
+class Bank(NamedTuple):
+    """H filters."""
+
+    x: Floats  # (H, 4)
+    P: Floats  # (H, 4, 4)
+    log: Floats  # (H,) log-likelihood so far
+
+
+def filtered_start(problem: Problem, record: Record, pending: Pending, distances: Distances) -> Floats:
+    """(T, 4) states of the most probable filter, smoothed.
+
+    Args:
+        problem: of T states.
+        record: the same T states.
+        pending: the target.
+        distances: the record's measurements in the coordinates of the search.
+    """
+    T, steps = len(record.t_ns), problem.steps
+    rays = rays_of(problem.lines, record, pending.at)
+    lines = np.column_stack([rays.place, rays.direction, rays.a, rays.b])
+    every = np.arange(T + 1)
+    state = record.measured_state
+    rows = Rows(lines, np.searchsorted(rays.step, every), distances, np.searchsorted(state, every))
+    bank = _begun(rows, record, pending)
+    # Choose: run all filters until one is left
+    first, bank = np.arange(len(bank.log)), _updated(bank, rows, 0)
+    starts = bank
+    for t in range(1, min(T, LONGEST)):
+        kept = _kept(bank, pending.extent)
+        bank, first = Bank(*(column[kept] for column in bank)), first[kept]
+        if len(first) == 1:
+            break
+        bank = _updated(_predicted(bank, steps.A[steps.kind[t - 1]], steps.sigma[steps.kind[t - 1]]), rows, t)
+    best = first[np.argmax(bank.log)]
+    one = Bank(*(column[[best]] for column in starts))
+    # Smooth (Rauch, Tung and Striebel)
+    found, spread = [one.x[0]], [one.P[0]]
+    ahead: list[tuple[Floats, Floats]] = []
+    for t in range(1, T):
+        one = _predicted(one, steps.A[steps.kind[t - 1]], steps.sigma[steps.kind[t - 1]])
+        ahead.append((one.x[0], one.P[0]))
+        one = _updated(one, rows, t)
+        found.append(one.x[0])
+        spread.append(one.P[0])
+    X = np.array(found)
+    for t in range(T - 2, -1, -1):
+        gain = np.linalg.solve(ahead[t][1], steps.A[steps.kind[t]] @ spread[t]).T
+        X[t] += gain @ (X[t + 1] - ahead[t][0])
+    return X
+
+
+def _begun(rows: Rows, record: Record, pending: Pending) -> Bank:
+    """Filters at the places that the first measurements fit best, or at what is known from before."""
+    before, extent = pending.before, pending.extent
+    if np.sqrt(np.linalg.eigvalsh(before.spread[::2, ::2])[-1]) < SURE * extent:
+        return Bank(before.mean[None].copy(), before.spread[None].copy(), np.zeros(1))
+    places = np.concatenate([rows.lines[:, :2], rows.distances.place, rows.distances.other])
+    low, high = places.min(axis=0), places.max(axis=0)
+    size = max(float((high - low).max()), extent)
+    side = np.linspace(-1.0, 1.0, GRID) * size
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) + 0.5 * (low + high)
+    cell, speed = float(side[1] - side[0]), float(np.sqrt(before.spread[1, 1]))
+    # The motion so far, and half a cell, widen every measurement
+    cost, counted = np.zeros(len(grid)), 0
+    for t, t_ns in enumerate(record.t_ns.tolist()):
+        dt = (t_ns - int(record.t_ns[0])) / NS
+        if counted and (dt > FIRST_S or counted > FIRST):
+            break
+        residual, gradient, errors = _seen(rows, t, grid)
+        wide = 1.0 + (0.5 * cell + min(speed, pending.config.speed) * dt) ** 2 * (gradient**2).sum(axis=2)
+        cost -= log_density(residual / np.sqrt(wide), errors.widened(wide)).sum(axis=1)
+        counted += residual.shape[1]
+    padded = np.pad(cost.reshape(GRID, GRID), 1, constant_values=np.inf)
+    beside = [(i, j) for i in (0, 1, 2) for j in (0, 1, 2) if (i, j) != (1, 1)]
+    around = np.min([padded[i : i + GRID, j : j + GRID] for i, j in beside], axis=0).reshape(-1)
+    low_ones = np.flatnonzero(cost <= around)
+    chosen = low_ones[np.argsort(cost[low_ones], kind="stable")][:MOST]
+    x = np.zeros((len(chosen), 4))
+    x[:, ::2] = grid[chosen]
+    spread = np.diag([cell**2, before.spread[1, 1], cell**2, before.spread[3, 3]])
+    return Bank(x, np.tile(spread, (len(chosen), 1, 1)), np.zeros(len(chosen)))
+
+
+def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, Errors]:
+    """What is measured at a state: residuals (H, n), gradients (H, n, 2) at (H, 2) places, and how these n err."""
+    own = rows.distances.take(slice(*rows.distance_first[t : t + 2].tolist()))
+    told = linearise(own, xy)
+    lines = rows.lines[slice(*rows.line_first[t : t + 2].tolist())]
+    if not len(lines):
+        return told.residual, told.gradient, own.errors
+    away = xy[:, None] - lines[:, :2]
+    across = lines[:, 2] * away[..., 1] - lines[:, 3] * away[..., 0]
+    along = lines[:, 2] * away[..., 0] + lines[:, 3] * away[..., 1]
+    d2 = np.maximum((away**2).sum(axis=2), 1e-12)
+    sigma = np.sqrt(lines[:, 4] + lines[:, 5] / d2)
+    gradient = np.stack([-away[..., 1], away[..., 0]], axis=2) / (d2 * sigma)[..., None]
+    residual = np.concatenate([-np.arctan2(across, along) / sigma, told.residual], axis=1)
+    sights = without_detours(np.full(len(lines), BEND["mixture"]))
+    errors = Errors(*(np.concatenate(both) for both in zip(sights, own.errors, strict=True)))
+    return residual, np.concatenate([gradient, told.gradient], axis=1), errors
+
+
+def _predicted(bank: Bank, A: Floats, sigma: Floats) -> Bank:
+    return Bank(bank.x @ A.T, A @ bank.P @ A.T + sigma, bank.log)
+
+
+def _updated(bank: Bank, rows: Rows, t: int) -> Bank:
+    """The filters with what is measured at a state; what is more probably false than true is passed over."""
+    residual, gradient, errors = _seen(rows, t, bank.x[:, ::2])
+    n = residual.shape[1]
+    if not n:
+        return bank
+    # Gate, each by the variance that it is expected to have
+    cross = gradient @ bank.P[:, ::2, :]  # (H, n, 4)
+    whole = cross[..., ::2] @ gradient.transpose(0, 2, 1)
+    variance = 1.0 + whole[:, np.arange(n), np.arange(n)]
+    log = bank.log + log_density(residual, errors, variance).sum(axis=1)
+    used = (direct(residual / np.sqrt(variance), errors.widened(variance)) > 0.5).astype(np.float64)
+    # Kalman update with those that are believed
+    whole = whole * used[:, :, None] * used[:, None, :] + np.eye(n)
+    cross = cross * used[..., None]
+    gain = np.linalg.solve(whole, cross).transpose(0, 2, 1)
+    x = bank.x + (gain @ (used * residual)[..., None])[..., 0]
+    P = bank.P - gain @ cross
+    return Bank(x, 0.5 * (P + P.transpose(0, 2, 1)), log)
+
+
+def _kept(bank: Bank, extent: float) -> Ints:
+    """Which filters go on: those that are probable, and not next to a better one."""
+    order = np.argsort(-bank.log, kind="stable")
+    kept: list[int] = []
+    for k in order.tolist():
+        if bank.log[k] < bank.log[order[0]] - LEAST_LOG:
+            break
+        if all(np.abs(bank.x[k, ::2] - bank.x[j, ::2]).max() > SAME * extent for j in kept):
+            kept.append(k)
+    return np.array(kept, dtype=np.int64)

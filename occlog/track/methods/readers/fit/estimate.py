@@ -1,0 +1,162 @@
+"""Path losses by least squares, shadowing by maximum likelihood, and the range with the least error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.sight.path_loss import NEAREST_M
+from occlog.track.methods.readers.rssi import PathLoss, no_shadowing, predict_shadowing, update_shadowing
+from occlog.track.methods.readers.virtual import locate, virtual_sensors
+
+SEARCH = 120
+"""Steps of the search for the shadowing."""
+LEAST_LOSS = 0.1
+"""Smallest exponent: nearer to 0 strengths say nothing of distances."""
+
+
+class Losses(NamedTuple):
+    """Least squares of strengths against distances."""
+
+    power: Floats  # (R,) [dBm]
+    error: Floats  # (R,) standard errors as if the noise were white; NaN of a reader without reads
+    exponent: float
+    exponent_error: float
+    residual_db: float  # standard deviation of the residuals
+
+
+class Stretch(NamedTuple):
+    """T windows of one tag in one recording, with its true places."""
+
+    t_s: Floats  # (T,) from the first window on
+    xy: Floats  # (T, 2)
+    reads: Ints  # (T, R)
+    rssi: Floats  # (T, R) mean strengths [dBm]; NaN: none
+
+
+class Coverage(NamedTuple):
+    """The range whose virtual sensors have the least error, with their probabilities."""
+
+    range: float
+    detection: float
+    stray: float
+    rms: float
+
+
+def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> Losses:
+    """Fit a power for each reader and one exponent to strengths.
+
+    A reader without reads has the mean power of the others.
+
+    Args:
+        reader: (n,) numbers of the readers.
+        distance_m: (n,) distances in metres.
+        rssi: (n,) strengths [dBm].
+        readers: R.
+
+    Raises:
+        ValueError: fewer reads than unknowns, or strengths that do not fall with distance.
+    """
+    present = np.unique(reader)
+    if len(rssi) < len(present) + 3:
+        raise ValueError(f"{len(rssi)} reads of {len(present)} readers are too few to fit path losses")
+    design = np.zeros((len(rssi), readers + 1))
+    design[np.arange(len(rssi)), reader] = 1.0
+    design[:, -1] = -10.0 * np.log10(np.maximum(distance_m, NEAREST_M))
+    used = np.append(present, readers)
+    solution, _, rank, _ = np.linalg.lstsq(design[:, used], rssi, rcond=None)
+    if rank < len(used) or not solution[-1] >= LEAST_LOSS:
+        raise ValueError("strengths do not fall with the distance; are the places those of the tags?")
+    residual = rssi - design[:, used] @ solution
+    variance = float(residual @ residual) / (len(rssi) - len(used))
+    spread = np.sqrt(variance * np.diag(np.linalg.inv(design[:, used].T @ design[:, used])))
+    power, error = np.full(readers, float(solution[:-1].mean())), np.full(readers, np.nan)
+    power[present], error[present] = solution[:-1], spread[:-1]
+    return Losses(power, error, float(solution[-1]), float(spread[-1]), float(np.sqrt(variance)))
+
+
+def fit_shadowing(model: PathLoss, sequences: Sequence[Stretch]) -> PathLoss:
+    """Maximise the likelihood of the residuals over noise, shadowing and the time in which it is forgotten.
+
+    Args:
+        model: with places, powers and exponent; its noise and shadowing are where the search begins.
+        sequences: windows with true places.
+    """
+
+    def cost(x: Floats) -> float:
+        noise, shadow, forget = np.exp(x)
+        tried = model._replace(noise_db=float(noise), shadow_db=float(shadow), shadow_s=float(forget))
+        return -sum(_log_likelihood(tried, each) for each in sequences)
+
+    start = np.log([model.noise_db, model.shadow_db, model.shadow_s])
+    found = minimize(cost, start, method="Nelder-Mead", options={"maxiter": SEARCH, "xatol": 1e-3, "fatol": 1e-2})
+    noise, shadow, forget = (float(v) for v in np.exp(found.x))
+    return model._replace(noise_db=noise, shadow_db=shadow, shadow_s=forget)
+
+
+def _log_likelihood(model: PathLoss, tag: Stretch) -> float:
+    """Log-likelihood of a tag's strengths at its true places."""
+    expected = model.expected(tag.xy)
+    known, total = no_shadowing(model, 1), 0.0
+    for row, t_s in enumerate(tag.t_s):
+        if row:
+            known = predict_shadowing(model, known, float(t_s - tag.t_s[row - 1]))
+        known, part = update_shadowing(model, known, expected[row : row + 1], tag.rssi[row], tag.reads[row])
+        total += float(part[0])
+    return total
+
+
+def choose_range(
+    model: PathLoss, sequences: Sequence[Stretch], ranges: Sequence[float], room: Floats | None
+) -> Coverage:
+    """Choose the range with the least RMS error of the virtual sensors over windows with true places.
+
+    A reader detects a tag whose mean strength is at least that expected at the range.  The probabilities that it does
+    so in range and out of it are shares over the windows (each with one success and one failure more, so that none
+    is 0 or 1).
+    """
+    xy = np.concatenate([s.xy for s in sequences])
+    count, rssi = np.concatenate([s.reads for s in sequences]), np.concatenate([s.rssi for s in sequences])
+    places = model.places[:, :2]
+    away = np.sqrt(((xy[:, None, :] - places) ** 2).sum(axis=2))
+    best: Coverage | None = None
+    for reach in ranges:
+        detected: Bools = (count > 0) & (np.where(np.isnan(rssi), np.inf, rssi) >= model.strength_at(reach))
+        inside = away <= reach
+        detection = _share(detected[inside])
+        stray = _share(detected[~inside])
+        regions = virtual_sensors(places, np.full(len(places), reach), room)
+        kept = detected.any(axis=1)
+        if not kept.any():
+            continue
+        found = locate(regions, detected[kept], detection, stray)
+        # Windows in which nobody detects the tag have the mean of the places in range as an estimate
+        middle = regions.area @ regions.centroid / regions.area.sum()
+        estimate = np.broadcast_to(middle, xy.shape).copy()
+        estimate[kept] = found.xy
+        rms = float(np.sqrt(((estimate - xy) ** 2).sum(axis=1).mean()))
+        if best is None or rms < best.rms:
+            best = Coverage(float(reach), detection, stray, rms)
+    if best is None:
+        raise ValueError("no read is as strong as expected at any of the ranges; try longer ones")
+    return best
+
+
+def _share(detected: Bools) -> float:
+    return float((np.count_nonzero(detected) + 1) / (detected.size + 2))
+
+
+def usual_ranges(places: Floats) -> Floats:
+    """(10,) ranges from half of the median distance of (R, 2) readers to their nearest neighbours to twice it."""
+    if len(places) < 2:
+        raise ValueError("one reader alone does not tell how far readers read; state ranges to try")
+    away = np.sqrt(((places[:, None, :] - places[None, :, :]) ** 2).sum(axis=2))
+    np.fill_diagonal(away, np.inf)
+    usual = float(np.median(away.min(axis=1)))
+    if not usual > 0.0:
+        raise ValueError("readers stand at one place; state ranges to try")
+    return usual * np.linspace(0.5, 2.0, 10)

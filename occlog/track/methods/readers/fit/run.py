@@ -1,0 +1,186 @@
+"""Run of `occlog fit-readers`: read reads and true places, fit, write."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.core.numerics.interpolate import interpolate_positions
+from occlog.errors import InputError, UsageError
+from occlog.io.formats.models.motion_models import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
+from occlog.io.open import Opened, load_scene, losses_of, open_input
+from occlog.records.scene import Reader, Scene
+from occlog.records.tables import Reads, Truth
+from occlog.runner import Job
+from occlog.settings import configure
+from occlog.track.methods.readers.inputs import metre_of, windows_of
+from occlog.track.methods.readers.rssi import PathLoss
+
+from .config import FitReadersConfig
+from .estimate import Stretch, choose_range, fit_losses, fit_shadowing, usual_ranges
+from .request import FitReadersRequest
+
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+
+FEWEST_WINDOWS = 20
+"""Fewer windows with a true place say little."""
+START_SHADOW_DB, START_SHADOW_S = 3.0, 5.0
+"""Where the search for the shadowing begins."""
+
+
+class _Gathered:
+    """Strengths with their distances, and windows with true places, of all recordings."""
+
+    def __init__(self, readers: tuple[Reader, ...], config: FitReadersConfig, metre: float) -> None:
+        self.readers, self.config, self.metre = readers, config, metre
+        self.reader: list[Ints] = []
+        self.distance: list[Floats] = []
+        self.rssi: list[Floats] = []
+        self.stretches: list[Stretch] = []
+        self.without = 0
+
+    def add(self, opened: Opened) -> None:
+        """Take in a recording."""
+        reads, truth = opened.read(Reads), opened.read(Truth)
+        names = [r.name for r in self.readers]
+        unknown = np.flatnonzero(~np.isin(reads.sensor, names))
+        if len(unknown):
+            raise InputError(
+                f"{opened.path}: reader {reads.sensor[unknown[0]]} is not in the scene; give its own scene"
+            )
+        gap_ns = round(self.config.max_gap_s * NS)
+        for target in np.unique(reads.target_id).tolist():
+            own, path = reads.take(reads.target_id == target), truth.take(truth.target_id == target)
+            if not len(path):
+                raise InputError(f"{opened.path}: the truth has no target {target}, of which there are reads; add it")
+            places = np.column_stack([path.x, path.y])
+            self._strengths(own, *interpolate_positions(own.t_ns, path.t_ns, places, gap_ns))
+            self._windows(own, path, places, gap_ns)
+
+    def _strengths(self, reads: Reads, xy: Floats, good: np.ndarray) -> None:
+        """Strengths of single reads, with the distance of the true place."""
+        told = good & np.isfinite(reads.rssi)
+        place = {r.name: k for k, r in enumerate(self.readers)}
+        number = np.array([place[name] for name in reads.sensor[told].tolist()], dtype=np.int64)
+        at = np.array([r.position for r in self.readers])[number]
+        drop = at[:, 2] - self.config.height
+        distance = np.sqrt(((xy[told] - at[:, :2]) ** 2).sum(axis=1) + drop**2)
+        self.reader.append(number)
+        self.distance.append(distance / self.metre)
+        self.rssi.append(reads.rssi[told])
+        self.without += int(np.count_nonzero(~good))
+
+    def _windows(self, reads: Reads, truth: Truth, places: Floats, gap_ns: int) -> None:
+        """Windows of a tag with true places."""
+        names = [r.name for r in self.readers]
+        for part in windows_of([reads], names, round(self.config.window_s * NS)):
+            xy, good = interpolate_positions(part.t_ns, truth.t_ns, places, gap_ns)
+            if good.any():
+                kept = part.take(good)
+                seconds = (kept.t_ns - kept.t_ns[0]) / NS
+                self.stretches.append(Stretch(seconds, xy[good], kept.count, kept.rssi))
+
+
+def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Fit and write; return the summary, and what had been lost before."""
+    inputs = [open_input(path, Reads) for path in request.recordings]
+    for opened in inputs:
+        opened.require(Truth, remedy="add true positions of the tags by `occlog ingest` (truth)")
+    scene = _common_scene(request, inputs)
+    config = configure(FitReadersConfig.in_unit(scene.length_unit), request.settings)
+    metre = metre_of(scene.length_unit)
+    gathered = _Gathered(scene.readers, config, metre)
+    for opened in job.progress(inputs, "read"):
+        gathered.add(opened)
+    where = ", ".join(str(p) for p in request.recordings)
+    windows = sum(len(s.t_s) for s in gathered.stretches)
+    if windows < FEWEST_WINDOWS:
+        raise InputError(
+            f"{where}: {windows} windows have a true place, want {FEWEST_WINDOWS}; give more, or bridge longer gaps"
+        )
+    places = np.array([r.position for r in scene.readers])
+    reader, rssi = np.concatenate(gathered.reader), np.concatenate(gathered.rssi)
+    try:
+        # Path losses by least squares over single reads
+        losses = fit_losses(reader, np.concatenate(gathered.distance), rssi, len(places))
+        model = PathLoss(
+            places=places,
+            power=losses.power,
+            exponent=losses.exponent,
+            noise_db=losses.residual_db,
+            shadow_db=START_SHADOW_DB,
+            shadow_s=START_SHADOW_S,
+            height=config.height,
+            metre=metre,
+        )
+        # Shadowing by maximum likelihood over windows
+        model = fit_shadowing(model, gathered.stretches)
+        # Range of the virtual sensors by the least error
+        ranges = usual_ranges(places[:, :2]) if config.ranges is None else np.asarray(config.ranges)
+        coverage = choose_range(model, gathered.stretches, ranges.tolist(), scene.room)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from error
+    reads = np.bincount(reader, minlength=len(places))
+    figures: dict[str, object] = {
+        "reads": len(rssi),
+        "windows": windows,
+        "reads_without_truth": gathered.without,
+        "exponent_error": losses.exponent_error,
+        "residual_db": losses.residual_db,
+        "coverage_rms": coverage.rms,
+    }
+    spec = PathLossSpec(
+        length_unit=scene.length_unit,  # type: ignore[arg-type]
+        height=config.height,
+        exponent=model.exponent,
+        noise_db=model.noise_db,
+        shadow_db=model.shadow_db,
+        shadow_s=model.shadow_s,
+        window_s=config.window_s,
+        readers=[
+            ReaderLoss(name=r.name, power=float(p), error=float(e) if n else None, reads=int(n))
+            for r, p, e, n in zip(scene.readers, losses.power, losses.error, reads, strict=True)
+        ],
+        coverage=CoverageSpec(range=coverage.range, detection=coverage.detection, stray=coverage.stray),
+        fit=figures,
+    )
+    lost = losses_of(inputs)
+    write_path_loss(request.output, spec, job.provenance(asdict(config), lost), overwrite=job.overwrite)
+    silent = [r.name for r, n in zip(scene.readers, reads, strict=True) if not n]
+    if silent:
+        job.note(f"warning: without a read, so with the mean power of the others: {', '.join(silent)}")
+    shown = {
+        "path_loss": str(request.output),
+        "exponent": model.exponent,
+        "power_mean": float(losses.power.mean()),
+        "noise_db": model.noise_db,
+        "shadow_db": model.shadow_db,
+        "shadow_s": model.shadow_s,
+        "range": coverage.range,
+        "detection": coverage.detection,
+        "stray": coverage.stray,
+    }
+    return {**shown, **figures}, lost
+
+
+def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
+    """The scene of all recordings; UsageError where their readers stand at other places."""
+    scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
+    if not scene.readers:
+        raise InputError(f"{request.recordings[0]}: its scene has no readers; give a scene that has")
+    wanted = _layout(scene)
+    for opened in inputs:
+        if opened.scene is not None and request.scene is None and _layout(opened.scene) != wanted:
+            raise UsageError(
+                f"{opened.path}: its readers or its unit are not those of {inputs[0].path}; fit each alone, or give "
+                "the scene of all"
+            )
+    return scene
+
+
+def _layout(scene: Scene) -> tuple[object, ...]:
+    return (scene.length_unit, *sorted((r.name, *r.position.tolist()) for r in scene.readers))

@@ -1,0 +1,320 @@
+"""Inputs of the methods that take reads: windows of a recording, readers of the scene, path losses.
+
+Reads of some time as one observation: which readers read a tag in a window, how often, how strongly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.errors import InputError, UsageError
+from occlog.io.formats.models.motion_models import PathLossSpec, lost_in_models, read_path_loss
+from occlog.io.open import load_scene, losses_of, open_input
+from occlog.records.losses import Loss
+from occlog.records.scene import Camera, Reader, Scene
+from occlog.records.tables import Bearings, Reads
+from occlog.scans.grouping import nearest
+from occlog.settings import METRES, configure
+from occlog.track.request import ReadsRequest
+
+from .config import RefineConfig, RssiConfig, VirtualConfig
+from .refine import SightLines
+from .rssi import PathLoss, Rules
+from .virtual import VirtualSensors, virtual_sensors
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """W observations of tags by R readers, in the order of time; a tag that nobody read in a window has none."""
+
+    t_ns: Ints  # (W,) mean time of the reads
+    target_id: Ints  # (W,)
+    count: Ints  # (W, R) reads
+    rssi: Floats  # (W, R) mean strength [dBm]; NaN: no read tells it
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def take(self, rows: Ints | Bools | slice) -> Windows:
+        """Select rows by a mask, a slice or an index array."""
+        return Windows(self.t_ns[rows], self.target_id[rows], self.count[rows], self.rssi[rows])
+
+
+def windows_of(
+    chunks: Iterable[Reads], readers: Sequence[str], window_ns: int, targets: Sequence[int] = ()
+) -> Iterator[Windows]:
+    """Gather the reads of each window and tag; where chunks are cut does not matter.
+
+    Args:
+        chunks: reads in the order of time.
+        readers: names of the readers that count.
+        window_ns: length of a window, > 0; the first one begins at the first read.
+        targets: targets to keep; none: all.
+
+    Raises:
+        InputError: times go back from one chunk to the next.
+    """
+    first: int | None = None
+    last = 0
+    rest = Reads.empty()
+    for chunk in chunks:
+        if not len(chunk):
+            continue
+        if first is None:
+            first = int(chunk.t_ns[0])
+        elif chunk.t_ns[0] < last:
+            raise InputError(f"reads: time {chunk.t_ns[0]} ns comes after {last} ns; sort by t_ns")
+        last = int(chunk.t_ns[-1])
+        kept = np.isin(chunk.sensor, list(readers))
+        if targets:
+            kept &= np.isin(chunk.target_id, targets)
+        rows = Reads.concat([rest, chunk.take(kept)])
+        # The last window may go on in the next chunk
+        begun = first + (last - first) // window_ns * window_ns
+        cut = int(np.searchsorted(rows.t_ns, begun))
+        yield _gathered(rows.take(slice(0, cut)), readers, first, window_ns)
+        rest = rows.take(slice(cut, None))
+    if first is not None:
+        yield _gathered(rest, readers, first, window_ns)
+
+
+def _gathered(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -> Windows:
+    """Reads of whole windows by window and tag."""
+    n = len(readers)
+    if not len(rows):
+        none = np.zeros(0, dtype=np.int64)
+        return Windows(none, none, np.zeros((0, n), dtype=np.int64), np.zeros((0, n)))
+    place = {name: k for k, name in enumerate(readers)}
+    reader = np.array([place[name] for name in rows.sensor.tolist()], dtype=np.int64)
+    number = (rows.t_ns - first) // window_ns
+    pairs = np.column_stack([number, rows.target_id.astype(np.int64)])
+    unique, group = np.unique(pairs, axis=0, return_inverse=True)
+    group = group.ravel()
+    size = len(unique)
+    cell = group * n + reader
+    count = np.bincount(cell, minlength=size * n)
+    told = np.isfinite(rows.rssi)
+    heard = np.bincount(cell[told], minlength=size * n)
+    total = np.bincount(cell[told], weights=rows.rssi[told], minlength=size * n)
+    mean = np.where(heard > 0, total / np.maximum(heard, 1), np.nan)
+    # Mean times, relative to the first read: float64 cannot hold ns since 1970 exactly
+    away = np.bincount(group, weights=(rows.t_ns - first).astype(np.float64), minlength=size)
+    t_ns = first + np.round(away / np.bincount(group, minlength=size)).astype(np.int64)
+    order = np.lexsort((unique[:, 1], t_ns))
+    found = Windows(t_ns, unique[:, 1], count.reshape(size, n), mean.reshape(size, n))
+    return found.take(order)
+
+
+WINDOW_NS = NS
+"""Window of reads where none is given."""
+REMEDY = "make a recording with reads by `occlog ingest` (readers, reads)"
+
+
+class ReadsInput:
+    """The reads as a stream of windows, and what must be known beforehand.
+
+    Attributes:
+        scene: where.
+        readers: those that are used.
+        window_ns: length of a window.
+        first_ns: time of the first read.
+        losses: what was lost when the reads, and the path losses, were made.
+    """
+
+    def __init__(self, request: ReadsRequest) -> None:
+        """Open the reads; InputError where there are none."""
+        self.request = request
+        opened = open_input(request.bearings, Reads, remedy=REMEDY)
+        self.scene: Scene = load_scene(request.scene, opened.scene, request.bearings)
+        self._opened = opened
+        self._sights = None if request.sights is None else open_input(request.sights, Bearings)
+        made = (*losses_of([opened, self._sights]), *lost_in_models([request.path_loss]))
+        self.losses: tuple[Loss, ...] = tuple(dict.fromkeys(made))
+        self.readers = choose_readers(self.scene, request)
+        self.window_ns = WINDOW_NS if request.window_ns is None else request.window_ns
+        if self.window_ns <= 0:
+            raise UsageError("reads of one time alone tell little; give a window above 0 s")
+        self._known = None if request.path_loss is None else self._path_loss(request.path_loss)
+        self._chunks = self._checked(opened.rows(Reads))
+        first = next(self._chunks, None)
+        if first is None:
+            raise InputError(f"{request.bearings}: holds no reads of the chosen tags and readers; choose others")
+        self.first_ns = int(first.t_ns[0])
+        self._chunks = chain([first], self._chunks)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the readers in use."""
+        return tuple(r.name for r in self.readers)
+
+    def windows(self) -> Iterator[Windows]:
+        """Iterate over the windows."""
+        return windows_of(self._chunks, self.names, self.window_ns)
+
+    def _checked(self, chunks: Iterator[Reads]) -> Iterator[Reads]:
+        """Rows of the chosen readers and targets; InputError for a reader that the scene does not have."""
+        known = tuple(r.name for r in self.scene.readers)
+        for chunk in chunks:
+            strange = np.flatnonzero(~np.isin(chunk.sensor, known))
+            if len(strange):
+                name = str(chunk.sensor[strange[0]])
+                raise InputError(
+                    f"{self.request.bearings}: reader {name!r} is not in the scene; {nearest(name, known)}"
+                )
+            kept = np.isin(chunk.sensor, self.names)
+            if self.request.targets:
+                kept &= np.isin(chunk.target_id, self.request.targets)
+            if kept.any():
+                yield chunk.take(kept)
+
+    def _path_loss(self, path: Path) -> PathLossSpec:
+        """The file of path losses; it must be in the scene's unit and have all readers."""
+        spec = read_path_loss(path)
+        if spec.length_unit != self.scene.length_unit:
+            raise UsageError(
+                f"{path}: is in {spec.length_unit}, but the scene in {self.scene.length_unit}; fit it in this scene"
+            )
+        known = {r.name for r in spec.readers}
+        if (missing := next((r.name for r in self.readers if r.name not in known), None)) is not None:
+            raise InputError(f"{path}: has no reader {missing}; fit it to reads of all readers, or leave it out")
+        return spec
+
+    def virtual(self) -> tuple[VirtualConfig, VirtualSensors, Floats]:
+        """Settings of method `virtual`, its virtual sensors, and the (R,) strengths from which a read counts [dBm]."""
+        given = dict(self.request.settings)
+        config = configure(VirtualConfig.in_unit(self.scene.length_unit), given)
+        places = np.array([r.position for r in self.readers])
+        if self._known is not None:
+            refuse_twice(given, ("range", "threshold", "detection", "stray"))
+            reach = self._known.coverage.range
+            told = {"detection": self._known.coverage.detection, "stray": self._known.coverage.stray}
+            config = configure(config, {**told, "range": reach})
+            thresholds = path_loss_of(self._known, self.readers).strength_at(reach)
+            ranges = np.full(len(places), reach)
+        else:
+            ranges = np.array([self._range(r, config.range) for r in self.readers])
+            thresholds = np.full(len(places), -np.inf if config.threshold is None else config.threshold)
+        return config, virtual_sensors(places[:, :2], ranges, self.scene.room), thresholds
+
+    def _range(self, reader: Reader, usual: float | None) -> float:
+        """How far a reader reads; InputError where nothing says it."""
+        if np.isfinite(reader.range):
+            return reader.range
+        if usual is None:
+            raise InputError(
+                f"{self.request.bearings}: how far reader {reader.name} reads is not known; state it in the table of "
+                "readers (range), in the setting range, or fit it with `occlog fit-readers`"
+            )
+        return usual
+
+    def rssi(self) -> tuple[RssiConfig, Rules]:
+        """Settings of method `rssi`, and its rules."""
+        given = dict(self.request.settings)
+        config = configure(RssiConfig.in_unit(self.scene.length_unit), given)
+        if self._known is not None:
+            spec = self._known
+            refuse_twice(given, ("power", "exponent", "noise_db", "shadow_db", "shadow_s", "height"))
+            told = {n: getattr(spec, n) for n in ("exponent", "noise_db", "shadow_db", "shadow_s", "height")}
+            config = configure(config, told)
+            model = path_loss_of(spec, self.readers)
+        else:
+            model = PathLoss(
+                places=np.array([r.position for r in self.readers]),
+                power=np.array([config.power if r.power is None else r.power for r in self.readers]),
+                exponent=config.exponent,
+                noise_db=config.noise_db,
+                shadow_db=config.shadow_db,
+                shadow_s=config.shadow_s,
+                height=config.height,
+                metre=metre_of(self.scene.length_unit),
+            )
+        rules = Rules(
+            model=model,
+            ranges=np.array([r.range for r in self.readers]),
+            room=self.scene.surroundings,
+            particles=config.particles,
+            speed=config.speed,
+            turn_s=config.turn_s,
+            detection=config.detection,
+            stray=config.stray,
+        )
+        return config, rules
+
+    def sight_lines(self, config: RefineConfig) -> SightLines | None:
+        """The bearings of the cameras that refine; None: none do."""
+        if config.refine is None:
+            if self._sights is not None:
+                raise UsageError("sights are of cameras that refine; name the cameras (refine)")
+            return None
+        cameras = tuple(self._camera(name) for name in dict.fromkeys(config.refine))
+        if config.form != "rays" and len(cameras) != 2:
+            raise UsageError(f"{config.form} wants two cameras to refine with, got {len(cameras)}; use rays")
+        remedy = "give bearings of the cameras that refine (sights)"
+        bearings = (self._sights or self._opened).rows(Bearings, remedy=remedy)
+        return SightLines(Bearings.concat(bearings), cameras, config.frame_age_s, config.gate, config.pace)
+
+    def _camera(self, name: str) -> Camera:
+        """A camera with a pose; UsageError names those there are."""
+        known = tuple(c.name for c in self.scene.cameras if c.placed)
+        if name not in known:
+            raise UsageError(f"no camera {name!r} with a pose in the scene; cameras: {', '.join(known) or 'none'}")
+        return self.scene.camera(name)
+
+    def parameters(self, config: VirtualConfig | RssiConfig) -> dict[str, object]:
+        """Everything that decides on the result."""
+        return {
+            "method": self.request.method,
+            "sensors": sorted(self.names),
+            "targets": list(self.request.targets),
+            "window_ns": self.window_ns,
+            "path_loss": None if self.request.path_loss is None else self.request.path_loss.name,
+            **asdict(config),
+        }
+
+
+def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[Reader, ...]:
+    """The readers to use; UsageError for a name that there is not, or where none is left."""
+    known = tuple(r.name for r in scene.readers)
+    if not known:
+        raise InputError(f"{request.bearings}: its scene has no readers; give a scene that has")
+    for name in (*request.cameras, *request.without):
+        if name not in known:
+            raise UsageError(f"no reader {name!r} in the scene; {nearest(name, known)}")
+    chosen = tuple(
+        r for r in scene.readers if (not request.cameras or r.name in request.cameras) and r.name not in request.without
+    )
+    if not chosen:
+        raise UsageError("no reader is left; leave out fewer of them")
+    return chosen
+
+
+def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
+    """UsageError for a setting that the file of path losses says, too."""
+    if (twice := next((n for n in names if n in given), None)) is not None:
+        raise UsageError(f"the file of path losses and the setting {twice} say the same; give one of them")
+
+
+def path_loss_of(spec: PathLossSpec, readers: tuple[Reader, ...]) -> PathLoss:
+    """The model of a file, for these readers."""
+    power = {r.name: r.power for r in spec.readers}
+    return PathLoss(
+        places=np.array([r.position for r in readers]),
+        power=np.array([power[r.name] for r in readers]),
+        exponent=spec.exponent,
+        noise_db=spec.noise_db,
+        shadow_db=spec.shadow_db,
+        shadow_s=spec.shadow_s,
+        height=spec.height,
+        metre=metre_of(spec.length_unit),
+    )
+
+
+def metre_of(length_unit: str) -> float:
+    """A metre in units of length; 1 in a unit of its own."""
+    return 1.0 / METRES.get(length_unit, 1.0)
