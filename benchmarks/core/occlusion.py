@@ -14,7 +14,7 @@ from benchmarks.references import reference
 from benchmarks.track.track import PARTICLES, ROOT, SEED, per_call
 from occlog.array_types import Floats
 from occlog.core.numerics.special_functions import fast_erf
-from occlog.core.occlusion.hidden import WORTH, extent, make_grid, rays_to
+from occlog.core.occlusion.hidden import MIN_POINTS_PER_POSITION, extent, make_grid, rays_to
 from occlog.core.plane import on_floor
 from occlog.core.sight.visibility import seen_from
 from occlog.filtering.likelihood.directions import log_likelihood_among
@@ -118,7 +118,7 @@ def erf_counts(at: Moment) -> dict[str, float]:
         rows = np.flatnonzero(seen_from(xy, i, model.sensors) & free)
         x0, y0 = model.sensors.xy[i]
         each = per_place(xy[rows], x0, y0, priors) if len(rows) else 0.0
-        use_grid = 0 < len(grid.points) <= WORTH * len(rows)
+        use_grid = 0 < len(grid.points) <= MIN_POINTS_PER_POSITION * len(rows)
         plain += 4.0 * len(xy) * len(priors.sigma)
         culled += each * len(rows)
         gridded += per_place(grid.points, x0, y0, priors) * len(grid.points) if use_grid else each * len(rows)

@@ -29,7 +29,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.cli.main import run as occlog
-from occlog.core.metrics.errors import box_overlap, intersection_areas, pair_within
+from occlog.core.metrics.errors import intersection_areas, intersection_over_union, pair_within
 from occlog.core.sight.camera import wrap_angle
 from occlog.evaluate.bearings.detections import CLASSES, SHARED, box_classes
 from occlog.io.recording.reader import Recording, open_recording
@@ -82,7 +82,7 @@ def columns(table: Views | TruthBoxes) -> Floats:
 def costs(rule: str, found: Views, boxes: Floats) -> Floats:
     """(regions, boxes) cost of a pair, at most 0.5 for one that the rule allows."""
     if rule == "box":
-        return 1.0 - box_overlap(columns(found), boxes)
+        return 1.0 - intersection_over_union(columns(found), boxes)
     centres = boxes[:, :2] + 0.5 * boxes[:, 2:]
     away = np.abs(np.column_stack([found.x_px, found.y_px])[:, None] - centres) / boxes[:, 2:]
     return 2.0 * away.max(axis=2)

@@ -18,7 +18,7 @@ from benchmarks.track._crowd_baseline import followed, fused
 from benchmarks.track._crowd_cases import AREA, DEGREES, Case, columns
 from benchmarks.track._single_people import STEP_NS, annotations, scene_of
 from occlog.array_types import Floats
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_points
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import NOBODY, Look
 from occlog.track.people.stage import JIPDA
@@ -103,7 +103,7 @@ def degraded(level: str, seed: int, folder: Path) -> Case:
     return Case(f"wildtrack-{level}", 2.0, (1920, 1080), matrices, found, _truth(), AREA, FRAMES)
 
 
-def frames_of(rows: Floats, stretch: int | None) -> Frames:
+def frames_of(rows: Floats, stretch: int | None) -> MatchedFrames:
     """Truth and tracks of a stretch of 20 s, or of all 100 s."""
     first, end = (0, FRAMES) if stretch is None else (stretch * STRETCH, (stretch + 1) * STRETCH)
     return of_points(_objects(_truth(), first, end), _objects(rows, first, end), 1.0)

@@ -15,7 +15,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
-from occlog.filtering.particles import normalise, systematic_ancestors
+from occlog.filtering.particles import normalise_log_weights, systematic_ancestors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
 from occlog.scans.grouping import Rows, scans_of
@@ -62,7 +62,7 @@ def estimated(
             _walk(xy, destination, floor, motion, low + size * rng.random((particles, CHOICES, 2)), rng)
         first = False
         log_weights = likelihood(model, xy, pack_scan(scan, model.read_px, True))
-        weights, log_sum = normalise(log_weights)
+        weights, log_sum = normalise_log_weights(log_weights)
         if not math.isfinite(log_sum):
             raise ValueError(f"no particle agrees with the scan at {scan.t_ns} ns; use more particles")
         found.append(weights @ xy)

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.track.simulated import follow, nees, record, rmse, room100
 from occlog.array_types import Floats
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.records.scene import Scene
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.track.methods.apf.config import CALIBRATE, ApfConfig
@@ -24,7 +24,7 @@ SKIP = 100  # steps at the start that do not count; also the length of the initi
 def true_errors(scene: Scene, seed: int) -> Floats:
     """(S, 3) dx, dy, dyaw that `ObserveConfig(noise="calibration")` draws."""
     sigma = np.array([(c.sigma_position, c.sigma_position, c.sigma_yaw) for c in scene.cameras])
-    draws = [generator(seed, Stage.CAMERA_CALIBRATION, i).standard_normal(3) for i in range(len(sigma))]
+    draws = [generator(seed, RandomStream.CAMERA_CALIBRATION, i).standard_normal(3) for i in range(len(sigma))]
     return np.asarray(sigma * draws)
 
 

@@ -25,9 +25,9 @@ import numpy as np
 from benchmarks.track._compare_crowd_runs import FRAMES, STRETCH, frames_of, tracks
 from benchmarks.track._crowd_cases import DEGREES
 from occlog.array_types import Floats
-from occlog.core.metrics.mot.frame_pairs import Frames
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames
 from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
-from occlog.core.metrics.paired import Difference, compare
+from occlog.core.metrics.paired import PairedDifference, compare
 
 ALPHA = 0.01
 SHOWN = ("idf1", "hota", "mota", "pairs_rmse")
@@ -60,13 +60,13 @@ class Crowd:
         self.frames = cache(self._frames)
         self.sums = cache(self._sums)
 
-    def _frames(self, run: Run) -> Frames:
+    def _frames(self, run: Run) -> MatchedFrames:
         return frames_of(tracks(run.tracker, run.level, run.seed, self._folder, run.moved), run.stretch)
 
     def _sums(self, run: Run) -> Floats:
         return frame_sums(self.frames(run), FRAMES if run.stretch is None else STRETCH)
 
-    def compared(self, pairs: list[Pair], figure: str) -> Difference:
+    def compared(self, pairs: list[Pair], figure: str) -> PairedDifference:
         """The later runs beside the first ones, recording by recording."""
         a, b = ([self.sums(run) for run in side] for side in zip(*pairs, strict=True))
         rng = np.random.default_rng(0)
@@ -139,14 +139,14 @@ def found(
 ) -> Found:
     """How often `FIGURE worse` at 1 %, over groups of seeds; with an effect, by what leaves that of the mean loss."""
     sign = 1.0 if figure in LESS_IS_BETTER else -1.0
-    every: list[list[Difference]] = []
+    every: list[list[PairedDifference]] = []
     for k, own in enumerate(seeds):
         rng = np.random.default_rng([count, k])
         every.append([crowd.compared(draw(rng, own, count), figure) for _ in range(-(-pairs // len(seeds)))])
     loss = float(np.mean([sign * each.difference for own in every for each in own]))
     margin = 0.0 if effect is None else loss - effect
 
-    def alarm(each: Difference) -> bool:
+    def alarm(each: PairedDifference) -> bool:
         chance = each.above(margin) if sign > 0 else each.below(-margin)
         return bool(chance < ALPHA)
 

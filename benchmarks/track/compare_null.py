@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_points
 from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, frame_sums
 from occlog.core.metrics.paired import compare
 
@@ -56,7 +56,7 @@ SHAPES = {
 }
 
 
-def track(hard: np.ndarray, rate: float, rng: np.random.Generator) -> Frames:
+def track(hard: np.ndarray, rate: float, rng: np.random.Generator) -> MatchedFrames:
     """Truth and tracks of one run of a tracker.
 
     Args:
@@ -101,7 +101,7 @@ Run = tuple[int, int, float, int]
 
 
 @cache
-def made(run: Run) -> Frames:
+def made(run: Run) -> MatchedFrames:
     """Truth and tracks of a run."""
     recording, seconds, rate, number = run
     hard = times(seconds * HZ, np.random.default_rng([recording, seconds]))

@@ -16,7 +16,7 @@ from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.core.sight.path_loss import received_power
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
-from occlog.filtering.likelihood.distances import at_own, information
+from occlog.filtering.likelihood.distances import information, residuals_at_own_position
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth
@@ -144,7 +144,7 @@ def one_moment(recording: Recording, rows: Ints, config: MeasuredConfig) -> floa
     at = np.searchsorted(recording.t_ns, recording.table.t_ns[row])
     total = np.zeros((len(recording.t_ns), 2, 2))
     np.add.at(total, at, information(distances, recording.xy[at]))
-    assert np.isfinite(at_own(distances, recording.xy[at])[0]).all()
+    assert np.isfinite(residuals_at_own_position(distances, recording.xy[at])[0]).all()
     return float(np.mean(np.trace(np.linalg.inv(total[rows]), axis1=1, axis2=2)))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.track.simulated import Recording, record, room100
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.simulate.config import ObserveConfig, WorldConfig
@@ -44,14 +44,14 @@ def opposite(recording: Recording) -> tuple[float, float, float]:
 
 def lost_from_start(scene: Scene, recording: Recording, config: ApfConfig, seed: int) -> int:
     """Steps seen by two cameras until a filter started at the wrong place has found the target."""
-    rng = generator(seed, Stage.TRACK, 0)
+    rng = generator(seed, RandomStream.TRACK, 0)
     state = apf.init(scene, config, rng)
     return _until_found(state, recording, 0, rng)
 
 
 def lost_in_hiding(scene: Scene, recording: Recording, config: ApfConfig, seed: int) -> int:
     """The same for a filter that was on track until the target was hidden for long."""
-    rng = generator(seed, Stage.TRACK, 0)
+    rng = generator(seed, RandomStream.TRACK, 0)
     state = apf.init(scene, config, rng)
     for k, scan in enumerate(recording.scans[: 20 + HIDDEN]):
         state, _ = apf.step(state, scan if k < 20 else unseen(scan), rng)

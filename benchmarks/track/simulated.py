@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
@@ -54,7 +54,7 @@ def record(scene: Scene, world: WorldConfig, how: ObserveConfig, seed: int) -> R
 
 def follow(scene: Scene, recording: Recording, config: ApfConfig, seed: int) -> tuple[apf.ApfState, list[Estimate]]:
     """The filter over a whole recording: its last state and all estimates."""
-    rng = generator(seed, Stage.TRACK, TARGET)
+    rng = generator(seed, RandomStream.TRACK, TARGET)
     state, out = apf.init(scene, config, rng), []
     for scan in recording.scans:
         state, estimate = apf.step(state, scan, rng)

@@ -33,7 +33,7 @@ from benchmarks.track._crowd_trackers import Outcome, recorded
 from benchmarks.track._single_people import annotations
 from benchmarks.track.crowd import cell, scored
 from occlog.array_types import NS, Floats, Ints
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.track.methods.jipda.batch import smooth as smoother
 from occlog.track.methods.jipda.batch.association import Expected, Found, Seen, find
 from occlog.track.methods.jipda.batch.chains import NONE
@@ -217,7 +217,7 @@ def outcome(moments: Sequence[Moment], case: Case) -> Outcome:
 def figures(case: Case, work: Path, px: float) -> dict[str, float]:
     """RMSE [m] of each."""
     run = run_of(case, recorded(case, work), px)
-    smoothed = smoother.smooth(run.state, run.looks, run.moments, generator(0, Stage.SMOOTH))
+    smoothed = smoother.smooth(run.state, run.looks, run.moments, generator(0, RandomStream.SMOOTH))
     known, found = told(run, case)
     own = {"filter": outcome(run.moments, case), "`--smooth`": outcome(smoothed, case), "`--smooth`, boxes told": known}
     out = {name: scored(case, each)["RMSE [m]"] for name, each in own.items()}

@@ -14,9 +14,9 @@ from benchmarks.track import _space_problem as problem
 from benchmarks.track._space_problem import Plain, Recording, numba_step, numpy_step, scan_of
 from occlog.array_types import Floats
 from occlog.core.sight.projected_planes import XY
-from occlog.filtering.kernel_density import best_width, moments, redraw
+from occlog.filtering.kernel_density import moments, resample_with_kernel, silverman_bandwidth
 from occlog.filtering.motion.white_acceleration import moved
-from occlog.filtering.particles import effective_size, normalise
+from occlog.filtering.particles import effective_sample_size, normalise_log_weights
 from occlog.track.methods.in_space import direct3d, projected_planes
 from occlog.track.methods.in_space.config import Direct3dConfig, PpsConfig
 from occlog.track.methods.in_space.planes import log_likelihood, plane_angles, sights_in_plane
@@ -89,18 +89,18 @@ def ours_in_plane(given: Recording) -> tuple[float, Floats]:
     space = make_space(problem.scene(), config)
     motion, chances = projected_planes.plane_motions(space.motion)[XY], space.chances
     cloud, weights = _start(given, 2, rng)
-    scans, means, width = [scan_of(given, k) for k in range(STEPS)], [], best_width(PARTICLES, 4)
+    scans, means, width = [scan_of(given, k) for k in range(STEPS)], [], silverman_bandwidth(PARTICLES, 4)
     begin = time.process_time()
     for k, scan in enumerate(scans):
         heard = pack_directions(scan, space.ears, given.start[:2], use_score=True)
         cloud = moved(cloud, motion, problem.STEP_S, rng) if k else cloud
         own = sights_in_plane(XY, heard, plane_angles(heard))
         log_weights = np.log(weights) + log_likelihood(cloud[:2], own, heard, chances)
-        weights, _ = normalise(log_weights)
+        weights, _ = normalise_log_weights(log_weights)
         mean, covariance = moments(cloud, weights)
         means.append(mean)
-        if effective_size(weights) < config.resample_below * PARTICLES:
-            cloud = redraw(cloud, weights, mean, covariance, PARTICLES, width, rng)
+        if effective_sample_size(weights) < config.resample_below * PARTICLES:
+            cloud = resample_with_kernel(cloud, weights, mean, covariance, PARTICLES, width, rng)
             weights = np.full(PARTICLES, 1.0 / PARTICLES)
     return 1e6 * (time.process_time() - begin) / STEPS, np.array(means)
 
@@ -109,7 +109,7 @@ def _plain(step: Callable[..., tuple[Plain, Floats]], d: int, given: Recording) 
     rng = np.random.default_rng(problem.SEED)
     particles, means = Plain(*_start(given, d, rng)), []
     angles = np.stack([given.theta, given.phi], axis=-1)[..., : d - 1]
-    h = best_width(PARTICLES, 2 * d)
+    h = silverman_bandwidth(PARTICLES, 2 * d)
     begin = time.process_time()
     for k in range(STEPS):
         dt = problem.STEP_S if k else 0.0

@@ -39,7 +39,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.core.metrics.consistency import BatchMeans, Ratio
-from occlog.core.metrics.errors import ratio
+from occlog.core.metrics.errors import ratio_or_nan
 from occlog.core.sight.camera import noise_variance, planar_offsets, wrap_angle
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Residuals, Tracks
@@ -100,7 +100,7 @@ class Alone:
     @property
     def share(self) -> float:
         """Share of the bearings that are not believed; NaN without any."""
-        return ratio(self.doubted, self.bearings)
+        return ratio_or_nan(self.doubted, self.bearings)
 
 
 FEWEST, MOST = 10, 500
@@ -457,13 +457,13 @@ class Agreement:
     @property
     def doubted(self) -> float:
         """Share of bearings that are not believed; NaN without any."""
-        return 1.0 - ratio(self.believed, self.bearings)
+        return 1.0 - ratio_or_nan(self.believed, self.bearings)
 
     @property
     def nis(self) -> Ratio:
         """Normalised squared residual, with an error that knows of the pose's errors, one for all times."""
         value, error = self.means.ratio
-        share = ratio(self.pose, self.means.expected)
+        share = ratio_or_nan(self.pose, self.means.expected)
         return Ratio(value, math.hypot(error, math.sqrt(2.0) * share * value) if share > 0.0 else error)
 
 
@@ -508,7 +508,7 @@ class Agreements:
     @property
     def doubted(self) -> float:
         """Share of bearings that are not believed; NaN without any."""
-        return 1.0 - ratio(sum(a.believed for a in self.sensors.values()), self.bearings)
+        return 1.0 - ratio_or_nan(sum(a.believed for a in self.sensors.values()), self.bearings)
 
     @property
     def nis(self) -> Ratio:
@@ -584,12 +584,12 @@ class Crowd:
     @property
     def candidates(self) -> float:
         """Mean number of candidates in a frame that has any; NaN without frames."""
-        return ratio(sum(s.candidates for s in self.sensors.values()), self.frames)
+        return ratio_or_nan(sum(s.candidates for s in self.sensors.values()), self.frames)
 
     @property
     def unexplained(self) -> float:
         """Mean number of candidates in a frame that are near no track; NaN without frames."""
-        return ratio(sum(s.unexplained for s in self.sensors.values()), self.frames)
+        return ratio_or_nan(sum(s.unexplained for s in self.sensors.values()), self.frames)
 
     def persistent(self, fewest: int) -> dict[str, float]:
         """Share of frames with a candidate that stays and that no track explains, of sensors with enough frames."""

@@ -164,10 +164,10 @@ def corrected(a: Floats, b: Floats, pixels_a: Ints, pixels_b: Ints) -> tuple[Flo
     return rho, rho + bias(a.shape[-1] - none, pixels_a[:, None], pixels_b[None, :])
 
 
-CLOSE = 1.5
+CLOSE_RADII = 1.5
 """Targets are close when their centres are this many times nearer than touching ones."""
 
-LARGEST = 1e4
+MAX_AXIS_PX = 1e4
 """Half axes above this [px] are not those of a thing in an image: such an ellipse holds nothing."""
 
 
@@ -189,7 +189,7 @@ def nearness(ellipses: Floats) -> Floats:
         ellipses: (N, 5).
 
     Returns:
-        (N, N), symmetric: at most 1 = touching, at most `CLOSE` = close; inf on the diagonal
+        (N, N), symmetric: at most 1 = touching, at most `CLOSE_RADII` = close; inf on the diagonal
         and for a NaN ellipse.
     """
     e = np.asarray(ellipses, dtype=np.float64)
@@ -227,7 +227,7 @@ def holds_pixels(ellipse: Floats) -> bool:
     a, b = ellipse[2], ellipse[3]
     if not (math.isfinite(ellipse[0]) and math.isfinite(ellipse[1]) and math.isfinite(ellipse[4])):
         return False
-    return bool(0.0 < a <= LARGEST and 0.0 < b <= LARGEST and abs(ellipse[0]) < 1e7 and abs(ellipse[1]) < 1e7)
+    return bool(0.0 < a <= MAX_AXIS_PX and 0.0 < b <= MAX_AXIS_PX and abs(ellipse[0]) < 1e7 and abs(ellipse[1]) < 1e7)
 
 
 @kernel

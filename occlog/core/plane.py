@@ -145,7 +145,7 @@ def inside_polygon(xy: Floats, polygon: Floats) -> Bools:
 
 
 @kernel
-def sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
+def line_of_sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
     """(N,) bool: whether the polygon hides each point from the origin.
 
     Args:
@@ -402,7 +402,7 @@ def spread_along(a: Floats, places: Floats, b: Floats, steps: int) -> Floats | N
     return np.asarray(way[first] + share[:, None] * (way[first + 1] - way[first]))[:-1]
 
 
-ROUNDS = 200
+MAX_SAMPLING_ROUNDS = 200
 """Rounds of random places tried before the floor is called full."""
 
 
@@ -435,12 +435,12 @@ def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
     """(n, 2) random places, uniform over the floor: rejection sampling from the room's bounding box.
 
     Raises:
-        ValueError: so little of the box is free that `ROUNDS` rounds do not find n places.
+        ValueError: so little of the box is free that `MAX_SAMPLING_ROUNDS` rounds do not find n places.
     """
     low = floor.room.min(axis=0)
     size = floor.room.max(axis=0) - low
     found, count = [np.empty((0, 2))], 0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_SAMPLING_ROUNDS):
         if count >= n:
             break
         # A quarter more than needed, so that one round is enough in a room with a few pillars.
@@ -463,7 +463,7 @@ def sample_near(xy: Floats, reach: float, floor: Floor, rng: np.random.Generator
     """
     out = np.array(xy, dtype=np.float64)
     left = np.arange(len(out))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_SAMPLING_ROUNDS):
         if not len(left):
             return out
         r, turn = reach * np.sqrt(rng.random(len(left))), 2.0 * np.pi * rng.random(len(left))

@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-LEAST_SHARE = 1e-13
+MIN_RELATIVE_VARIANCE = 1e-13
 """Smallest variance of a measurement as a share of its predicted variance: less is lost in rounding their sum."""
 
 
@@ -21,7 +21,7 @@ class Gaussian(NamedTuple):
     covariance: Floats  # (n, n)
 
 
-class Link(NamedTuple):
+class PosteriorRecord(NamedTuple):
     """Posterior of a filter after a scan, for the backward pass."""
 
     after: Gaussian
@@ -53,7 +53,7 @@ def updated(state: Gaussian, H: Floats, innovation: Floats, R: Floats) -> tuple[
         R: (m,) variances.
     """
     expected_spread = H @ state.covariance @ H.T
-    R = np.maximum(R, LEAST_SHARE * np.diagonal(expected_spread))
+    R = np.maximum(R, MIN_RELATIVE_VARIANCE * np.diagonal(expected_spread))
     S = expected_spread + np.diag(R)
     K = np.linalg.solve(S, H @ state.covariance).T
     left = np.eye(len(state.mean)) - K @ H
@@ -67,7 +67,7 @@ def log_normal(off: Floats, S: Floats) -> float:
     return float(-0.5 * (off @ np.linalg.solve(S, off) + volume + len(off) * math.log(2.0 * math.pi)))
 
 
-def rts_smooth(links: Sequence[Link], transition: Transition) -> list[Gaussian]:
+def rts_smooth(links: Sequence[PosteriorRecord], transition: Transition) -> list[Gaussian]:
     """Smoothed states by the recursion of Rauch, Tung and Striebel (1965), one for each link.
 
     A link that was reinitialised separates what is before it from what follows.

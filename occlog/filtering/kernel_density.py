@@ -34,17 +34,17 @@ from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import array_kernel
 
 from .motion.white_acceleration import half_normals
-from .particles import effective_size, normalise, systematic_ancestors
+from .particles import effective_sample_size, normalise_log_weights, systematic_ancestors
 
-KEPT = 200
+MAX_PARTICLES = 200
 """Particles that are kept of each time at most."""
-NOTHING, LEAST = 1e-18, 1e-12
+MIN_VARIANCE, MIN_RELATIVE_VARIANCE = 1e-18, 1e-12
 """Variances below this, and below this share of the largest, count as so much."""
-TOO_FAR = 50.0
+MAX_HALF_CHI2 = 50.0
 """Half the squared distance beyond which a density counts as 0."""
 
 
-class Knot(NamedTuple):
+class KernelDensity(NamedTuple):
     """A kernel density of K equally weighted particles with n rows, and of which kind each is."""
 
     mean: Floats  # (n,)
@@ -54,12 +54,14 @@ class Knot(NamedTuple):
     kinds: Ints  # (K,)
 
 
-def best_width(particles: int, dimension: int) -> float:
+def silverman_bandwidth(particles: int, dimension: int) -> float:
     """Width h, in standard deviations, that is best for a Gaussian: (4 / (n (d + 2)))^(1 / (d + 4))."""
     return float((4.0 / (particles * (dimension + 2.0))) ** (1.0 / (dimension + 4.0)))
 
 
-def knot(cloud: Floats, weights: Floats, kinds: Ints | None = None, kept: int = KEPT) -> Knot:
+def kernel_density(
+    cloud: Floats, weights: Floats, kinds: Ints | None = None, kept: int = MAX_PARTICLES
+) -> KernelDensity:
     """The kernel density of particles, of which not all are kept.
 
     Those kept are moved and stretched so that their mean and covariance are those of all.
@@ -75,10 +77,10 @@ def knot(cloud: Floats, weights: Floats, kinds: Ints | None = None, kept: int = 
     covariance = (off * weights) @ off.T
     count = min(kept, cloud.shape[1])
     rows = systematic_ancestors(weights, count, 0.5)
-    h = min(best_width(count, len(cloud)), 0.9)
+    h = min(silverman_bandwidth(count, len(cloud)), 0.9)
     centres = mean[:, None] + math.sqrt(1.0 - h * h) * _stretched(off[:, rows], covariance)
     own = np.zeros(count, dtype=np.int64) if kinds is None else kinds[rows]
-    return Knot(mean, covariance, centres, h, own)
+    return KernelDensity(mean, covariance, centres, h, own)
 
 
 def _stretched(off: Floats, covariance: Floats) -> Floats:
@@ -91,7 +93,7 @@ def _stretched(off: Floats, covariance: Floats) -> Floats:
         return off
 
 
-def last_states(end: Knot, count: int, rng: Generator) -> tuple[Floats, Ints]:
+def last_states(end: KernelDensity, count: int, rng: Generator) -> tuple[Floats, Ints]:
     """(n, M) states drawn from a density, where trajectories end, and their kinds; with its mean and covariance."""
     rows = systematic_ancestors(np.full(end.centres.shape[1], 1.0 / end.centres.shape[1]), count, rng.random())
     noise = root_of(end.covariance) @ rng.standard_normal((len(end.mean), count))
@@ -100,7 +102,7 @@ def last_states(end: Knot, count: int, rng: Generator) -> tuple[Floats, Ints]:
 
 
 def states_before(
-    before: Knot,
+    before: KernelDensity,
     back: Floats,
     noise: Floats,
     kinds: Ints | None = None,
@@ -123,7 +125,7 @@ def states_before(
     most = 1 + int(max(kinds.max(), before.kinds.max()))
     chances = np.ones((most, most)) if chances is None else chances
     S = before.width**2 * before.covariance + noise
-    S = S + max(LEAST * float(np.trace(S)), NOTHING) * np.eye(len(S))
+    S = S + max(MIN_RELATIVE_VARIANCE * float(np.trace(S)), MIN_VARIANCE) * np.eye(len(S))
     root = np.linalg.cholesky(S)
     centres, at = np.linalg.solve(root, before.centres), np.linalg.solve(root, back)
     u = rng.random(size=(M,))
@@ -153,7 +155,7 @@ def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Flo
         base, total = half[nearest], 0.0
         for k in range(K):
             exponent = 0.5 * (half[k] - base)
-            half[k] = chances[before[k], after[j]] * math.exp(-exponent) if exponent < TOO_FAR else 0.0
+            half[k] = chances[before[k], after[j]] * math.exp(-exponent) if exponent < MAX_HALF_CHI2 else 0.0
             total += half[k]
         out[j] = nearest
         point = u[j] * total
@@ -178,7 +180,7 @@ def spread_of(states: Floats) -> tuple[Floats, Floats]:
     return mean, off @ off.T / max(states.shape[1] - 1, 1)
 
 
-def weigh(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floats, float]:
+def update_weights(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floats, float]:
     """Weights (L,) of sum 1 after a scan, and the log of their sum before.
 
     Where fewer than `least` particles would be left with weight, none of them agrees well with
@@ -190,17 +192,19 @@ def weigh(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floa
         log_likelihood: (L,) of the scan; -inf for none.
         least: effective size that is kept, if the prior has it.
     """
-    weights, log_sum = normalise(log_prior + log_likelihood)
-    if not math.isfinite(log_sum) or effective_size(weights) >= least:
+    weights, log_sum = normalise_log_weights(log_prior + log_likelihood)
+    if not math.isfinite(log_sum) or effective_sample_size(weights) >= least:
         return weights, log_sum
     low, high = 0.0, 1.0
     relative = np.maximum(log_likelihood - np.max(log_likelihood), -1e300)
     for _ in range(40):
         power = 0.5 * (low + high)
         low, high = (
-            (power, high) if effective_size(normalise(log_prior + power * relative)[0]) >= least else (low, power)
+            (power, high)
+            if effective_sample_size(normalise_log_weights(log_prior + power * relative)[0]) >= least
+            else (low, power)
         )
-    return normalise(log_prior + low * relative)[0], log_sum
+    return normalise_log_weights(log_prior + low * relative)[0], log_sum
 
 
 def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:
@@ -210,7 +214,7 @@ def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:
     return mean, (off * weights) @ off.T
 
 
-def redraw(
+def resample_with_kernel(
     cloud: Floats, weights: Floats, mean: Floats, covariance: Floats, n: int, h: float, rng: np.random.Generator
 ) -> Floats:
     """(d, n) equally weighted particles from (d, L) weighted ones.

@@ -20,7 +20,7 @@ from occlog.array_types import NS
 
 GAP, RESTART = "gap", "restart"
 """Reasons of a reinitialisation, values of the column `fallback`."""
-MOST_PER_SCAN = 2
+MAX_LOSS_CHANGE_PER_SCAN = 2
 """A scan changes the track-loss counter by at most this, so that many sensors that err together do not end a track."""
 
 Posterior = TypeVar("Posterior")
@@ -61,7 +61,7 @@ def advance(
     return (initiate(RESTART) if lost else done), count
 
 
-def loss_count(before: int, against: int, reports: int) -> int:
+def track_loss_count(before: int, against: int, reports: int) -> int:
     """Track-loss counter after a scan: reports against the posterior minus those for it, not below 0.
 
     Args:
@@ -69,7 +69,7 @@ def loss_count(before: int, against: int, reports: int) -> int:
         against: reports of the scan that contradict the posterior.
         reports: all reports of the scan.
     """
-    return max(0, before + max(-MOST_PER_SCAN, min(MOST_PER_SCAN, 2 * against - reports)))
+    return max(0, before + max(-MAX_LOSS_CHANGE_PER_SCAN, min(MAX_LOSS_CHANGE_PER_SCAN, 2 * against - reports)))
 
 
 def is_lost(count: int, lost_after: int) -> bool:

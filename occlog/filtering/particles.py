@@ -10,7 +10,7 @@ from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 
-def normalise(log_weights: Floats) -> tuple[Floats, float]:
+def normalise_log_weights(log_weights: Floats) -> tuple[Floats, float]:
     """Normalise weights given as logarithms.
 
     Args:
@@ -27,7 +27,7 @@ def normalise(log_weights: Floats) -> tuple[Floats, float]:
     return weights / total, top + math.log(total)
 
 
-def effective_size(weights: Floats) -> float:
+def effective_sample_size(weights: Floats) -> float:
     """Effective sample size 1 / sum w^2 of weights that sum to 1; between 1 and L."""
     return float(1.0 / np.dot(weights, weights))
 

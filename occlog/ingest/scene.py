@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import seems_upright, turn_upright, vertical
+from occlog.core.sight.camera import is_upright, turn_upright, vertical
 from occlog.errors import InputError, UsageError
 from occlog.io.files.names import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line
@@ -95,7 +95,7 @@ def find_turn(
     """
     rotations = np.array([c.rotation for c in cameras]).reshape(-1, 3, 3)
     if up is None:
-        upright = seems_upright(rotations)
+        upright = is_upright(rotations)
         if not upright:
             note(
                 f"warning: the world of the calibration seems not to be upright: {_horizons(rotations)}. "

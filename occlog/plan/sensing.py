@@ -15,7 +15,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.bounds.in_plane import bearing_information, camera_information
 from occlog.core.bounds.in_space import direction_information, ground_information
 from occlog.core.numerics.jit import kernel
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.camera import planar_offsets
 from occlog.core.sight.visibility import behind_walls, in_view
 from occlog.records.scene import Camera, MicrophoneArray, Scene
@@ -136,7 +136,7 @@ def told_by(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, se
     seen &= (np.diff(frames, prepend=-1.0) > 0.0)[::-1]
     detection = detection_of(sensor)
     if detection < 1.0:
-        rng = generator(seed, Stage.PLAN, 2, zlib.crc32(sensor.name.encode()))
+        rng = generator(seed, RandomStream.PLAN, 2, zlib.crc32(sensor.name.encode()))
         seen &= rng.random(seen.shape) < detection
     information = np.zeros((3, n, steps), dtype=np.float64)
     xy = walked.ways[seen]

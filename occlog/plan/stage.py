@@ -16,7 +16,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.bounds.in_plane import polygon_covariance
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
 from occlog.errors import InputError, option
 from occlog.records.declared.world import PlanMap
@@ -93,7 +93,7 @@ def prepare(
         visits=visits,
         walked=walked,
         told={sensor.name: told_by(sensor, scene, walked, config, seed) for sensor in own},
-        chance=generator(seed, Stage.PLAN, 3).standard_normal((2, *walked.ways.shape[:2])),
+        chance=generator(seed, RandomStream.PLAN, 3).standard_normal((2, *walked.ways.shape[:2])),
         start=(cells.xy.mean(axis=0), polygon_covariance(scene.room)),
         motion=moments_of(people, dt),
         config=config,

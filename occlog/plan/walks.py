@@ -25,7 +25,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from occlog.array_types import Floats, Ints
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.plane import make_floor, on_floor
 from occlog.errors import InputError
 from occlog.records.scene import Scene
@@ -125,7 +125,7 @@ def people_walk(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: i
         sigma=config.sigma,
         redirect=config.redirect,
     )
-    floor, motion, rng = ground(scene, 0.0), motion_in_a_step(world), generator(seed, Stage.PLAN, 0)
+    floor, motion, rng = ground(scene, 0.0), motion_in_a_step(world), generator(seed, RandomStream.PLAN, 0)
     try:
         state = populate(n, floor, world.diameter, rng)
     except ValueError as error:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.core.sight.usual_radio import DETOUR, EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
+from occlog.core.sight.usual_radio import EXPONENT, NLOS_BIAS_SIGMAS, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
@@ -82,7 +82,7 @@ class MeasuredConfig(Settings):
         unit="length",
         above=0,
         option="--detour",
-        nothing=f"{DETOUR:g} standard deviations of each measurement",
+        nothing=f"{NLOS_BIAS_SIGMAS:g} standard deviations of each measurement",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

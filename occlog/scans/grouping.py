@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.occlusion.priors import Priors
 from occlog.errors import InputError, UsageError
-from occlog.filtering.likelihood.distances import Distances
+from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings
 
@@ -25,7 +25,7 @@ class Measured(NamedTuple):
     """What stations measured beside directions at one time; see `occlog.scans.measured`."""
 
     target_id: Ints32  # (m,) >= 0
-    distances: Distances  # m measurements
+    distances: RangeMeasurements  # m measurements
 
     def of_target(self, target: int) -> Measured | None:
         """Those of a target; None for nothing."""

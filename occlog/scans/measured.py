@@ -28,7 +28,15 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.sight.path_loss import log_distance
 from occlog.core.sight.usual_radio import NOISE_DB, SHADOW_DB, SHADOW_S
 from occlog.errors import InputError
-from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, PLAIN, RANGE, Distances, concat, nothing
+from occlog.filtering.likelihood.distances import (
+    DIFFERENCE,
+    LOGARITHM,
+    PLAIN,
+    RANGE,
+    RangeMeasurements,
+    concat,
+    no_measurements,
+)
 from occlog.records.declared.sensors import DIFFERENCES, VALUES, Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Reads
@@ -53,7 +61,7 @@ class Differences:
         self._all = self._beyond = 0
         self._first = ""
 
-    def add(self, table: Measurements, row: Ints, packed: Distances) -> None:
+    def add(self, table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
         """Some more measurements; see `refuse_impossible`."""
         differs = packed.kind == DIFFERENCE
         rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
@@ -79,7 +87,7 @@ def _where(table: Measurements, n: int) -> str:
 
 
 def refuse_impossible(
-    table: Measurements, row: Ints, packed: Distances, differences: Differences | None = None
+    table: Measurements, row: Ints, packed: RangeMeasurements, differences: Differences | None = None
 ) -> None:
     """InputError, with the station and the time, for measurements from which only a wrong place could come.
 
@@ -111,7 +119,7 @@ def refuse_impossible(
     _refuse_copies(table, row, packed)
 
 
-def _refuse_copies(table: Measurements, row: Ints, packed: Distances) -> None:
+def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
     """InputError for a range or difference that is there twice: it would count as two that agree."""
     exact = np.flatnonzero(packed.kind != LOGARITHM)  # of whole dBm two may well be alike
     own = row[exact]
@@ -368,7 +376,7 @@ def pack(
     config: MeasuredConfig,
     radio: Radio | None = None,
     differences: Differences | None = None,
-) -> tuple[Ints, Distances]:
+) -> tuple[Ints, RangeMeasurements]:
     """All measurements of a table, by rising row; a row may have several.
 
     Args:
@@ -392,7 +400,7 @@ def pack(
     height = config.tag_height if config.tag_height is not None or radio is None else radio.height
     rise2 = _rise2(at, station, reference, height)
     how = (config.measured_bend, config.measured_late, math.nan if config.detour is None else config.detour)
-    parts, rows = [nothing(*how)], [np.empty(0, dtype=np.int64)]
+    parts, rows = [no_measurements(*how)], [np.empty(0, dtype=np.int64)]
     for name in (*VALUES, *PLAIN):
         own = np.flatnonzero(np.isfinite(getattr(table, name)))
         if not len(own):
@@ -407,7 +415,7 @@ def pack(
             )
         other = reference[own] if name in DIFFERENCES else station[own]
         parts.append(
-            Distances(
+            RangeMeasurements(
                 kind=np.full(len(own), kind, dtype=np.int64),
                 value=value,
                 sigma=sigma,
@@ -432,7 +440,7 @@ def pack(
 def _as_length(
     name: str, table: Measurements, at: Stations, station: Ints, config: MeasuredConfig, radio: Radio | None
 ) -> tuple[int, Floats, Floats]:
-    """Kind, values and standard deviations of one column, as `Distances` has them; NaN: no standard deviation."""
+    """Kind, values and standard deviations of one column, as `RangeMeasurements` has them; NaN: no standard deviation."""
     value: Floats = getattr(table, name)
     sigma: Floats = getattr(table, f"sigma_{name}")
     if name in PLAIN:

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.core.navigation.obstacles import Clock, Moving
+from occlog.core.navigation.obstacles import MovingObstacleTracks, StepClock
 from occlog.core.occlusion.priors import Priors, gaussian_priors, no_priors, polygon_priors
 from occlog.errors import InputError
 from occlog.io.open import Opened, check_unit
@@ -155,7 +155,7 @@ class People(NamedTuple):
     steps: int  # most steps
 
 
-def moving_people(opened: Opened, length_unit: str, start_s: float, people: People) -> Moving:
+def moving_people(opened: Opened, length_unit: str, start_s: float, people: People) -> MovingObstacleTracks:
     """People of a file from a start to the last possible step.
 
     Args:
@@ -178,11 +178,11 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
     return obstacles_of(rows, start_ns, people)
 
 
-def obstacles_of(rows: Tracks | Truth, start_ns: int, people: People) -> Moving:
+def obstacles_of(rows: Tracks | Truth, start_ns: int, people: People) -> MovingObstacleTracks:
     """The people of a table as obstacles; those of a truth have no covariance."""
     places = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
-    clock, limit_ns = Clock(start_ns, people.step_s), round(people.max_gap_s * NS)
-    return Moving(rows.t_ns, rows.target_id, places, clock, limit_ns)
+    clock, limit_ns = StepClock(start_ns, people.step_s), round(people.max_gap_s * NS)
+    return MovingObstacleTracks(rows.t_ns, rows.target_id, places, clock, limit_ns)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: People) -> tuple[int, T]:

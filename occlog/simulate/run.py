@@ -17,8 +17,8 @@ from occlog.array_types import Floats
 from occlog.cli.setting_options import flag_of
 from occlog.console.notes import threads_by_default
 from occlog.core.navigation.forces import distance
-from occlog.core.navigation.obstacles import Moving
-from occlog.core.numerics.interpolate import Grid
+from occlog.core.navigation.obstacles import MovingObstacleTracks
+from occlog.core.numerics.interpolate import TimeGrid
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import Together, check_outputs
 from occlog.io.files.provenance import Provenance
@@ -118,7 +118,7 @@ def make_setup(scene: Scene, request: SceneRequest, script: Script | None = None
     )
 
 
-def _people(opened: Opened, scene: Scene, world: WorldConfig) -> Moving:
+def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleTracks:
     """Whom walkers avoid."""
     taken = People(
         radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
@@ -277,7 +277,7 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
         raise UsageError(f"{error} ({option('overlap')})") from None
 
 
-def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Grid]:
+def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:
     """Chunks of true paths: random walks from the places (n, 2) at first (None: random ones), or the script's."""
     world, script = setup.world, setup.script
     if script is None:
@@ -288,7 +288,7 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Gr
 
 def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
-) -> Iterator[Truth | Grid]:
+) -> Iterator[Truth | TimeGrid]:
     """The chunks of truth, each written, with what the sensors say of it, when it is passed on."""
     truth, seen, heard, read, ranged = itertools.tee(_truth(setup, seed, start), 5)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
@@ -298,7 +298,7 @@ def _recorded(
     )
     reads = observe_readers(setup.scene, read, setup.reads, seed)
     distances = observe_stations(setup.scene, ranged, setup.measure, setup.reads, seed)
-    others: tuple[tuple[bool, Iterator[Table], Iterator[Truth | Grid], str], ...] = (
+    others: tuple[tuple[bool, Iterator[Table], Iterator[Truth | TimeGrid], str], ...] = (
         (bool(setup.scene.arrays), sounds, heard, "doa"),
         (bool(setup.scene.readers), reads, read, "reads"),
         (bool(setup.measure.kinds), distances, ranged, "measurements"),
@@ -306,7 +306,7 @@ def _recorded(
     for chunk in truth:
         if setup.people is not None:
             counts["contacts"] += _contacts(truth_grid(chunk), setup.people, setup.world)
-        writer.table(grid_truth(chunk) if isinstance(chunk, Grid) else chunk)
+        writer.table(grid_truth(chunk) if isinstance(chunk, TimeGrid) else chunk)
         if setup.observe is not None:
             rows = next(bearings)
             writer.table(rows)
@@ -323,7 +323,7 @@ def _recorded(
         yield chunk
 
 
-def _contacts(chunk: Grid, people: Moving, world: WorldConfig) -> int:
+def _contacts(chunk: TimeGrid, people: MovingObstacleTracks, world: WorldConfig) -> int:
     """At how many moments a person was nearer to a walker than a diameter: the person walked into the walker."""
     numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
     gaps = [

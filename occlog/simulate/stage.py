@@ -13,9 +13,9 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.navigation.forces import distance
-from occlog.core.navigation.obstacles import Moving
+from occlog.core.navigation.obstacles import MovingObstacleTracks
 from occlog.core.navigation.steering import field_of, steps_of
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.plane import pack_polygons, pockets
 from occlog.errors import InputError
 from occlog.records.scene import Scene
@@ -55,7 +55,7 @@ def simulate_truth(
     start: Floats | None = None,
     *,
     field: FieldConfig | None = None,
-    people: Moving | None = None,
+    people: MovingObstacleTracks | None = None,
 ) -> Iterator[Truth]:
     """True places of all objects, chunk after chunk: targets are numbered 0, 1, ..., occluders after them.
 
@@ -77,7 +77,7 @@ def simulate_truth(
     floor, n = ground(scene, config.clearance), config.targets + config.occluders
     world = _first(floor, n, config, seed, people)
     world = world if start is None else world._replace(xy=start.copy())
-    generators = [[generator(seed, Stage.WORLD_MOTION, i, kind) for kind in range(3)] for i in range(n)]
+    generators = [[generator(seed, RandomStream.WORLD_MOTION, i, kind) for kind in range(3)] for i in range(n)]
     path, motion = world.xy[None], motion_in_a_step(config)
     rules = _avoidance(scene, config, field or FieldConfig.in_unit(scene.length_unit), people)
     avoiding = starting(world)
@@ -91,7 +91,7 @@ def simulate_truth(
         yield _truth(places, first, config)
 
 
-def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Moving | None) -> Avoidance:
+def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: MovingObstacleTracks | None) -> Avoidance:
     """Rules of objects that avoid what is in their way."""
     return Avoidance(
         field=field_of(field),
@@ -102,13 +102,13 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
     )
 
 
-def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving | None) -> WaypointState:
+def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: MovingObstacleTracks | None) -> WaypointState:
     """All objects at random places, where no people are."""
     if n == 0:
         raise InputError("simulate: targets and occluders are both 0; give at least one object")
     there = np.empty((0, 2)) if people is None else people.at(0).xy
     there = there[np.isfinite(there[:, 0])]
-    rng = generator(seed, Stage.WORLD_START)
+    rng = generator(seed, RandomStream.WORLD_START)
     try:
         for _ in range(STARTS):
             world = populate(n, floor, config.diameter, rng)

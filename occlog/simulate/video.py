@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from occlog import console
-from occlog.core.navigation.obstacles import Moving
-from occlog.core.numerics.interpolate import Grid
+from occlog.core.navigation.obstacles import MovingObstacleTracks
+from occlog.core.numerics.interpolate import TimeGrid
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import LosslessVideo
 from occlog.io.recording.writer import RecordingWriter
@@ -62,7 +62,7 @@ class Setup:
     script: Script | None = None
     apart: bool = False
     field: FieldConfig | None = None
-    people: Moving | None = None
+    people: MovingObstacleTracks | None = None
     reads: ReadConfig = ReadConfig()
     measure: MeasureConfig = MeasureConfig()
     losses: tuple[Loss, ...] = ()
@@ -79,7 +79,7 @@ def film(
     writer: RecordingWriter,
     setup: Setup,
     output: Path,
-    chunks: Iterable[Truth | Grid],
+    chunks: Iterable[Truth | TimeGrid],
     seed: int,
     counts: Counter[str],
     *,

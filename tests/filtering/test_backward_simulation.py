@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.filtering.kernel_density import KEPT, best_width, knot, last_states, spread_of, states_before
+from occlog.filtering.kernel_density import (
+    MAX_PARTICLES,
+    kernel_density,
+    last_states,
+    silverman_bandwidth,
+    spread_of,
+    states_before,
+)
 
 F = np.array([[1.0, 1.0], [0.0, 1.0]])
 """Place and velocity over a time of 1."""
@@ -53,7 +60,7 @@ def test_trajectories_of_a_linear_gaussian_motion_are_those_of_the_exact_smoothe
         knots = []
         for m, P in zip(means, covariances, strict=True):
             cloud = rng.multivariate_normal(m, P, PARTICLES).T
-            knots.append(knot(cloud, np.full(PARTICLES, 1.0 / PARTICLES)))
+            knots.append(kernel_density(cloud, np.full(PARTICLES, 1.0 / PARTICLES)))
         back, B = np.linalg.inv(F), q * np.linalg.inv(F) @ NOISE @ np.linalg.inv(F).T
         states, _ = last_states(knots[-1], trajectories, rng)
         for k, (m, P) in enumerate(smoothed(means, covariances, q)):
@@ -70,7 +77,7 @@ def test_trajectories_of_a_linear_gaussian_motion_are_those_of_the_exact_smoothe
 
 def test_a_step_without_noise_takes_every_trajectory_straight_back() -> None:
     rng = np.random.default_rng(0)
-    before = knot(rng.standard_normal((4, 300)), np.full(300, 1.0 / 300))
+    before = kernel_density(rng.standard_normal((4, 300)), np.full(300, 1.0 / 300))
     back = rng.standard_normal((4, 50))
     states, _ = states_before(before, back, np.zeros((4, 4)), rng=rng)
     assert_allclose(states, back, atol=1e-9)
@@ -82,7 +89,7 @@ def test_kinds_are_drawn_as_forward_backward_has_them() -> None:
     rng, n, M = np.random.default_rng(3), 4000, 20_000
     share, chances = 0.3, np.array([[0.9, 0.1], [0.4, 0.6]])
     kinds = (rng.random(n) < share).astype(np.int64)
-    before = knot(rng.standard_normal((2, n)), np.full(n, 1.0 / n), kinds, kept=n)
+    before = kernel_density(rng.standard_normal((2, n)), np.full(n, 1.0 / n), kinds, kept=n)
     after = np.repeat([0, 1], M // 2)
     _, found = states_before(before, rng.standard_normal((2, M)), 1e6 * np.eye(2), after, chances, rng=rng)
     own = np.array([1.0 - kinds.mean(), kinds.mean()])
@@ -91,18 +98,18 @@ def test_kinds_are_drawn_as_forward_backward_has_them() -> None:
         assert found[after == k].mean() == pytest.approx(expected[1], abs=5.0 * 0.5 / np.sqrt(M / 2))
 
 
-@pytest.mark.parametrize("count", [KEPT - 1, KEPT, KEPT + 1, 3000])
+@pytest.mark.parametrize("count", [MAX_PARTICLES - 1, MAX_PARTICLES, MAX_PARTICLES + 1, 3000])
 def test_particles_that_are_kept_have_mean_and_covariance_of_all(count: int) -> None:
     rng = np.random.default_rng(count)
     weights = rng.random(count) ** 3
     weights /= weights.sum()
     cloud = rng.standard_normal((3, 3)) @ rng.standard_normal((3, count)) + 5.0
-    found = knot(cloud, weights)
+    found = kernel_density(cloud, weights)
     kept = found.centres.shape[1]
-    assert kept == min(count, KEPT)
+    assert kept == min(count, MAX_PARTICLES)
     mean = cloud @ weights
     covariance = ((cloud - mean[:, None]) * weights) @ (cloud - mean[:, None]).T
-    assert found.width == pytest.approx(best_width(kept, 3))
+    assert found.width == pytest.approx(silverman_bandwidth(kept, 3))
     assert_allclose(found.centres.mean(axis=1), mean, rtol=1e-9)
     off = found.centres - mean[:, None]
     assert_allclose(off @ off.T / kept + found.width**2 * covariance, covariance, rtol=1e-9, atol=1e-12)
@@ -110,7 +117,7 @@ def test_particles_that_are_kept_have_mean_and_covariance_of_all(count: int) -> 
 
 def test_last_states_have_mean_and_covariance_of_the_density() -> None:
     rng = np.random.default_rng(8)
-    end = knot(rng.standard_normal((4, 100)), np.full(100, 0.01))
+    end = kernel_density(rng.standard_normal((4, 100)), np.full(100, 0.01))
     mean, covariance = spread_of(last_states(end, 200, rng)[0])
     assert_allclose(mean, end.mean, atol=1e-9)
     assert_allclose(covariance * 199 / 200, end.covariance, atol=1e-9)
@@ -118,7 +125,7 @@ def test_last_states_have_mean_and_covariance_of_the_density() -> None:
 
 def test_a_cloud_of_one_place_stays_there() -> None:
     rng = np.random.default_rng(0)
-    found = knot(np.full((4, 10), 2.0), np.full(10, 0.1))
+    found = kernel_density(np.full((4, 10), 2.0), np.full(10, 0.1))
     states, _ = states_before(found, np.full((4, 5), 2.0), np.zeros((4, 4)), rng=rng)
     assert_allclose(states, 2.0)
     assert_allclose(last_states(found, 7, rng)[0], 2.0)

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from occlog.array_types import NS
-from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
+from occlog.filtering.lifecycle import advance, elapsed, is_lost, track_loss_count
 
 
 def run(dt: float, *, known: bool = True, explained: bool = True, lost: bool = False) -> tuple[str, int]:
@@ -58,7 +58,7 @@ def test_time_goes_forward_alone() -> None:
 def test_a_scan_changes_the_track_loss_counter_by_two_at_most(
     before: int, against: int, reports: int, after: int
 ) -> None:
-    assert loss_count(before, against, reports) == after
+    assert track_loss_count(before, against, reports) == after
 
 
 def test_a_limit_of_zero_is_never_reached() -> None:

@@ -26,7 +26,7 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 from occlog.core.sight.camera import noise_variance, planar_offsets
 
-LARGE = 1e10
+MAX_INFORMATION_RATIO = 1e10
 """A sum of 1 and more than this has too few digits of the 1 left."""
 
 
@@ -179,8 +179,8 @@ def inverse_of_sum(A: Floats, J: Floats) -> Floats:
     """
     less = np.ones(A.shape[0])
     for i in range(A.shape[0]):
-        if A[i, i] * J[i, i] > LARGE:
-            less[i] = math.sqrt(LARGE / A[i, i] / J[i, i])
+        if A[i, i] * J[i, i] > MAX_INFORMATION_RATIO:
+            less[i] = math.sqrt(MAX_INFORMATION_RATIO / A[i, i] / J[i, i])
     A = A * np.outer(less, less)
     return np.asarray(np.linalg.solve(np.eye(A.shape[0]) + A @ J, A))
 

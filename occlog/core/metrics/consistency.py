@@ -17,11 +17,11 @@ from scipy.special import chdtri
 
 from occlog.array_types import Floats
 
-MOST_BATCHES = 32
+MAX_BATCHES = 32
 """Batches that are kept; they are put together in pairs when there are as many."""
-FEWEST_DEGREES = 0.1
+MIN_DEGREES = 0.1
 """Of fewer degrees of freedom the chi-square's quantiles are all but zero: nothing is known."""
-FEWEST_BATCHES = 8
+MIN_BATCHES = 8
 """From fewer batches nothing is learned of how alike neighbours are."""
 
 
@@ -66,7 +66,7 @@ def ratio_interval(value: float, degrees: float, chance: float) -> tuple[float, 
         degrees: effective number of squares; below one hardly anything is known.
         chance: probability that the truth is beyond one of the limits, half of it at each.
     """
-    if not degrees >= FEWEST_DEGREES:
+    if not degrees >= MIN_DEGREES:
         return 0.0, math.inf
     low, high = float(chdtri(degrees, 0.5 * chance)), float(chdtri(degrees, 1.0 - 0.5 * chance))
     return value * degrees / low, value * degrees / high if high > 0.0 else math.inf
@@ -105,11 +105,11 @@ class BatchMeans:
                     self._open, self._in_open = np.zeros(2), 0
             else:
                 # Whole batches, as many as fit
-                fit = max(min(len(rows) // self._size, MOST_BATCHES - len(self._batches)), 1)
+                fit = max(min(len(rows) // self._size, MAX_BATCHES - len(self._batches)), 1)
                 now, rows = rows[: fit * self._size], rows[fit * self._size :]
                 self._batches = np.vstack([self._batches, now.reshape(fit, self._size, 2).sum(axis=1)])
-            if len(self._batches) >= MOST_BATCHES:
-                self._batches = self._batches[:MOST_BATCHES].reshape(-1, 2, 2).sum(axis=1)
+            if len(self._batches) >= MAX_BATCHES:
+                self._batches = self._batches[:MAX_BATCHES].reshape(-1, 2, 2).sum(axis=1)
                 self._size *= 2
 
     @property
@@ -121,7 +121,7 @@ class BatchMeans:
         variance = 2.0 * value**2 / self.expected
         n, covered = len(self._batches), float(self._batches[:, 1].sum())
         # Batches of which nothing is expected do not scatter
-        if n >= FEWEST_BATCHES and covered > 0.0:
+        if n >= MIN_BATCHES and covered > 0.0:
             off = self._batches[:, 0] - value * self._batches[:, 1]
             # Neighbouring batches are alike where squares are alike for longer than a batch
             scatter = float(off @ off) + 2.0 * max(float(off[1:] @ off[:-1]), 0.0)

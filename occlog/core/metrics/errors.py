@@ -113,7 +113,7 @@ def root_mean_square(values: Floats) -> float:
     return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
 
 
-def ratio(part: float, whole: float) -> float:
+def ratio_or_nan(part: float, whole: float) -> float:
     """Part divided by whole; NaN where the whole is 0 or one of them is NaN."""
     return part / whole if whole else math.nan
 
@@ -175,7 +175,7 @@ def intersection_areas(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.prod(np.clip(high - low, 0.0, None), axis=2))
 
 
-def box_overlap(a: Floats, b: Floats) -> Floats:
+def intersection_over_union(a: Floats, b: Floats) -> Floats:
     """(n, m) intersection over union of boxes a (n, 4) and b (m, 4)."""
     shared = intersection_areas(a, b)
     union = np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None, :] - shared

@@ -101,9 +101,9 @@ def interval(means: Floats, level: float) -> tuple[float, float]:
 Metric = Callable[[Floats], Floats]
 """(..., k) sums to (...) a figure."""
 STRETCHES_APART = 5.0
-FEWEST = 20
+MIN_STRETCHES = 20
 """Fewest stretches of time from which anything is concluded."""
-MOST = 100
+MAX_STRETCHES = 100
 """Most stretches of all recordings: longer ones are never less independent."""
 MANY_RECORDINGS = 8
 """Fewest recordings that are compared whole: all of them better come about by chance once in 256 times."""
@@ -111,7 +111,7 @@ STEP = 1e-6
 NOT_KNOWN = (float("nan"),) * 4
 
 
-class Difference(NamedTuple):
+class PairedDifference(NamedTuple):
     """How much run B is above run A in one figure.
 
     Attributes:
@@ -162,7 +162,7 @@ def compare(
     level: float = 0.95,
     *,
     lasting: bool = False,
-) -> Difference:
+) -> PairedDifference:
     """Compare a figure of two runs.
 
     Args:
@@ -187,11 +187,11 @@ def compare(
     # Where a run has no figure nothing is decided, but its stretches are cut all the same
     cut = _whole(added) if whole else _stretches([np.nan_to_num(u) for u in added])
     count = len(cut)
-    none = Difference(values[0], values[1], difference, *NOT_KNOWN, count, whole, np.zeros(0))
+    none = PairedDifference(values[0], values[1], difference, *NOT_KNOWN, count, whole, np.zeros(0))
     if difference == 0.0 and not any(u.any() for u in added):
         # Where no frame adds to a difference there is none, and no test is needed
         return none._replace(low=0.0, high=0.0, se=0.0, p=1.0)
-    if not np.isfinite(difference) or (not whole and (lasting or count < FEWEST)):
+    if not np.isfinite(difference) or (not whole and (lasting or count < MIN_STRETCHES)):
         return none
     parts = np.array([added[r][i:j].sum() for r, i, j in cut])
     weights = np.array([float(j - i) for _, i, j in cut])
@@ -224,7 +224,7 @@ def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
 def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
     """Recording, first frame and end of each stretch: long beside what is alike, of about one length."""
     frames = sum(len(u) for u in added)
-    length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MOST))
+    length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MAX_STRETCHES))
     out = []
     for r, u in enumerate(added):
         if not len(u):

@@ -14,7 +14,7 @@ from occlog.core.numerics.interpolate import interpolate_positions
 
 from .forces import direction, distance
 
-LEAST_SHARE = 1e-6
+MIN_SHARE = 1e-6
 """Of the distance from a disc's centre: how far behind a place inside the disc its nearest point is."""
 
 
@@ -30,7 +30,7 @@ def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
         radius: (K,).
     """
     at = np.broadcast_to(centre, (len(xy), *centre.shape[-2:]))
-    border = np.minimum(radius, distance(xy[:, None], at) * (1.0 - LEAST_SHARE))
+    border = np.minimum(radius, distance(xy[:, None], at) * (1.0 - MIN_SHARE))
     return at + border[..., None] * direction(xy[:, None], at)
 
 
@@ -96,14 +96,14 @@ BLOCK = 256
 """Steps for which places are interpolated at a time."""
 
 
-class Clock(NamedTuple):
+class StepClock(NamedTuple):
     """When a robot steps."""
 
     start_ns: int  # time of step 0
     step_s: float
 
 
-class Moment(NamedTuple):
+class MovingObstacles(NamedTuple):
     """M moving obstacles at the start and the end of a step; NaN where one is not there."""
 
     xy: Floats  # (M, 2)
@@ -112,15 +112,15 @@ class Moment(NamedTuple):
     radius_after: Floats  # (M,)
     move: Floats  # (M, 2) how each moved in the step before; 0 where that is not known
 
-    def expected(self) -> Moment:
+    def expected(self) -> MovingObstacles:
         """The moment as it is known at its start: the obstacles go on as in the step before."""
         return self._replace(after=self.xy + self.move, radius_after=self.radius)
 
 
-class Moving:
+class MovingObstacleTracks:
     """Obstacles whose places are known at times of their own, linear in between."""
 
-    def __init__(self, t_ns: Ints, ids: Ints32, places: Floats, clock: Clock, limit_ns: int) -> None:
+    def __init__(self, t_ns: Ints, ids: Ints32, places: Floats, clock: StepClock, limit_ns: int) -> None:
         """Gather the rows of each obstacle.
 
         Args:
@@ -136,13 +136,13 @@ class Moving:
         self._known = [(t_ns[rows], places[rows]) for rows in own]
         self._block = np.empty((0, len(own), 3))
 
-    def at(self, step: int) -> Moment:
+    def at(self, step: int) -> MovingObstacles:
         """The obstacles at a step; quickest where steps are asked for in rising order."""
         if not self._first <= step < self._first + BLOCK:
             self._first = step
             self._block = self._places(np.arange(step - 1, step + BLOCK + 1))
         before, now, after = self._block[step - self._first : step - self._first + 3]
-        return Moment(
+        return MovingObstacles(
             xy=now[:, :2],
             radius=now[:, 2],
             after=after[:, :2],

@@ -81,7 +81,7 @@ def turned(force: Floats, angle: Floats) -> Floats:
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
-class State(IntEnum):
+class SteeringState(IntEnum):
     """What decides on the direction of a step; where several do, the highest number is told."""
 
     FREE = 0  # the forces alone
@@ -95,7 +95,7 @@ STATES = ("free", "oscillating", "prevent", "escaping", "guarded")
 """Names of the states, by number."""
 
 
-class Around(NamedTuple):
+class NearbyObstacles(NamedTuple):
     """K obstacles as N robots meet them at one moment."""
 
     nearest: Floats  # (N, K, 2) p_o, from which distances are measured: the centre, or the nearest point of a border
@@ -104,7 +104,7 @@ class Around(NamedTuple):
     way: Floats  # (K,) how far the obstacle itself goes in a step; 0: it stands
 
 
-class Steps(NamedTuple):
+class StepRules(NamedTuple):
     """How robots step and what they do about obstacles."""
 
     way: float  # s_r T_s
@@ -128,9 +128,9 @@ def field_of(settings: FieldSettings) -> Field:
     )
 
 
-def steps_of(settings: FieldSettings, way: float, radius: float) -> Steps:
+def steps_of(settings: FieldSettings, way: float, radius: float) -> StepRules:
     """The rules among the settings, for robots of a radius whose steps have a length."""
-    return Steps(
+    return StepRules(
         way=way,
         radius=radius,
         prevent=settings.force == "prevent",
@@ -148,11 +148,13 @@ class Steering(NamedTuple):
     attractive: Floats  # (N, 2)
     repulsive: Floats  # (N, 2) sum over the obstacles
     total: Floats  # (N, 2) force that moves the robot: (5.15), (5.25), or turned by theta_osc
-    state: Ints  # (N,) numbers of `State`
+    state: Ints  # (N,) numbers of `SteeringState`
     recognised: Bools  # (N,) oscillation (5.26)
 
 
-def steer(xy: Floats, goal: Floats, around: Around, field: Field, steps: Steps, previous: Floats) -> Steering:
+def steer(
+    xy: Floats, goal: Floats, around: NearbyObstacles, field: Field, steps: StepRules, previous: Floats
+) -> Steering:
     """Forces on robots, and the total force that gives the direction of the next step.
 
     Args:
@@ -166,7 +168,7 @@ def steer(xy: Floats, goal: Floats, around: Around, field: Field, steps: Steps, 
     # Forces of goal and obstacles ([Lee] Eqs. 5.11 to 5.15)
     attractive = attractive_force(xy, goal, field)
     repulsive = repulsive_force(xy[:, None], around.nearest, field).sum(axis=1)
-    total, state = attractive + repulsive, np.full(len(xy), State.FREE, dtype=np.int64)
+    total, state = attractive + repulsive, np.full(len(xy), SteeringState.FREE, dtype=np.int64)
     reach = steps.way + around.way + steps.radius + around.radius
     beyond = distance(xy[:, None], around.nearest) - reach
     # Prevention of collisions with aligned obstacles ([Lee] Eqs. 5.24 and 5.25)
@@ -176,20 +178,20 @@ def steer(xy: Floats, goal: Floats, around: Around, field: Field, steps: Steps, 
         prevent = np.asarray(blocked.any(axis=1))
         row, worst = np.flatnonzero(prevent), np.argmin(np.where(blocked, beyond, np.inf), axis=1)
         total[row] = direction(xy[row], around.nearest[row, worst[row]])
-        state[row] = State.PREVENT
+        state[row] = SteeringState.PREVENT
     # Recognition of oscillation ([Lee] Eq. 5.26)
     recognised = opposite(previous, total, steps.opposite)
-    state[recognised & ~prevent] = State.OSCILLATING
+    state[recognised & ~prevent] = SteeringState.OSCILLATING
     if steps.escape != "none" and len(reach) and recognised.any():
         angle = np.where(recognised, _escape_angle(xy, around, steps, beyond, reach), 0.0)
         # Escape: turn the total force by theta_osc ([Lee] Eqs. 5.33 and 5.34)
         escaping = angle > 0.0
         total = np.where(escaping[:, None], turned(total, _sided(xy, goal, around, steps, total, angle)), total)
-        state[escaping] = State.ESCAPING
+        state[escaping] = SteeringState.ESCAPING
     return Steering(attractive, repulsive, total, state, recognised)
 
 
-def _escape_angle(xy: Floats, around: Around, steps: Steps, beyond: Floats, reach: Floats) -> Floats:
+def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond: Floats, reach: Floats) -> Floats:
     """(N,) the angle of the escape; 0 where the robot is not in the region in which it is to escape."""
     near = np.argmin(beyond, axis=1)
     gap = beyond[np.arange(len(xy)), near]
@@ -203,7 +205,7 @@ def _escape_angle(xy: Floats, around: Around, steps: Steps, beyond: Floats, reac
     return np.where(outside, largest if steps.angle is None else steps.angle, 0.0)
 
 
-def _sided(xy: Floats, goal: Floats, around: Around, steps: Steps, total: Floats, angle: Floats) -> Floats:
+def _sided(xy: Floats, goal: Floats, around: NearbyObstacles, steps: StepRules, total: Floats, angle: Floats) -> Floats:
     """(N,) the angles with the sign of the side to which the robots turn.
 
     `free`: the side on which the next place is farther from the obstacles, of equal ones the one nearer to the

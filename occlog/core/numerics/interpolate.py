@@ -68,7 +68,7 @@ def _bracket(t_ns: Ints, known_t_ns: Ints) -> tuple[Ints, Ints, Floats, Ints]:
 NO_LIMIT = np.iinfo(np.int64).max
 
 
-class Grid(NamedTuple):
+class TimeGrid(NamedTuple):
     """Places of n objects at C times."""
 
     t_ns: Ints  # (C,) rising
@@ -85,7 +85,7 @@ class SensorFrames(NamedTuple):
     xyz: Floats  # (T, n, k) the same at these times
 
 
-def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> Grid:
+def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> TimeGrid:
     """R rows of times, object numbers, whether a target, and (R, 3) places as a grid.
 
     Of two rows for the same time and object the last counts.
@@ -96,7 +96,7 @@ def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) ->
     places[row, column] = xyz
     is_target = np.zeros(len(names), dtype=np.bool_)
     is_target[column[target]] = True
-    return Grid(times, names.astype(np.int64), is_target, places)
+    return TimeGrid(times, names.astype(np.int64), is_target, places)
 
 
 def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> tuple[Ints, int]:
@@ -112,7 +112,9 @@ def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> t
     return times[inside], first + int(np.argmax(inside)) if inside.any() else 0
 
 
-def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[tuple[Grid, list[SensorFrames]]]:
+def frames_at(
+    chunks: Iterable[TimeGrid], rates_hz: Sequence[float | None]
+) -> Iterator[tuple[TimeGrid, list[SensorFrames]]]:
     """Yield each chunk with what every sensor looks at during it.
 
     A sensor without a rate looks at every time of the chunk.
@@ -123,7 +125,7 @@ def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[
         chunks: grids one after another in time.
         rates_hz: frames per second of each sensor, or None.
     """
-    last: Grid | None = None
+    last: TimeGrid | None = None
     start_ns, done = 0, 0
     for chunk in chunks:
         if not len(chunk.t_ns):
@@ -144,7 +146,7 @@ def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[
         last = chunk._replace(t_ns=chunk.t_ns[-1:], xyz=chunk.xyz[-1:])
 
 
-def _joined(last: Grid, chunk: Grid) -> Grid:
+def _joined(last: TimeGrid, chunk: TimeGrid) -> TimeGrid:
     """The last row of the chunk before, as far as its objects are still there, and the chunk."""
     before = np.full((1, *chunk.xyz.shape[1:]), np.nan)
     common, old, new = np.intersect1d(last.ids, chunk.ids, return_indices=True)
@@ -155,7 +157,7 @@ def _joined(last: Grid, chunk: Grid) -> Grid:
     )
 
 
-def _places(grid: Grid, times: Ints) -> Floats:
+def _places(grid: TimeGrid, times: Ints) -> Floats:
     n, k = grid.xyz.shape[1:]
     flat = grid.xyz.reshape(len(grid.t_ns), n * k)
     places, _ = interpolate_positions(times, grid.t_ns, flat, int(NO_LIMIT))

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 
 
-class Stage(IntEnum):
+class RandomStream(IntEnum):
     """What random numbers are drawn for; numbers are never reused, so that old seeds keep their meaning."""
 
     WORLD_START = 0  # first places and destinations
@@ -37,6 +37,6 @@ class Stage(IntEnum):
     PLAN = 27  # what is expected of planned sensors: walks of the crowd, stretches of it, detections
 
 
-def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:
+def generator(seed: int, stage: RandomStream, *items: int, run: int = 0) -> np.random.Generator:
     """The generator of one stage and item (object, sensor, or sensor and frame) of one run."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run, int(stage), *items)))

@@ -118,7 +118,7 @@ def steepest(border: Floats, low: float, high: float) -> float:
     return most
 
 
-WIDE = 8.5
+SUPPORT_SIGMAS = 8.5
 """Standard deviations that count; beyond is 2e-17."""
 ROOT_HALF = math.sqrt(0.5)
 ROOT_2PI = math.sqrt(2.0 * math.pi)
@@ -186,7 +186,7 @@ def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tupl
         (n,): bit of the camera.
     """
     c, s, radius = priors.axis[j, 0], priors.axis[j, 1], priors.radius[j]
-    reach = WIDE * priors.sigma[j]
+    reach = SUPPORT_SIGMAS * priors.sigma[j]
     for k in range(priors.first[j], priors.first[j + 1]):
         reach = max(
             reach, math.hypot(priors.corners[k, 0] - priors.mean[j, 0], priors.corners[k, 1] - priors.mean[j, 1])
@@ -313,7 +313,7 @@ def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: flo
     """Add the pieces of a normal prior, in place: Gauss-Legendre panels between the cuts."""
     none, border = np.zeros(0), sides(rows, np.zeros((0, 2)))
     ends, flips = np.empty(2 * bits.shape[0]), np.empty(2 * bits.shape[0], dtype=np.int64)
-    at = cuts(border, -WIDE * minor, WIDE * minor, sigma, minor)
+    at = cuts(border, -SUPPORT_SIGMAS * minor, SUPPORT_SIGMAS * minor, sigma, minor)
     for k in range(at.shape[0] - 1):
         width = at[k + 1] - at[k]
         if width <= 0.0 or not _slice_into(out, at[k] + 0.5 * width, rows, bits, none, sigma, 0.0, ends, flips):

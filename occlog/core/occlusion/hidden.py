@@ -42,7 +42,7 @@ ROUND = 1e-9
 """A prior whose eigenvalues differ by less, relative, is isotropic."""
 
 
-class Rays(NamedTuple):
+class CameraRays(NamedTuple):
     """Sight lines from a camera to n places, and where they all are."""
 
     ux: Floats  # (n,) unit vectors
@@ -57,7 +57,7 @@ class Rays(NamedTuple):
 
 
 @array_kernel
-def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> Rays:
+def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> CameraRays:
     """Sight lines from (x0, y0) to the places `xy[rows]`."""
     n = rows.shape[0]
     ux, uy, r = np.empty(n), np.empty(n), np.empty(n)
@@ -76,11 +76,13 @@ def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> Rays:
         nearest, farthest = min(nearest, r[k]), max(farthest, r[k])
         cos = min(cos, gx * ux[k] + gy * uy[k])
         sin = max(sin, abs(gx * uy[k] - gy * ux[k]))
-    return Rays(ux, uy, r, gx, gy, nearest, farthest, cos, sin)
+    return CameraRays(ux, uy, r, gx, gy, nearest, farthest, cos, sin)
 
 
 @array_kernel
-def blocking_into(q: Floats, rays: Rays, x0: float, y0: float, j: int, priors: Priors, form: int, far: float) -> bool:
+def blocking_into(
+    q: Floats, rays: CameraRays, x0: float, y0: float, j: int, priors: Priors, form: int, far: float
+) -> bool:
     """Probabilities (n,) that occluder j hides the places at the ends of the rays; False, and `q` as it was, for none.
 
     Args:
@@ -131,7 +133,9 @@ def blocking_into(q: Floats, rays: Rays, x0: float, y0: float, j: int, priors: P
 
 
 @array_kernel
-def unhidden(xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float) -> Floats:
+def visibility_probability(
+    xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
+) -> Floats:
     """(n,) probabilities P = prod_j (1 - q_j) that no occluder hides the places `xy[rows]` from a camera at (x0, y0).
 
     See `blocking_into` for the arguments; occluders are independent of each other.
@@ -149,7 +153,9 @@ def unhidden(xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form:
 
 
 @array_kernel
-def hiding_all(xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float) -> Floats:
+def blocking_probabilities(
+    xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
+) -> Floats:
     """(M, n) probabilities q that each occluder hides the places `xy[rows]` from a camera at (x0, y0)."""
     n = rows.shape[0]
     out = np.zeros((priors.sigma.shape[0], n))
@@ -257,15 +263,15 @@ def density(x: float) -> float:
     return math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
 
 
-HIGHEST = 24
+MAX_DEGREE = 24
 """Polynomials of a higher degree need more points than most clouds have particles."""
-WORTH = 0.5
+MIN_POINTS_PER_POSITION = 0.5
 """Points per place from which on interpolation is not worth its trouble."""
-APART = 2.0
+MIN_CAMERA_DISTANCE = 2.0
 """How far a camera must be from the middle of the box, in half diagonals: P is not smooth at the camera."""
 
 
-class Grid(NamedTuple):
+class HiddenGrid(NamedTuple):
     """Chebyshev points of the bounding box of a cloud of L places; no points where P is not to be interpolated."""
 
     points: Floats  # (K, 2), the second coordinate running faster
@@ -280,7 +286,7 @@ class Grid(NamedTuple):
 
 
 @array_kernel
-def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> Grid:
+def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid:
     """Points over the box around the places of (L, 2) `xy` that are `free`.
 
     Args:
@@ -306,7 +312,7 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> Grid:
     hx, hy = 0.5 * (high_x - low_x), 0.5 * (high_y - low_y)
     if count > 0 and 0.0 < narrowest < np.inf:
         nx, ny = terms(hx / narrowest, tolerance), terms(hy / narrowest, tolerance)
-        if max(nx, ny) > HIGHEST or nx * ny > WORTH * count:
+        if max(nx, ny) > MAX_DEGREE or nx * ny > MIN_POINTS_PER_POSITION * count:
             nx, ny = 0, 0
     # Chebyshev points of the first kind
     x, y = low_x + hx, low_y + hy
@@ -316,7 +322,7 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> Grid:
         for b in range(ny):
             points[a * ny + b, 0] = x + hx * math.cos(math.pi * (a + 0.5) / nx)
             points[a * ny + b, 1] = y + hy * math.cos(math.pi * (b + 0.5) / ny)
-    return Grid(
+    return HiddenGrid(
         points=points,
         first=polynomials(xy[:, 0], x, hx, nx),
         second=polynomials(xy[:, 1], y, hy, ny),
@@ -336,7 +342,7 @@ def terms(half: float, tolerance: float) -> int:
     The coefficients of a Gaussian fall as (half / 2)^n / sqrt(n!); products of some of them a little later.
     """
     n, size = 0, 2.0
-    while size > tolerance and n <= HIGHEST:
+    while size > tolerance and n <= MAX_DEGREE:
         n += 1
         size *= 0.5 * half / math.sqrt(n)
     return n + 2
@@ -367,20 +373,20 @@ def fit(n: int) -> Floats:
 
 @array_kernel
 def unhidden_over(
-    grid: Grid, xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
+    grid: HiddenGrid, xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """As `occlog.core.occlusion.hidden.unhidden`, interpolated over the grid where that is quicker and good enough."""
+    """As `occlog.core.occlusion.hidden.visibility_probability`, interpolated over the grid where that is quicker and good enough."""
     nx, ny = grid.first.shape[0], grid.second.shape[0]
     away = math.sqrt((grid.x - x0) ** 2 + (grid.y - y0) ** 2)
-    if nx * ny == 0 or nx * ny > WORTH * rows.shape[0] or away < APART * grid.size:
-        return unhidden(xy, rows, x0, y0, priors, form, far)
-    values = unhidden(grid.points, np.arange(nx * ny), x0, y0, priors, form, far)
+    if nx * ny == 0 or nx * ny > MIN_POINTS_PER_POSITION * rows.shape[0] or away < MIN_CAMERA_DISTANCE * grid.size:
+        return visibility_probability(xy, rows, x0, y0, priors, form, far)
+    values = visibility_probability(grid.points, np.arange(nx * ny), x0, y0, priors, form, far)
     coefficients = coefficients_of(values, grid.fit_first, grid.fit_second)
     largest = 0.0
     for k in range(nx * ny):
         largest = max(largest, values[k])
     if left_over(coefficients) > grid.tolerance * largest:
-        return unhidden(xy, rows, x0, y0, priors, form, far)
+        return visibility_probability(xy, rows, x0, y0, priors, form, far)
     return evaluate(coefficients, grid.first, grid.second, rows)
 
 

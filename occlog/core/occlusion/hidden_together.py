@@ -20,10 +20,10 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import array_kernel
 
 from .blocking_shares import shares
-from .hidden import hiding_all
+from .hidden import blocking_probabilities
 from .priors import Priors
 
-MOST = 16
+MAX_CAMERAS = 16
 """Cameras in view of one place; there are 2^16 subsets of them."""
 
 
@@ -52,7 +52,7 @@ def add_joint(
         sensor: (n,) sensors of the looks.
         a: (n, L) factors where no occluder hides the place.
         b: (n,) factors where one does.
-        assigned: (n, L) looks that count for a place; at most `MOST` of them.
+        assigned: (n, L) looks that count for a place; at most `MAX_CAMERAS` of them.
         places: (S, 2) positions of the sensors.
         priors: of the occluders.
         exact: without the assumption of Eq. 8.
@@ -65,12 +65,12 @@ def add_joint(
     rows = np.arange(L)
     for k in range(n):
         if not exact:
-            q[k] = hiding_all(xy, rows, places[sensor[k], 0], places[sensor[k], 1], priors, form, far)
+            q[k] = blocking_probabilities(xy, rows, places[sensor[k], 0], places[sensor[k], 1], priors, form, far)
     for p in range(L):
         use = np.flatnonzero(assigned[:, p])
         if use.shape[0] == 0 or total[p] == -np.inf:
             continue
-        if use.shape[0] > MOST:
+        if use.shape[0] > MAX_CAMERAS:
             raise ValueError("too many cameras see a place for sums over their subsets; use likelihood=independent")
         if exact:
             # p_Q without the assumption of Eq. 8, then the sum over all Q
@@ -78,7 +78,7 @@ def add_joint(
             total[p] += math.log(over_subsets(seen, a[:, p][use], b[use], floor))
         else:
             # p_Q by Eq. 8, the sum by the recursion of Eq. 9
-            total[p] += math.log(sum_disjoint(that_matter(q, p, use), a[:, p][use], b[use], floor))
+            total[p] += math.log(sum_disjoint(relevant_priors(q, p, use), a[:, p][use], b[use], floor))
 
 
 @array_kernel
@@ -125,7 +125,7 @@ def over_subsets(clear: Floats, a: Floats, b: Floats, floor: float) -> float:
     return max(total, floor) * largest
 
 
-CUT = 1e-10
+MIN_BRANCH_SHARE = 1e-10
 """Branches below this share of the sum so far, or of its floor, are cut."""
 LANES = 4
 """Products of so many occluders are formed side by side."""
@@ -159,7 +159,7 @@ def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
     while level >= 0:
         # Leaf: add weight times p_Q (Eq. 8)
         if level == m:
-            total += float(weight[m]) * clear(sums[m])
+            total += float(weight[m]) * joint_visibility(sums[m])
             level -= 1
             continue
         i, turn = order[level], branch[level]
@@ -171,7 +171,7 @@ def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
         # Branch 0: camera i is in Q and sees the place; branch 1: it is not in Q
         branch[level] += 1
         w = weight[level] * ((a[i] - b[i]) if turn == 0 else b[i]) / scale[i]
-        if abs(w) <= CUT * max(abs(total), floor):
+        if abs(w) <= MIN_BRANCH_SHARE * max(abs(total), floor):
             continue
         weight[level + 1] = w
         if turn == 0:
@@ -198,7 +198,7 @@ def by_weight(seeing: Floats, hidden: Floats) -> Ints:
 
 
 @array_kernel
-def clear(sums: Floats) -> float:
+def joint_visibility(sums: Floats) -> float:
     """prod_j max(0, 1 - sums_j)."""
     p0, p1, p2, p3 = 1.0, 1.0, 1.0, 1.0
     whole = sums.shape[0] - sums.shape[0] % LANES
@@ -213,7 +213,7 @@ def clear(sums: Floats) -> float:
 
 
 @array_kernel
-def that_matter(q: Floats, p: int, use: Ints) -> Floats:
+def relevant_priors(q: Floats, p: int, use: Ints) -> Floats:
     """(m, K) of (n, M, L) q at place p for cameras `use`, without occluders that block none of them."""
     out = np.empty((use.shape[0], q.shape[1]))
     K = 0

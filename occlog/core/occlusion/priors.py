@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.plane import signed_area
 
-NEGLIGIBLE = 1e-12
+MIN_VARIANCE_RATIO = 1e-12
 """A variance below this share of the other counts as 0: the prior is degenerate."""
 
 
@@ -46,7 +46,7 @@ def gaussian_priors(mean: Floats, covariance: Floats, diameter: float) -> Priors
     values, vectors = np.linalg.eigh(covariance) if M else (np.empty((0, 2)), np.empty((0, 2, 2)))
     if np.any(values[:, 0] < -1e-9 * np.maximum(values[:, 1], 1e-300)):
         raise ValueError("covariance of an occluder is not positive semi-definite")
-    values = np.where(values < NEGLIGIBLE * values[:, 1:], 0.0, values)
+    values = np.where(values < MIN_VARIANCE_RATIO * values[:, 1:], 0.0, values)
     return Priors(
         mean=np.ascontiguousarray(mean, dtype=np.float64).reshape(M, 2),
         axis=np.ascontiguousarray(vectors[:, :, 1]),

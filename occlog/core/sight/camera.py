@@ -221,7 +221,7 @@ def noise_variance(
     return np.asarray(calibration + np.asarray(sigma_read_px) ** 2)
 
 
-APART = 0.03
+MIN_AXIS_SPREAD = 0.03
 """x axes tell the vertical if the second smallest eigenvalue of their mean square is above this (10 degrees apart)."""
 ROLLED = np.radians(30.0)
 """Cameras of an upright world are rolled less than this, in the median."""
@@ -246,7 +246,7 @@ def vertical(rotations: Floats) -> Vertical:
     x, up = rotations[:, :, 0], -rotations[:, :, 1]
     mean = up.mean(axis=0)
     values, vectors = np.linalg.eigh(x.T @ x / len(x))
-    certain = bool(values[1] > APART)
+    certain = bool(values[1] > MIN_AXIS_SPREAD)
     if certain:
         found = vectors[:, 0]
     else:  # perpendicular to the common x axis, in the middle of the image's vertical axes
@@ -260,7 +260,7 @@ def vertical(rotations: Floats) -> Vertical:
     return Vertical(np.asarray(found), certain, float(np.median(_roll(rotations, found))))
 
 
-def seems_upright(rotations: Floats) -> bool:
+def is_upright(rotations: Floats) -> bool:
     """Whether the z axis of the world can be the vertical of (C, 3, 3) world-from-camera rotations; true for C = 0.
 
     It cannot if most cameras are rolled by more than `ROLLED` or look up by more than `LOOKS_UP`; if most hang

@@ -17,7 +17,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-FEWEST = 8
+MIN_MATCHES = 8
 """Matches below which nothing is said about whether a fundamental matrix fits."""
 
 
@@ -121,8 +121,8 @@ def check_fundamental(matrix: Floats, a: Floats, b: Floats, tolerance_px: float,
     """
     # Share of matches within the tolerance of both lines
     n = len(a)
-    if n < FEWEST:
-        raise ValueError(f"{n} matches do not tell whether a fundamental matrix fits; give at least {FEWEST}")
+    if n < MIN_MATCHES:
+        raise ValueError(f"{n} matches do not tell whether a fundamental matrix fits; give at least {MIN_MATCHES}")
     good = (epipolar_distances(matrix, a, b) <= tolerance_px).all(axis=1)
     # The same share of all n (n - 1) wrong pairings: what chance gives
     to_b, to_a = epipolar_lines(matrix, a), epipolar_lines(np.asarray(matrix).T, b)

@@ -22,12 +22,12 @@ from occlog.core.plane import inside_polygon
 
 from .camera import wrap_angle
 
-MET = 0
+TRIANGULATED = 0
 TOO_FEW = 1
 NEAR_PARALLEL = 2
-APART = 3
+DISAGREEING = 3
 STATUS = ("met", "fewer than two lines", "lines nearly parallel", "lines meet behind a sensor or not at all")
-"""What the status numbers of a `Meeting` say."""
+"""What the status numbers of a `TriangulatedPoint` say."""
 
 LOSSES = {"gauss": 0, "huber": 1, "cauchy": 2}
 """Losses of standardised residuals; the tuning constants below make each 95 % efficient on Gaussian noise."""
@@ -36,7 +36,7 @@ HUBER_K = 1.345
 CAUCHY_C = 2.385
 
 
-class Meeting(NamedTuple):
+class TriangulatedPoint(NamedTuple):
     """Where the lines of each scan meet; NaN where `status` is not MET."""
 
     xy: Floats  # (S, 2)
@@ -45,14 +45,14 @@ class Meeting(NamedTuple):
     residual: Floats  # (R,) azimuth of the line minus that of the meeting point [rad]
 
 
-def sight_lines_meet(
+def triangulate(
     origins: Floats,
     azimuths: Floats,
     sigmas: Floats,
     starts: Ints,
     loss: str = "gauss",
     min_crossing: float = math.radians(5.0),
-) -> Meeting:
+) -> TriangulatedPoint:
     """Find the most likely position of a target for each scan, its covariance, and the lines' residuals.
 
     Minimises sum rho(wrap(azimuth - atan2(y - oy, x - ox)) / sigma) by Gauss-Newton with
@@ -75,7 +75,7 @@ def sight_lines_meet(
         raise ValueError(f"loss {loss!r} must be one of {', '.join(LOSSES)}")
     o, beta, sigma = (np.ascontiguousarray(a, dtype=np.float64) for a in (origins, azimuths, sigmas))
     rows = np.asarray(starts, dtype=np.int64)
-    return Meeting(*_meet_all(o, beta, sigma, rows, LOSSES[loss], math.sin(min_crossing)))
+    return TriangulatedPoint(*_triangulate_all(o, beta, sigma, rows, LOSSES[loss], math.sin(min_crossing)))
 
 
 @kernel
@@ -126,12 +126,12 @@ def _best_crossing(o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: 
             along_i = (dx * math.sin(beta[j]) - dy * math.cos(beta[j])) / sine
             along_j = (dx * math.sin(beta[i]) - dy * math.cos(beta[i])) / sine
             if along_i <= 0.0 or along_j <= 0.0:
-                status = APART if status == NEAR_PARALLEL else status
+                status = DISAGREEING if status == NEAR_PARALLEL else status
                 continue
             px, py = o[i, 0] + along_i * math.cos(beta[i]), o[i, 1] + along_i * math.sin(beta[i])
             cost = _total_cost(px, py, o, beta, sigma, loss)
             if cost < best:
-                status, best, x, y = MET, cost, px, py
+                status, best, x, y = TRIANGULATED, cost, px, py
     return status, x, y
 
 
@@ -204,7 +204,7 @@ def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, l
 
 
 @kernel
-def _meet_one(
+def _triangulate_one(
     o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float
 ) -> tuple[int, float, float, float, float, float]:
     """Status, x, y, covariance xx, xy, yy of one scan."""
@@ -213,7 +213,7 @@ def _meet_one(
         return TOO_FEW, nan, nan, nan, nan, nan
     # Start at the best crossing, then refine
     status, x, y = _best_crossing(o, beta, sigma, loss, min_sine)
-    if status != MET:
+    if status != TRIANGULATED:
         return status, nan, nan, nan, nan, nan
     x, y = _refine(x, y, o, beta, sigma, loss)
     # Covariance: inverse of the Fisher information, if the lines that count do point and cross there
@@ -221,14 +221,14 @@ def _meet_one(
     det = axx * ayy - axy * axy
     sine = _crossing_sine(x, y, o, beta, sigma, loss)
     if sine == 0.0 or not det > 0.0:
-        return APART, nan, nan, nan, nan, nan
+        return DISAGREEING, nan, nan, nan, nan, nan
     if sine < min_sine:
         return NEAR_PARALLEL, nan, nan, nan, nan, nan
-    return MET, x, y, ayy / det, -axy / det, axx / det
+    return TRIANGULATED, x, y, ayy / det, -axy / det, axx / det
 
 
 @kernel
-def _meet_all(
+def _triangulate_all(
     origins: Floats, azimuths: Floats, sigmas: Floats, starts: Ints, loss: int, min_sine: float
 ) -> tuple[Floats, Floats, Ints, Floats]:
     n = starts.shape[0] - 1
@@ -236,7 +236,7 @@ def _meet_all(
     status, residual = np.empty(n, dtype=np.int64), np.empty(azimuths.shape[0])
     for s in range(n):
         a, b = starts[s], starts[s + 1]
-        met, x, y, cxx, cxy, cyy = _meet_one(origins[a:b], azimuths[a:b], sigmas[a:b], loss, min_sine)
+        met, x, y, cxx, cxy, cyy = _triangulate_one(origins[a:b], azimuths[a:b], sigmas[a:b], loss, min_sine)
         status[s], xy[s, 0], xy[s, 1] = met, x, y
         covariance[s, 0, 0], covariance[s, 1, 1] = cxx, cyy
         covariance[s, 0, 1] = covariance[s, 1, 0] = cxy
@@ -248,7 +248,7 @@ def _meet_all(
 NO_SOURCE = np.empty((0, 2))
 
 
-class Directions(NamedTuple):
+class SourceDirections(NamedTuple):
     """R directions of one moment."""
 
     array: Ints  # (R,) which array each is of
@@ -257,7 +257,7 @@ class Directions(NamedTuple):
     sigma: Floats  # (R,) [rad], > 0
 
 
-class Sources(NamedTuple):
+class LocatedSources(NamedTuple):
     """N places with their covariances and the number of arrays that support each."""
 
     xy: Floats  # (N, 2)
@@ -265,7 +265,9 @@ class Sources(NamedTuple):
     arrays: Ints  # (N,)
 
 
-def localise(d: Directions, known: Floats, spread: Floats, region: Floats, gate: float, min_crossing: float) -> Sources:
+def localise(
+    d: SourceDirections, known: Floats, spread: Floats, region: Floats, gate: float, min_crossing: float
+) -> LocatedSources:
     """Locate sources.
 
     Args:
@@ -280,7 +282,7 @@ def localise(d: Directions, known: Floats, spread: Floats, region: Floats, gate:
     i, j = np.triu_indices(len(d.array), 1)
     other = d.array[i] != d.array[j]
     pairs = np.column_stack([i[other], j[other]])
-    xy, cov = _meet(d, list(pairs), min_crossing)
+    xy, cov = _triangulate(d, list(pairs), min_crossing)
     good = np.isfinite(xy[:, 0])
     good[good] = inside_polygon(np.ascontiguousarray(xy[good]), region)
     pairs, xy, cov = pairs[good], xy[good], cov[good]
@@ -289,7 +291,7 @@ def localise(d: Directions, known: Floats, spread: Floats, region: Floats, gate:
     rows = sorted({tuple(_support(d, pair, off[c], gate).tolist()) for c, pair in enumerate(pairs)})
     groups = [np.array(r, dtype=np.int64) for r in rows]
     # Fit: the place of each group, and the squared misfits of its directions
-    xy, cov = _meet(d, groups, min_crossing)
+    xy, cov = _triangulate(d, groups, min_crossing)
     residual = _misfit(d, xy, np.zeros_like(cov))
     fit = np.array([np.sum(residual[g, r] ** 2) for g, r in enumerate(groups)])
     cost = fit + _nearest(xy, cov, known, spread, gate)
@@ -298,7 +300,7 @@ def localise(d: Directions, known: Floats, spread: Floats, region: Floats, gate:
     # Choose: groups that share no direction
     chosen = _choose([r if ok else r[:0] for r, ok in zip(groups, good, strict=True)], cost)
     counts = np.array([len(groups[g]) for g in chosen], dtype=np.int64)
-    return Sources(xy[chosen], cov[chosen], counts)
+    return LocatedSources(xy[chosen], cov[chosen], counts)
 
 
 def _choose(groups: list[Ints], cost: Floats) -> list[int]:
@@ -323,17 +325,17 @@ def _choose(groups: list[Ints], cost: Floats) -> list[int]:
     return chosen
 
 
-def _meet(d: Directions, rows: list[Ints], min_crossing: float) -> tuple[Floats, Floats]:
+def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> tuple[Floats, Floats]:
     """Places (n, 2) and covariances (n, 2, 2) where groups of directions meet; NaN where they do not."""
     if not rows:
         return NO_SOURCE, np.empty((0, 2, 2))
     flat = np.concatenate(rows)
     starts = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
-    m = sight_lines_meet(d.origin[flat], d.azimuth[flat], d.sigma[flat], starts, "gauss", min_crossing)
-    return np.where((m.status == MET)[:, None], m.xy, np.nan), m.covariance
+    m = triangulate(d.origin[flat], d.azimuth[flat], d.sigma[flat], starts, "gauss", min_crossing)
+    return np.where((m.status == TRIANGULATED)[:, None], m.xy, np.nan), m.covariance
 
 
-def _misfit(d: Directions, xy: Floats, cov: Floats) -> Floats:
+def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
     """(C, R) how far each direction passes by each place, in standard deviations of both."""
     away = xy[:, None] - d.origin[None]
     r2 = np.maximum(np.sum(away**2, axis=2), 1e-300)
@@ -343,7 +345,7 @@ def _misfit(d: Directions, xy: Floats, cov: Floats) -> Floats:
     return np.asarray(np.abs(residual) / np.sqrt(variance))
 
 
-def _support(d: Directions, pair: Ints, off: Floats, gate: float) -> Ints:
+def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
     """Rows that support a place: its own two, and of every other array the nearest within the gate."""
     rows = pair.tolist()
     for a in np.unique(d.array).tolist():

@@ -10,5 +10,5 @@ SHADOW_DB = 3.0
 """Standard deviation of the shadowing [dB]."""
 SHADOW_S = 5.0
 """Time in which shadowing is forgotten [s]."""
-DETOUR = 10.0
+NLOS_BIAS_SIGMAS = 10.0
 """Mean length of a detour of a signal, in standard deviations of the range."""

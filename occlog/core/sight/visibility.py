@@ -11,7 +11,7 @@ equally likely (its density falls with 1 / distance), and a box around the senso
 one bearing then leaves the distance evenly spread, and a far limit that is too large does little harm.
 
 A prior that reaches as far as cameras see is diffuse, and bearings are sharp.  First places are therefore drawn where
-sight lines lead (`first_places`), each with the weight that the prior over the density of the draws gives it
+sight lines lead (`initial_positions`), each with the weight that the prior over the density of the draws gives it
 (importance sampling).
 """
 
@@ -27,7 +27,13 @@ from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
-from occlog.core.plane import distance_to_boundary, inside_polygon, pack_polygons, segment_blocked, sight_blocked
+from occlog.core.plane import (
+    distance_to_boundary,
+    inside_polygon,
+    line_of_sight_blocked,
+    pack_polygons,
+    segment_blocked,
+)
 
 from .camera import wrap_angle
 
@@ -180,7 +186,7 @@ def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
     hidden = np.zeros(len(xy), dtype=np.bool_)
     points = np.ascontiguousarray(xy)
     for wall in walls:
-        hidden |= sight_blocked(np.ascontiguousarray(origin[:2]), points, wall)
+        hidden |= line_of_sight_blocked(np.ascontiguousarray(origin[:2]), points, wall)
     return hidden
 
 
@@ -212,17 +218,17 @@ def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) 
 
 AROUND_SENSORS = 0.1
 """Share of the prior that is even in the box around the sensors."""
-BLIND = 0.1
+DEFENSIVE_FRACTION = 0.1
 """Share of the first places that does not look at the scan."""
 CROSSING = 0.6
 """Share of the other first places that is drawn where sight lines cross, if some do."""
-WIDER = 1.5
+CROSSING_INFLATION = 1.5
 """Draws at a crossing are spread wider than the crossing's own errors by this factor."""
-LEAST_SINE = 0.02
+MIN_CROSSING_SINE = 0.02
 """Sight lines that cross at a smaller angle (about 1 degree) have no crossing."""
-MOST_CROSSINGS = 200
+MAX_CROSSINGS = 200
 """Of more crossings so many are taken at random."""
-NEAREST = 1e-6
+MIN_RELATIVE_DISTANCE = 1e-6
 """Least distance, as a share of the far limit, in densities."""
 
 
@@ -238,7 +244,7 @@ class ViewPrior(NamedTuple):
     high: Floats  # (2,)
 
 
-class SightLines(NamedTuple):
+class ScanDirectionsInPlane(NamedTuple):
     """R directions in which sensors saw something at one time."""
 
     origin: Floats  # (R, 2)
@@ -250,7 +256,9 @@ class SightLines(NamedTuple):
 
     def sigma_at(self, distance: Floats) -> Floats:
         """(..., R) standard deviation [rad] of the azimuth of a target at distances (..., R)."""
-        return np.asarray(np.hypot(self.sigma, self.sigma_origin / np.maximum(distance, NEAREST * self.far)))
+        return np.asarray(
+            np.hypot(self.sigma, self.sigma_origin / np.maximum(distance, MIN_RELATIVE_DISTANCE * self.far))
+        )
 
 
 def draw(n: int, prior: ViewPrior, rng: Generator) -> Floats:
@@ -269,14 +277,14 @@ def log_density(xy: Floats, prior: ViewPrior) -> Floats:
     r = np.hypot(away[..., 0], away[..., 1])
     off = np.abs(wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - prior.axis))
     inside = (r <= prior.far) & (off <= 0.5 * prior.fov)
-    wedge = np.where(inside, 1.0 / (prior.fov * prior.far * np.maximum(r, NEAREST * prior.far)), 0.0)
+    wedge = np.where(inside, 1.0 / (prior.fov * prior.far * np.maximum(r, MIN_RELATIVE_DISTANCE * prior.far)), 0.0)
     in_box = np.all((xy >= prior.low) & (xy <= prior.high), axis=1)
     box = np.where(in_box, 1.0 / np.prod(prior.high - prior.low), 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log((1.0 - AROUND_SENSORS) * (wedge @ prior.share) + AROUND_SENSORS * box))
 
 
-def first_places(n: int, lines: SightLines, prior: ViewPrior, rng: Generator) -> tuple[Floats, Floats]:
+def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rng: Generator) -> tuple[Floats, Floats]:
     """Places at which a target may be that was seen along sight lines, and what each stands for.
 
     The places are drawn from a mixture: along each line, evenly in distance; around the crossings of lines of
@@ -295,7 +303,7 @@ def first_places(n: int, lines: SightLines, prior: ViewPrior, rng: Generator) ->
     centre, covariance = crossings(lines, rng)
     # Shares of the mixture
     R, K = len(lines.azimuth), len(centre)
-    blind = math.ceil(BLIND * n) if R else n
+    blind = math.ceil(DEFENSIVE_FRACTION * n) if R else n
     crossing = round(CROSSING * (n - blind)) if K else 0
     along = n - blind - crossing
     # Propose: prior, lines, crossings
@@ -319,7 +327,7 @@ def first_places(n: int, lines: SightLines, prior: ViewPrior, rng: Generator) ->
     return xy, weights
 
 
-def crossings(lines: SightLines, rng: Generator) -> tuple[Floats, Floats]:
+def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Floats]:
     """(K, 2) places where lines of different sensors cross ahead of both, and (K, 2, 2) covariances of draws there."""
     pairs = [(i, j) for i, j in combinations(range(len(lines.azimuth)), 2) if lines.sensor[i] != lines.sensor[j]]
     if not pairs:
@@ -331,32 +339,34 @@ def crossings(lines: SightLines, rng: Generator) -> tuple[Floats, Floats]:
     with np.errstate(divide="ignore", invalid="ignore"):
         ri = (base[:, 0] * e[j, 1] - base[:, 1] * e[j, 0]) / sine
         rj = (base[:, 0] * e[i, 1] - base[:, 1] * e[i, 0]) / sine
-        good = (np.abs(sine) >= LEAST_SINE) & (ri > 0) & (rj > 0) & (ri <= lines.far[i]) & (rj <= lines.far[j])
+        good = (np.abs(sine) >= MIN_CROSSING_SINE) & (ri > 0) & (rj > 0) & (ri <= lines.far[i]) & (rj <= lines.far[j])
     kept = np.flatnonzero(good)
-    if len(kept) > MOST_CROSSINGS:
-        kept = np.sort(rng.permutation(kept)[:MOST_CROSSINGS])
+    if len(kept) > MAX_CROSSINGS:
+        kept = np.sort(rng.permutation(kept)[:MAX_CROSSINGS])
     information = np.zeros((len(kept), 2, 2))
     for rows, r in ((i[kept], ri[kept]), (j[kept], rj[kept])):
         across = np.column_stack([-e[rows, 1], e[rows, 0]])
         sigma = np.hypot(r * lines.sigma[rows], lines.sigma_origin[rows])
         information += across[:, :, None] * across[:, None, :] / sigma[:, None, None] ** 2
-    covariance = np.asarray(WIDER**2 * np.linalg.inv(information), dtype=np.float64)
+    covariance = np.asarray(CROSSING_INFLATION**2 * np.linalg.inv(information), dtype=np.float64)
     return lines.origin[i[kept]] + ri[kept, None] * e[i[kept]], covariance
 
 
-def _along(n: int, lines: SightLines, rng: Generator) -> Floats:
+def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
     """(n, 2) places along lines, evenly in distance."""
     which = rng.integers(len(lines.azimuth), size=n)
     r = lines.far[which] * rng.random(n)
-    sigma = np.hypot(lines.sigma[which], lines.sigma_origin[which] / np.maximum(r, NEAREST * lines.far[which]))
+    sigma = np.hypot(
+        lines.sigma[which], lines.sigma_origin[which] / np.maximum(r, MIN_RELATIVE_DISTANCE * lines.far[which])
+    )
     turn = lines.azimuth[which] + np.minimum(sigma, np.pi) * rng.standard_normal(n)
     return np.asarray(lines.origin[which] + r[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
-def _density_along(xy: Floats, lines: SightLines) -> Floats:
+def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
     """(N,) density of `_along` at (N, 2) places."""
     away = xy[:, None] - lines.origin
-    r = np.maximum(np.hypot(away[..., 0], away[..., 1]), NEAREST * lines.far)
+    r = np.maximum(np.hypot(away[..., 0], away[..., 1]), MIN_RELATIVE_DISTANCE * lines.far)
     off = wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - lines.azimuth)
     sigma = np.minimum(lines.sigma_at(r), np.pi)
     each = np.exp(-0.5 * (off / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma * lines.far * r)

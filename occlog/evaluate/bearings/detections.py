@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.errors import Sum, box_overlap, intersection_areas, pair_within, ratio
+from occlog.core.metrics.errors import Sum, intersection_areas, intersection_over_union, pair_within, ratio_or_nan
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -145,8 +145,8 @@ def add_counts(parts: Iterable[Counts]) -> Counts:
 
 def _figures(c: Counts, whose: str) -> Metrics:
     of_elevations = {
-        f"elevation_rms{whose}_mrad": 1e3 * math.sqrt(ratio(c.square_elevation, c.n_elevation)),
-        f"elevation_nis{whose}": ratio(c.square_elevation_normalised, c.n_elevation),
+        f"elevation_rms{whose}_mrad": 1e3 * math.sqrt(ratio_or_nan(c.square_elevation, c.n_elevation)),
+        f"elevation_nis{whose}": ratio_or_nan(c.square_elevation_normalised, c.n_elevation),
     }
     return (of_elevations if c.n_elevation else {}) | {
         f"detection_frames{whose}": c.frames,
@@ -158,12 +158,12 @@ def _figures(c: Counts, whose: str) -> Metrics:
         f"detected_hidden{whose}": c.detected_hidden,
         f"correct_rejections{whose}": c.correct_rejections,
         f"false_alarms{whose}": c.false_alarms,
-        f"false_alarms_per_frame{whose}": ratio(c.false_alarms, c.frames),
-        f"detection_rate{whose}": ratio(c.detected, c.visible),
-        f"bearing_rms{whose}_px": math.sqrt(ratio(c.square_px, c.n_px)),
-        f"bearing_bias{whose}_px": ratio(c.sum_px, c.n_px),
-        f"bearing_rms{whose}_mrad": 1e3 * math.sqrt(ratio(c.square_rad, c.detected)),
-        f"bearing_nis{whose}": ratio(c.square_normalised, c.detected),
+        f"false_alarms_per_frame{whose}": ratio_or_nan(c.false_alarms, c.frames),
+        f"detection_rate{whose}": ratio_or_nan(c.detected, c.visible),
+        f"bearing_rms{whose}_px": math.sqrt(ratio_or_nan(c.square_px, c.n_px)),
+        f"bearing_bias{whose}_px": ratio_or_nan(c.sum_px, c.n_px),
+        f"bearing_rms{whose}_mrad": 1e3 * math.sqrt(ratio_or_nan(c.square_rad, c.detected)),
+        f"bearing_nis{whose}": ratio_or_nan(c.square_normalised, c.detected),
     }
 
 
@@ -198,7 +198,7 @@ def match_frame(views: Views, truth: TruthBoxes, min_overlap: float) -> FrameRes
     """Views of one frame paired with its true boxes: as many pairs of enough overlap as there are."""
     real = truth.take(truth.box >= 0)
     boxes = _boxes(real)
-    pairs = pair_within(1.0 - box_overlap(_boxes(views), boxes), 1.0 - min_overlap)
+    pairs = pair_within(1.0 - intersection_over_union(_boxes(views), boxes), 1.0 - min_overlap)
     error = np.full(len(real), np.nan)
     for i, j in pairs:
         error[j] = views.x_px[i] - (boxes[j, 0] + 0.5 * boxes[j, 2])
@@ -302,23 +302,23 @@ class _Results:
             f"views_true_boxes{whose}": self._boxes,
             f"views_matched{whose}": self._found,
             f"views_false{whose}": self._views - self._found,
-            f"views_recall{whose}": ratio(self._found, self._boxes),
-            f"views_precision{whose}": ratio(self._found, self._views),
+            f"views_recall{whose}": ratio_or_nan(self._found, self._boxes),
+            f"views_precision{whose}": ratio_or_nan(self._found, self._views),
             **self._errors(whose),
         }
 
     def figures_of_class(self, name: str) -> Metrics:
         return {
             f"views_true_boxes_{name}": self._boxes,
-            f"views_recall_{name}": ratio(self._found, self._boxes),
+            f"views_recall_{name}": ratio_or_nan(self._found, self._boxes),
             **self._errors(f"_{name}"),
         }
 
     def _errors(self, whose: str) -> Metrics:
         return {
-            f"views_error_rms{whose}_px": math.sqrt(ratio(self._squares.value, self._found)),
+            f"views_error_rms{whose}_px": math.sqrt(ratio_or_nan(self._squares.value, self._found)),
             f"views_error_median{whose}_px": quantiles_of(self._sizes, (0.5,))[0],
-            f"views_error_bias{whose}_px": ratio(self._sum.value, self._found),
+            f"views_error_bias{whose}_px": ratio_or_nan(self._sum.value, self._found),
         }
 
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.errors import Sum, pair_within, quantile, ratio
+from occlog.core.metrics.errors import Sum, pair_within, quantile, ratio_or_nan
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
@@ -239,14 +239,14 @@ class _Figures:
         return {
             f"held_out_frames{whose}": self._frames,
             f"held_out_reported{whose}": self._rad.count,
-            f"held_out_share_within{whose}": ratio(self._near, self._frames),
-            f"held_out_share_within_chance{whose}": ratio(self._by_chance, self._chance),
+            f"held_out_share_within{whose}": ratio_or_nan(self._near, self._frames),
+            f"held_out_share_within_chance{whose}": ratio_or_nan(self._by_chance, self._chance),
             f"held_out_median{whose}_px": middle,
             f"held_out_median_chance{whose}_px": quantiles_of(self._chance_px, (0.5,))[0],
             f"held_out_p95{whose}_px": high,
             f"held_out_rms{whose}_px": _root(self._squares, self._px.count),
             f"held_out_rms_within{whose}_px": _root(self._squares_within, self._within),
-            f"held_out_bias{whose}_px": ratio(self._sum.value, self._px.count),
+            f"held_out_bias{whose}_px": ratio_or_nan(self._sum.value, self._px.count),
             f"held_out_median{whose}_mrad": 1e3 * quantiles_of(self._rad, (0.5,))[0],
             f"held_out_rms{whose}_mrad": 1e3 * _root(self._squares_rad, self._rad.count),
         }
@@ -389,9 +389,9 @@ def _figures(real: list[Tally], chance: list[Tally], whose: str) -> Metrics:
     other, met = sum(t.boxes for t in chance), sum(len(t.middles) for t in chance)
     return {
         f"held_out_boxes{whose}": boxes,
-        f"held_out_boxes_share{whose}": ratio(len(middles), boxes),
-        f"held_out_boxes_share_chance{whose}": ratio(met, other),
-        f"held_out_boxes_feet_share{whose}": ratio(feet, boxes),
-        f"held_out_boxes_precision{whose}": ratio(len(middles), sum(t.expected for t in real)),
+        f"held_out_boxes_share{whose}": ratio_or_nan(len(middles), boxes),
+        f"held_out_boxes_share_chance{whose}": ratio_or_nan(met, other),
+        f"held_out_boxes_feet_share{whose}": ratio_or_nan(feet, boxes),
+        f"held_out_boxes_precision{whose}": ratio_or_nan(len(middles), sum(t.expected for t in real)),
         f"held_out_boxes_median{whose}_px": quantile(middles, 0.5),
     }

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.special import chdtri, gammaln
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.core.metrics.errors import Sum, group_medians, ratio
+from occlog.core.metrics.errors import Sum, group_medians, ratio_or_nan
 from occlog.core.sight import triangulate
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import median_of
@@ -256,12 +256,12 @@ def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
 def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:
     """Sums of squared residuals and degrees of freedom of one target's scans that met with three lines or more."""
     rows, starts = scans.rows, scans.starts
-    found = triangulate.sight_lines_meet(
+    found = triangulate.triangulate(
         origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.lines_min_crossing
     )
     size = np.diff(starts)
     scan = np.repeat(np.arange(len(size)), size)
-    good = (size > 2) & (found.status == triangulate.MET)
+    good = (size > 2) & (found.status == triangulate.TRIANGULATED)
     each = np.where(good[scan], (found.residual / rows.sigma) ** 2, 0.0)
     return np.bincount(scan, weights=each, minlength=len(size))[good], size[good] - 2
 
@@ -331,7 +331,7 @@ def _measured_noise_of_many(residual_px: Spool) -> MeasuredNoise:
             true = one[np.abs(one) <= 4.0 * sigmas[0]]
             total.add(float(true.sum()))
             count += len(true)
-        return ratio(total.value, count)
+        return ratio_or_nan(total.value, count)
 
     biases = [bias(*span) for span in spans]
     errors = (_jackknife(np.array(each[1:])) for each in (sigmas, biases))

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.consistency.verdict import Evidence
-from occlog.core.metrics.errors import Sum, ratio
+from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.core.sight import triangulate
 from occlog.evaluate.errors.bound import Bounds, Ways
 from occlog.evaluate.errors.information import DistancesOfTargets
@@ -68,13 +68,13 @@ def meet(scans: Scans, sensors: Mapping[str, Sensor], config: EvaluateConfig) ->
     rows, size = rows.take(np.repeat(keep, size)), size[keep]
     starts = np.concatenate([[0], np.cumsum(size)])
     origins = np.array([sensors[name].ground for name in rows.sensor.tolist()]).reshape(-1, 2)
-    found = triangulate.sight_lines_meet(
+    found = triangulate.triangulate(
         origins, rows.bearing, rows.sigma, starts=starts, loss=config.lines_loss, min_crossing=config.lines_min_crossing
     )
     scan = np.repeat(np.arange(len(size)), size)
     since = np.bincount(scan, weights=(rows.t_ns - rows.t_ns[starts[scan]]).astype(np.float64), minlength=len(size))
     t_ns = rows.t_ns[starts[:-1]] + np.rint(since / np.maximum(size, 1)).astype(np.int64)
-    checked = (size > 2) & (found.status == triangulate.MET)
+    checked = (size > 2) & (found.status == triangulate.TRIANGULATED)
     return Meetings(
         t_ns=t_ns,
         xy=found.xy,
@@ -104,7 +104,7 @@ class MeetingFigures:
     def update(self, scans: Scans, sensors: Mapping[str, Sensor], path: Path | None) -> None:
         """Some more scans of a target, by sensors with these names, and its track, or the part of it about them."""
         found = meet(scans, sensors, self._config)
-        met = found.status == triangulate.MET
+        met = found.status == triangulate.TRIANGULATED
         self._total, self._met = self._total + len(met), self._met + int(np.count_nonzero(met))
         spread = np.sqrt(found.covariance[:, 0, 0] + found.covariance[:, 1, 1])
         self._spread.add(spread[np.isfinite(spread)])
@@ -132,12 +132,13 @@ class MeetingFigures:
             f"sight_lines_distance_max_{unit}": largest,
             f"sight_lines_distance_p95_{unit}": high,
             f"sight_lines_distance_median_{unit}": middle,
-            f"sight_lines_distance_rms_{unit}": math.sqrt(ratio(self._squares.value, compared)),
+            f"sight_lines_distance_rms_{unit}": math.sqrt(ratio_or_nan(self._squares.value, compared)),
             f"sight_lines_sigma_median_{unit}": quantiles_of(self._spread, (0.5,))[0],
-            "sight_lines_residual_rms_mrad": 1e3 * math.sqrt(ratio(self._residual_squares.value, self._residuals)),
+            "sight_lines_residual_rms_mrad": 1e3
+            * math.sqrt(ratio_or_nan(self._residual_squares.value, self._residuals)),
         }
         if self._config.lines_limit is not None:
-            out["sight_lines_share_within"] = ratio(self._within, compared)
+            out["sight_lines_share_within"] = ratio_or_nan(self._within, compared)
         return out
 
 

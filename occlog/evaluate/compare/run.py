@@ -19,7 +19,7 @@ from occlog.console.notes import begin_work
 from occlog.console.text import as_bytes
 from occlog.core.metrics.mot.frame_pairs import of_points
 from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
-from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, Difference, compare
+from occlog.core.metrics.paired import MANY_RECORDINGS, MIN_STRETCHES, PairedDifference, compare
 from occlog.errors import InputError, UsageError, option
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
@@ -283,7 +283,7 @@ def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
     return out
 
 
-def _verdict(figure: str, found: Difference, holm: float, rows: int) -> str:
+def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> str:
     """The verdict; `rows` is how many are looked at together."""
     if not np.isfinite(holm) or 2 * found.least * rows >= LEVEL:
         return "not decided"
@@ -316,4 +316,4 @@ def _why(row: Row, later: int) -> str:
         return f"of {found.stretches} recordings nothing can be shown of {later} methods; take more recordings"
     if row.figure in LASTING:
         return f"identities that were exchanged stay so: that takes {MANY_RECORDINGS} recordings or more"
-    return f"{found.stretches} independent stretches of time, fewer than {FEWEST}"
+    return f"{found.stretches} independent stretches of time, fewer than {MIN_STRETCHES}"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, Difference
+from occlog.core.metrics.paired import MANY_RECORDINGS, MIN_STRETCHES, PairedDifference
 from occlog.records.losses import Loss
 
 
@@ -40,7 +40,7 @@ class Row:
 
     method: int
     figure: str
-    found: Difference
+    found: PairedDifference
     holm: float
     verdict: str
 
@@ -118,7 +118,7 @@ def basis(found: Comparison) -> str:
     whole = found.rows[0].found.recordings
     if whole:
         return f"{what}; {count} recordings exchanged, both runs at once; about recordings like these. {LEVEL}."
-    few = f"fewer than {FEWEST} independent ones decide nothing; of identities fewer than {MANY_RECORDINGS} recordings"
+    few = f"fewer than {MIN_STRETCHES} independent ones decide nothing; of identities fewer than {MANY_RECORDINGS} recordings"
     return f"{what}; stretches of time exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
-from occlog.core.metrics.errors import Sum, ratio
+from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
 from occlog.evaluate.matching.paths import Path, Sensor
@@ -122,10 +122,10 @@ class Figures:
         error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
         out: Metrics = {f"bound_rmse{whose}_{unit}": least}
         if with_errors:
-            out[f"bound_ratio{whose}"], out[f"bound_estimates{whose}"] = ratio(error, least), self.rows
+            out[f"bound_ratio{whose}"], out[f"bound_estimates{whose}"] = ratio_or_nan(error, least), self.rows
         out[f"smoothed_bound_rmse{whose}_{unit}"] = smoothed
         if with_errors:
-            out[f"smoothed_bound_ratio{whose}"] = ratio(error, smoothed)
+            out[f"smoothed_bound_ratio{whose}"] = ratio_or_nan(error, smoothed)
         name, count = ("both", self._both) if self._both else ("alone", self._alone)
         if not count:
             return out
@@ -134,7 +134,7 @@ class Figures:
             out[f"{begin}bound_rmse_space{whose}_{unit}"] = self._rms(f"{kind} {name}", count)
         for begin in ("", "smoothed_") if self._both else ():
             least = out[f"{begin}bound_rmse_space{whose}_{unit}"]
-            out[f"{begin}bound_ratio_space{whose}"] = ratio(self._rms("error both", self._both), least)
+            out[f"{begin}bound_ratio_space{whose}"] = ratio_or_nan(self._rms("error both", self._both), least)
         return out
 
 

@@ -21,7 +21,7 @@ from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import Looks
 from occlog.evaluate.matching.paths import Path, Sensor
-from occlog.filtering.likelihood.distances import Distances
+from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.filtering.likelihood.distances import information as distance_information
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
@@ -104,7 +104,7 @@ class Measured(NamedTuple):
 
     t_ns: Ints  # (m,)
     target: Ints  # (m,) identity in the truth
-    distances: Distances  # m measurements
+    distances: RangeMeasurements  # m measurements
 
 
 def distances_in_space() -> InputError:

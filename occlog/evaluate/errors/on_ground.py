@@ -16,9 +16,9 @@ from occlog.core.metrics.errors import (
     normalised_squared_errors,
     normalised_squared_errors_in_space,
     pair_by_sums,
-    ratio,
+    ratio_or_nan,
 )
-from occlog.core.metrics.mot.frame_pairs import Couples
+from occlog.core.metrics.mot.frame_pairs import TargetTrackSums
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import Path
@@ -189,7 +189,7 @@ class PairSums:
         """No estimate yet."""
         self._tracks, self._targets = list(known.tracks), list(known.targets)
         self._place = {label: n for n, label in enumerate(self._targets)}
-        self._sums, self._worst = Couples(len(self._targets), len(self._tracks), sums=3), 0.0
+        self._sums, self._worst = TargetTrackSums(len(self._targets), len(self._tracks), sums=3), 0.0
 
     def update(self, part: Stretch, config: EvaluateConfig) -> None:
         """Estimates of another stretch."""
@@ -309,7 +309,7 @@ class TrackErrors:
             "tracks_unmatched": len(unmatched),
             "targets": len(known.targets),
             "targets_unmatched": len(set(known.targets) - set(matched.values())),
-            "time_coverage": ratio(self._covered, sum(life.rows for life in known.targets.values())),
+            "time_coverage": ratio_or_nan(self._covered, sum(life.rows for life in known.targets.values())),
             **figures.result(),
         }
         if known.unknown:

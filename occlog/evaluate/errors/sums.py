@@ -17,7 +17,7 @@ from occlog.core.metrics.errors import (
     group_medians,
     quantile,
     quantiles,
-    ratio,
+    ratio_or_nan,
 )
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.columns import rows_by_label
@@ -55,8 +55,8 @@ class Consistency:
     def result(self, name: str, whose: str) -> Metrics:
         """The figures, under names that begin with `name`."""
         return {
-            f"{name}_mean{whose}": ratio(self._sum.value, self.told),
-            f"{name}_share_95{whose}": ratio(self.inside, self.told),
+            f"{name}_mean{whose}": ratio_or_nan(self._sum.value, self.told),
+            f"{name}_share_95{whose}": ratio_or_nan(self.inside, self.told),
             f"{name}_singular{whose}": self.rows - self.told,
         }
 
@@ -120,7 +120,7 @@ class Spread:
     @property
     def mean(self) -> float:
         """Their mean."""
-        return ratio(self._sum.value, self._values.count)
+        return ratio_or_nan(self._sum.value, self._values.count)
 
     def update(self, values: Floats) -> None:
         """Some more."""
@@ -205,11 +205,11 @@ class ErrorFigures:
         unit, targets = self._unit, dict(sorted(self._targets.items()))
         out = _accuracy(add_sums(t.squares for t in targets.values()), unit, "")
         out |= self._spread.result("error", unit)
-        out |= {f"bias_{axis}_{unit}": ratio(self._bias[axis].value, self.rows) for axis in "xy"}
+        out |= {f"bias_{axis}_{unit}": ratio_or_nan(self._bias[axis].value, self.rows) for axis in "xy"}
         out |= self._nees.result("nees", "") | self._space.result(unit, "")
         if self._space.rows:
             out |= self._spread_space.result("error_space", unit)
-            out[f"bias_z_{unit}"] = ratio(self._bias["z"].value, self._space.rows)
+            out[f"bias_z_{unit}"] = ratio_or_nan(self._bias["z"].value, self._space.rows)
         for k, own in targets.items():
             out |= _accuracy(own.squares, unit, f"_target_{k}") | own.nees.result("nees", f"_target_{k}")
             out |= own.space.result(unit, f"_target_{k}")

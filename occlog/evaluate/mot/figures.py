@@ -14,10 +14,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from occlog.array_types import Bools
-from occlog.core.metrics.errors import ratio
-from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearCounts, ClearMot, Matcher, Matches
-from occlog.core.metrics.mot.failure_rates import Failures
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects
+from occlog.core.metrics.errors import ratio_or_nan
+from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearCounts, ClearMot, MatchedPairs, Matcher
+from occlog.core.metrics.mot.failure_rates import FailureRates
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects
 from occlog.core.metrics.mot.gospa import GospaSums, gospa
 from occlog.core.metrics.mot.hota import Alignment, HotaCounts, Identity, IdentityCounts
 
@@ -34,7 +34,7 @@ class MotFigures:
     Numbers of targets and tracks are the same in all parts of a recording.
     """
 
-    def __init__(self, frames: Frames, config: ManyConfig) -> None:
+    def __init__(self, frames: MatchedFrames, config: ManyConfig) -> None:
         """No frame yet.
 
         Args:
@@ -52,11 +52,11 @@ class MotFigures:
         cutoff = config.gospa_cutoff or (frames.limit if points else 1.0 - rule.threshold or 1.0)
         self._gospa = GospaFigures(config, cutoff)
 
-    def prepare(self, frames: Frames) -> None:
+    def prepare(self, frames: MatchedFrames) -> None:
         """Learn how targets and tracks agree in some more frames."""
         self._alignment.update(frames)
 
-    def update(self, frames: Frames) -> Matches:
+    def update(self, frames: MatchedFrames) -> MatchedPairs:
         """Some more frames, in the order of time; the pairs of CLEAR-MOT."""
         made = self._matcher.update(frames)
         self._clear.update(frames, made)
@@ -120,7 +120,7 @@ class GospaFigures:
         """No frame yet; exponent and alpha, and the largest distance that counts."""
         self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
 
-    def update(self, frames: Frames) -> None:
+    def update(self, frames: MatchedFrames) -> None:
         """Some more frames."""
         self._sums.update(gospa(frames, self._cutoff, self._config.gospa_p, self._config.gospa_alpha))
 
@@ -160,7 +160,7 @@ class FailureCounts:
         """None yet."""
         self._label = self._position = self._total = 0
 
-    def update(self, found: Failures, rows: Bools, total: int) -> None:
+    def update(self, found: FailureRates, rows: Bools, total: int) -> None:
         """Some of the failures, of `total` true rows."""
         label = int(np.count_nonzero(found.label[rows]))
         self._label += label
@@ -175,8 +175,8 @@ class FailureCounts:
     def result(self, whose: str = "") -> Metrics:
         """Failure rates over all true rows."""
         return {
-            f"fr_p{whose}": ratio(self._position, self._total),
-            f"fr_l{whose}": ratio(self._label, self._total),
+            f"fr_p{whose}": ratio_or_nan(self._position, self._total),
+            f"fr_l{whose}": ratio_or_nan(self._label, self._total),
             f"position_failures{whose}": self._position,
             f"label_failures{whose}": self._label,
         }

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.errors import CHI2_95_2D, Sum, normalised_squared_errors, ratio
-from occlog.core.metrics.mot.clear_mot import ClearCounts, ClearRule, Matcher, Matches
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, numbered, of_points
+from occlog.core.metrics.errors import CHI2_95_2D, Sum, normalised_squared_errors, ratio_or_nan
+from occlog.core.metrics.mot.clear_mot import ClearCounts, ClearRule, MatchedPairs, Matcher
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, numbered, of_points
 from occlog.core.metrics.mot.gospa import Ospa2Sums, Ospa2Windows
 from occlog.core.metrics.mot.trajectory_gospa import TrajectoryCosts
 from occlog.errors import InputError
@@ -139,7 +139,7 @@ class GroundFigures:
         targets, tracks = (np.array(list(each), dtype=np.int64) for each in (known.targets, known.tracks))
         return cls(targets, tracks, known.frames, config, unit)
 
-    def _frames_of(self, part: GroundPart) -> Frames:
+    def _frames_of(self, part: GroundPart) -> MatchedFrames:
         found = of_points(part.places.truth, part.places.tracks, self._limit)
         found = numbered(found, *self._keys)
         return found._replace(frame=found.frame + part.begin)
@@ -210,7 +210,7 @@ class GroundFigures:
         """
         got = self._moda.result()
         return {
-            "moda": 1.0 - ratio(got.fp + got.fn, got.objects),
+            "moda": 1.0 - ratio_or_nan(got.fp + got.fn, got.objects),
             "modp": 1.0 - got.motp / self._moda_limit,
             "moda_missed": got.fn,
             "moda_false": got.fp,
@@ -225,7 +225,7 @@ class GroundFigures:
             f"ospa2_cardinality_{unit}": whole.cardinality,
         }
         if self._windows is not None:
-            out[f"ospa2_window_{unit}"] = ratio(self._window_sum.value, cells)
+            out[f"ospa2_window_{unit}"] = ratio_or_nan(self._window_sum.value, cells)
         got = self._trajectories.result()
         power, n = power_of(self._config, unit), max(cells, 1)
         out[f"tgospa_{unit}"] = (got.total / n) ** (1.0 / got.p)
@@ -249,7 +249,7 @@ class PairErrors:
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
-    def update(self, frames: Frames, made: Matches, places: Places, tracks: Tracks) -> tuple[Ints, Floats]:
+    def update(self, frames: MatchedFrames, made: MatchedPairs, places: Places, tracks: Tracks) -> tuple[Ints, Floats]:
         """Pairs of some more frames; (n,) target and (n,) NEES of those whose track has a row at the time.
 
         Args:
@@ -286,7 +286,7 @@ class PairErrors:
         spread = self._distances.result("pairs_error", unit)
         nees = self._nees.result("pairs_nees", "")
         return {
-            f"pairs_rmse_{unit}": math.sqrt(ratio(self._squares.value, self._pairs)),
+            f"pairs_rmse_{unit}": math.sqrt(ratio_or_nan(self._squares.value, self._pairs)),
             f"pairs_error_median_{unit}": spread[f"pairs_error_median_{unit}"],
             f"pairs_error_p95_{unit}": spread[f"pairs_error_p95_{unit}"],
             "pairs_nees_mean": nees["pairs_nees_mean"],
@@ -304,7 +304,7 @@ def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
     return np.array([place.get(key, -1) for key in wanted], dtype=np.int64)
 
 
-def counts_over_time(frames: Frames, made: Matches, places: Places, begin: int) -> Counts:
+def counts_over_time(frames: MatchedFrames, made: MatchedPairs, places: Places, begin: int) -> Counts:
     """How many targets and tracks there are in each frame, and how many of them are pairs; see `GroundPart.begin`."""
     cells = len(places.t_ns[0])
     true = np.bincount(places.truth.frame, minlength=cells)
@@ -351,10 +351,10 @@ class CountSums:
         """The figures."""
         n = self._frames
         return {
-            "count_targets_mean": ratio(self._targets, n),
-            "count_tracks_mean": ratio(self._tracks, n),
-            "count_error_mean": ratio(self._off, n),
-            "count_error_rms": math.sqrt(ratio(self._squares, n)),
+            "count_targets_mean": ratio_or_nan(self._targets, n),
+            "count_tracks_mean": ratio_or_nan(self._tracks, n),
+            "count_error_mean": ratio_or_nan(self._off, n),
+            "count_error_rms": math.sqrt(ratio_or_nan(self._squares, n)),
             "count_error_max": self._most,
         }
 

@@ -22,8 +22,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.core.metrics.mot import failure_rates
-from occlog.core.metrics.mot.failure_rates import NONE
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, numbered, of_boxes, of_points
+from occlog.core.metrics.mot.failure_rates import NO_TARGET
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, numbered, of_boxes, of_points
 from occlog.core.metrics.mot.hota import IdentityCounts
 from occlog.core.numerics.assignment import maximum_weight_matching
 from occlog.errors import InputError
@@ -45,7 +45,7 @@ class NearPairs(NamedTuple):
 
 
 def own_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: str) -> Ints:
-    """(m,) label of the target that each row's track belongs to; `NONE`: the track has no target.
+    """(m,) label of the target that each row's track belongs to; `NO_TARGET`: the track has no target.
 
     Args:
         truth: points.
@@ -84,12 +84,12 @@ class Owners:
         self._met.update(dict(zip(map(tuple, pairs.tolist()), count.tolist(), strict=True)))
 
     def of(self, labels: Ints) -> Ints:
-        """Label of the own target of each of these tracks; `NONE`: it has none."""
+        """Label of the own target of each of these tracks; `NO_TARGET`: it has none."""
         if self._how == "label":
             return labels
         own = self._first if self._how == "start" else self._best
         keys, number = np.unique(labels, return_inverse=True)
-        return np.array([own.get(int(k), NONE) for k in keys], dtype=np.int64)[number]
+        return np.array([own.get(int(k), NO_TARGET) for k in keys], dtype=np.int64)[number]
 
     @cached_property
     def _best(self) -> dict[int, int]:
@@ -233,7 +233,7 @@ class _Boxes:
         self.mot = MotFigures(numbered(of_boxes(empty, empty), targets, tracks), config)
         self._centres = None if config.gospa_px is None else GospaFigures(config, config.gospa_px)
 
-    def _frames_of(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> Frames:
+    def _frames_of(self, truth: Objects, tracks: Objects, begin: Sequence[int]) -> MatchedFrames:
         found = numbered(of_boxes(truth, tracks), *self._keys)
         return found._replace(frame=found.frame + np.asarray(begin, dtype=np.int64)[found.view])
 
@@ -241,7 +241,7 @@ class _Boxes:
         self.mot.prepare(self._frames_of(truth, tracks, begin))
 
     def update(
-        self, truth: Objects, tracks: Objects, begin: Sequence[int], found: failure_rates.Failures, own: Bools
+        self, truth: Objects, tracks: Objects, begin: Sequence[int], found: failure_rates.FailureRates, own: Bools
     ) -> None:
         self.mot.update(self._frames_of(truth, tracks, begin))
         if self._centres is not None and self._config.gospa_px is not None:
@@ -262,7 +262,7 @@ class _Boxes:
         return out if self._centres is None else out | self._centres.result(cells, whose, "px")
 
 
-def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> Frames:
+def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> MatchedFrames:
     """Frames in which identities are the same in all views, as for several cameras of one place."""
     sides = []
     for side in (truth, tracks):
@@ -287,13 +287,13 @@ def centres_and_limits(compared: TruthAndTracks, config: ManyConfig) -> Places:
     )
 
 
-def find_failures(places: Places, owners: Owners) -> failure_rates.Failures:
+def find_failures(places: Places, owners: Owners) -> failure_rates.FailureRates:
     """Failures of trackers, each of which has a target of its own or none."""
     own = owners.of(places.tracks.label)
     return failure_rates.failures(places.truth, places.tracks, places.tau, own)
 
 
-def failure_rows(found: failure_rates.Failures, places: Places) -> Failures:
+def failure_rows(found: failure_rates.FailureRates, places: Places) -> Failures:
     """The table of failures, by time, camera and target."""
     view = found.view.astype(np.int64)
     at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)

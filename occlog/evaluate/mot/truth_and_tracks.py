@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.metrics.errors import box_overlap
+from occlog.core.metrics.errors import intersection_over_union
 from occlog.core.metrics.mot.frame_pairs import EPS, Objects
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.texts.formats import Probe, recognise
@@ -385,7 +385,7 @@ def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
         theirs = truth.get(frame)
         if theirs is None:
             continue
-        overlap = box_overlap(compared.truth.place[theirs], compared.tracks.place[ours])
+        overlap = intersection_over_union(compared.truth.place[theirs], compared.tracks.place[ours])
         overlap[overlap < OVERLAP - EPS] = 0.0
         i, j = linear_sum_assignment(overlap, maximize=True)
         met = overlap[i, j] > EPS

@@ -15,13 +15,13 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-from .measurement_model import Geometry, MeasurementModel
+from .measurement_model import MeasurementModel, StationPositions
 
 NEAREST = 1e-9
 """Squares of distances are not below this, so that a place at a station gives finite numbers."""
 
 
-def azimuth(xy: Floats, at: Geometry) -> tuple[Floats, Floats]:
+def azimuth(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
     """Azimuths (..., m) [rad] of places (..., m or 1, 2) about m stations, and their gradients (..., m, 2)."""
     away = xy - at.place
     square = np.maximum((away**2).sum(axis=-1), NEAREST)

@@ -45,17 +45,17 @@ from occlog.core.occlusion.priors import Priors
 from occlog.core.sight.visibility import Sensors, seen_from
 
 ROOT_2PI = math.sqrt(2.0 * math.pi)
-NEAR = 1e-9
+MIN_DEPTH_RATIO = 1e-9
 """A place counts as in front of a camera if d is above this times |h|."""
-NEAREST = 1e-100
+MIN_DEPTH = 1e-100
 """The same for d, so that nothing overflows."""
-TINY = 1e-150
+PRODUCT_FLOOR = 1e-150
 """Products below this or above its reciprocal go to the logarithms, long before a double under- or overflows."""
-LEAST_FALSE = 1e-5
-"""Least probability of a false report times that of a miss in `agreement`."""
+MIN_FALSE_ALARM_PROBABILITY = 1e-5
+"""Least probability of a false report times that of a miss in `likely_inliers`."""
 
 
-class Noise(NamedTuple):
+class MeasurementNoise(NamedTuple):
     """What [Ercan] Eq. 2 needs besides the noise of reading, and the widths of images; S sensors."""
 
     focal_px: Floats  # (S,)
@@ -82,7 +82,7 @@ class PackedScan(NamedTuple):
     share: Floats  # (m,) w_k, weight of a candidate; 1 for a labelled measurement
 
 
-class Detection(NamedTuple):
+class DetectionModel(NamedTuple):
     """Probabilities of the factors above, for each of S sensors."""
 
     hit: Floats  # (S,)
@@ -95,7 +95,7 @@ class Detection(NamedTuple):
 
 @kernel
 def add_pixel(
-    out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: Noise
+    out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: MeasurementNoise
 ) -> None:
     """Add `share` times the density of a reading z [px] of camera i at places (L, 2) to `out` (L,), in place.
 
@@ -107,7 +107,7 @@ def add_pixel(
     for p in range(xy.shape[0]):
         dx, dy = xy[p, 0] - x0, xy[p, 1] - y0
         h, d = c * dy - s * dx, c * dx + s * dy
-        if not d > max(NEAR * abs(h), NEAREST):
+        if not d > max(MIN_DEPTH_RATIO * abs(h), MIN_DEPTH):
             continue
         # Variance of Eq. 2: reading, yaw and position of the camera
         ratio = h / d
@@ -132,7 +132,7 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 
 @kernel
-def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noise) -> Floats:
+def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise) -> Floats:
     """(L,) sum over the measurements of look k of share times density, for targets at (L, 2) places."""
     out = np.zeros(xy.shape[0])
     i = scan.sensor[k]
@@ -146,7 +146,7 @@ def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noi
 
 @kernel
 def factors(
-    xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, seen: Bools
+    xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, seen: Bools
 ) -> tuple[Floats, float]:
     """Factors of look k, as in the table of the module, for targets at (L, 2) places.
 
@@ -186,7 +186,7 @@ def factors(
 
 
 @kernel
-def image_width(k: int, scan: PackedScan, noise: Noise) -> float:
+def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
     """W: range of the values of the measurements of look k, which must have one [px or rad]."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
@@ -195,7 +195,7 @@ def image_width(k: int, scan: PackedScan, noise: Noise) -> float:
 
 @kernel
 def log_likelihood(
-    xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, free: Bools
+    xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
 ) -> Floats:
     """(L,) log-likelihoods of a scan for targets at (L, 2) places; -inf where it is impossible.
 
@@ -229,13 +229,15 @@ def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
     """
     for p in range(product.shape[0]):
         product[p] *= factor[p]
-        if product[p] < TINY or product[p] > 1.0 / TINY:
+        if product[p] < PRODUCT_FLOOR or product[p] > 1.0 / PRODUCT_FLOOR:
             total[p] += math.log(product[p]) if product[p] > 0.0 else -np.inf
             product[p] = 1.0
 
 
 @kernel
-def agreement(xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection) -> Bools:
+def likely_inliers(
+    xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel
+) -> Bools:
     """(n,) bool: looks with a measurement that is more likely the target's than false or another target's.
 
     Args:
@@ -252,7 +254,7 @@ def agreement(xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, mode
             continue
         density = densities(xy, k, scan, sensors, noise)[0]
         if scan.labelled[k]:
-            others = max(model.miss[i] * model.false[i], LEAST_FALSE)
+            others = max(model.miss[i] * model.false[i], MIN_FALSE_ALARM_PROBABILITY)
             out[k] = model.hit[i] * density * image_width(k, scan, noise) > others
         else:
             others = (1.0 - model.candidate[i]) * model.clutter[i]
@@ -286,8 +288,8 @@ def log_likelihood_among(
     xy: Floats,
     scan: PackedScan,
     sensors: Sensors,
-    noise: Noise,
-    model: Detection,
+    noise: MeasurementNoise,
+    model: DetectionModel,
     free: Bools,
     priors: Priors,
     occlusion: Occlusion,
@@ -307,7 +309,7 @@ def log_likelihood_among(
     # Separate kernels, so that only those that are used are compiled.
     if occlusion.probability == INDEPENDENT:
         return np.asarray(_independent(xy, scan, sensors, noise, model, free, priors, occlusion))
-    total, a, b, assigned = _apart(xy, scan, sensors, noise, model, free)
+    total, a, b, assigned = _split_by_occlusion(xy, scan, sensors, noise, model, free)
     add_joint(
         total=total,
         xy=xy,
@@ -330,8 +332,8 @@ def _independent(
     xy: Floats,
     scan: PackedScan,
     sensors: Sensors,
-    noise: Noise,
-    model: Detection,
+    noise: MeasurementNoise,
+    model: DetectionModel,
     free: Bools,
     priors: Priors,
     occlusion: Occlusion,
@@ -361,8 +363,8 @@ def _independent(
 
 
 @kernel
-def _apart(
-    xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, free: Bools
+def _split_by_occlusion(
+    xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
 ) -> tuple[Floats, Floats, Floats, Bools]:
     """Split a scan into what moving occluders cannot hide and what they can.
 

@@ -41,17 +41,17 @@ from scipy.special import log_ndtr
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.usual_radio import DETOUR
+from occlog.core.sight.usual_radio import NLOS_BIAS_SIGMAS
 
 from . import azimuth
-from .measurement_model import Geometry, MeasurementModel
+from .measurement_model import MeasurementModel, StationPositions
 
 LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
-MOST = 700.0
+MAX_EXPONENT = 700.0
 """Exponents are not above this."""
 
 
-class Errors(NamedTuple):
+class DistanceErrors(NamedTuple):
     """How m measurements err; arrays of (m,)."""
 
     bend: Floats  # k, > 0
@@ -64,12 +64,12 @@ class Errors(NamedTuple):
         """Whether any signal may come by a detour."""
         return bool(self.late.any() or self.early.any())
 
-    def widened(self, variance: Floats) -> Errors:
+    def widened(self, variance: Floats) -> DistanceErrors:
         """Of residuals divided by the root of a variance (..., m), which the place adds to that of the noise."""
         return self._replace(rate=self.rate * np.sqrt(variance))
 
 
-class Pull(NamedTuple):
+class ScoreAndInformation(NamedTuple):
     """How measurements pull at an estimate, of the shape of their residuals."""
 
     slope: Floats  # derivative of -log f by u
@@ -77,13 +77,13 @@ class Pull(NamedTuple):
     direct: Floats  # probability that a value is neither false nor came by a detour
 
 
-def without_detours(bend: Floats) -> Errors:
+def without_detours(bend: Floats) -> DistanceErrors:
     """Errors of measurements (m,) that are Gaussian or false."""
     none = np.zeros(len(bend))
-    return Errors(bend, none, none, np.ones(len(bend)))
+    return DistanceErrors(bend, none, none, np.ones(len(bend)))
 
 
-def log_density(u: Floats, errors: Errors, variance: Floats | float = 1.0) -> Floats:
+def log_density(u: Floats, errors: DistanceErrors, variance: Floats | float = 1.0) -> Floats:
     """Log of sqrt(2 pi) f(u), (..., m).
 
     Args:
@@ -99,36 +99,38 @@ def log_density(u: Floats, errors: Errors, variance: Floats | float = 1.0) -> Fl
     return np.asarray(np.logaddexp(np.logaddexp(_log_direct(errors) + gauss, false), np.logaddexp(late, early)))
 
 
-def direct(u: Floats, errors: Errors) -> Floats:
+def inlier_probability(u: Floats, errors: DistanceErrors) -> Floats:
     """(..., m) probability that values with residuals (..., m) are neither false nor came by a detour."""
     own = _log_direct(errors) - 0.5 * u**2
     others = np.broadcast_to(-0.5 * errors.bend**2, np.shape(own))
     if errors.tailed:
         others = np.logaddexp(others, np.logaddexp(*_tails(u, errors, 1.0)))
-    return np.asarray(1.0 / (1.0 + np.exp(np.minimum(others - own, MOST))))
+    return np.asarray(1.0 / (1.0 + np.exp(np.minimum(others - own, MAX_EXPONENT))))
 
 
-def pull(u: Floats, errors: Errors) -> Pull:
+def score_and_information(u: Floats, errors: DistanceErrors) -> ScoreAndInformation:
     """What residuals (..., m) do to an estimate.
 
     The curvature is the expectation of those of the parts (direct, late, false), which is not below 0; what not
     knowing which part it is takes away is left out, as usual in iteratively reweighted least squares.
     """
-    own = direct(u, errors)
+    own = inlier_probability(u, errors)
     if not errors.tailed:
-        return Pull(own * u, own, own)
+        return ScoreAndInformation(own * u, own, own)
     whole = log_density(u, errors)
     late, early = (np.exp(part - whole) for part in _tails(u, errors, 1.0))
     after, after_bend = _tail_pull(u, errors.rate)
     before, before_bend = _tail_pull(-u, errors.rate)
-    return Pull(own * u + late * after - early * before, own + late * after_bend + early * before_bend, own)
+    return ScoreAndInformation(
+        own * u + late * after - early * before, own + late * after_bend + early * before_bend, own
+    )
 
 
-def _log_direct(errors: Errors) -> Floats:
+def _log_direct(errors: DistanceErrors) -> Floats:
     return np.log1p(-np.minimum(errors.late + errors.early, 1.0 - 1e-12))
 
 
-def _tails(u: Floats, errors: Errors, variance: Floats | float) -> tuple[Floats, Floats]:
+def _tails(u: Floats, errors: DistanceErrors, variance: Floats | float) -> tuple[Floats, Floats]:
     """Logs of sqrt(2 pi) times the parts of late and of early signals; -inf where there are none."""
     with np.errstate(divide="ignore"):
         late, early = np.log(errors.late), np.log(errors.early)
@@ -156,7 +158,7 @@ NEAREST = 1e-9
 """Squares of distances are not below this, so that a place at a station gives finite numbers."""
 
 
-class Distances(NamedTuple):
+class RangeMeasurements(NamedTuple):
     """m measurements of one target at one time, or at several."""
 
     kind: Ints  # (m,) index of `MODELS`: RANGE, LOGARITHM, DIFFERENCE, ...
@@ -169,79 +171,79 @@ class Distances(NamedTuple):
     station: Ints  # (m,) number of the station
     bend: float = 3.7  # standard deviations at which a measurement is as likely false as true
     late: float = 0.0  # share of signals that come by a detour, 0 to 1
-    detour: float = math.nan  # mean length of detours; NaN: `DETOUR` standard deviations of each measurement
+    detour: float = math.nan  # mean length of detours; NaN: `NLOS_BIAS_SIGMAS` standard deviations of each measurement
 
-    def take(self, rows: Bools | Ints | slice) -> Distances:
+    def take(self, rows: Bools | Ints | slice) -> RangeMeasurements:
         """Some of the measurements."""
         own = (self.kind, self.value, self.sigma, self.place, self.rise2, self.other, self.other_rise2, self.station)
-        return Distances._make((*(column[rows] for column in own), *self[COLUMNS:]))
+        return RangeMeasurements._make((*(column[rows] for column in own), *self[COLUMNS:]))
 
     @property
-    def geometry(self) -> Geometry:
+    def geometry(self) -> StationPositions:
         """Positions of the stations."""
-        return Geometry(self.place, self.rise2, self.other, self.other_rise2)
+        return StationPositions(self.place, self.rise2, self.other, self.other_rise2)
 
     @property
-    def errors(self) -> Errors:
+    def errors(self) -> DistanceErrors:
         """How the measurements err: strengths cannot be late, and a difference may be too long or too short."""
         differs = self.kind == DIFFERENCE
         either = 0.5 * self.late * (2.0 - self.late)
         late = np.where(differs, either, np.where(DELAYED[self.kind], self.late, 0.0))
-        rate = np.full(len(self.kind), 1.0 / DETOUR) if math.isnan(self.detour) else self.sigma / self.detour
-        return Errors(np.full(len(self.kind), self.bend), late, np.where(differs, either, 0.0), rate)
+        rate = np.full(len(self.kind), 1.0 / NLOS_BIAS_SIGMAS) if math.isnan(self.detour) else self.sigma / self.detour
+        return DistanceErrors(np.full(len(self.kind), self.bend), late, np.where(differs, either, 0.0), rate)
 
 
 COLUMNS = 8
-"""Fields of `Distances` that have a value for each measurement."""
+"""Fields of `RangeMeasurements` that have a value for each measurement."""
 
 
-class Linear(NamedTuple):
+class LinearisedDistances(NamedTuple):
     """What m measurements leave at L places, in standard deviations."""
 
     residual: Floats  # (L, m) r
     gradient: Floats  # (L, m, 2) of m(x) / sigma
 
 
-def concat(parts: list[Distances]) -> Distances:
+def concat(parts: list[RangeMeasurements]) -> RangeMeasurements:
     """All measurements of several sets, at least one; how they err is as in the last."""
     columns = (np.concatenate(column) for column in zip(*(part[:COLUMNS] for part in parts), strict=True))
-    return Distances._make((*columns, *parts[-1][COLUMNS:]))
+    return RangeMeasurements._make((*columns, *parts[-1][COLUMNS:]))
 
 
-def nothing(bend: float, late: float = 0.0, detour: float = math.nan) -> Distances:
+def no_measurements(bend: float, late: float = 0.0, detour: float = math.nan) -> RangeMeasurements:
     """No measurements."""
     none, no_place, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
-    return Distances(whole, none, none, no_place, none, no_place, none, whole, bend, late, detour)
+    return RangeMeasurements(whole, none, none, no_place, none, no_place, none, whole, bend, late, detour)
 
 
-def linearise(rows: Distances, xy: Floats) -> Linear:
+def linearise(rows: RangeMeasurements, xy: Floats) -> LinearisedDistances:
     """Residuals and gradients of measurements at (L, 2) places."""
-    return Linear(*_residual(rows, xy[:, None, :]))
+    return LinearisedDistances(*_residual(rows, xy[:, None, :]))
 
 
-def residuals(rows: Distances, xy: Floats) -> Floats:
+def residuals(rows: RangeMeasurements, xy: Floats) -> Floats:
     """(L, m) residuals in standard deviations at (L, 2) places."""
     return linearise(rows, xy).residual
 
 
-def log_likelihood(rows: Distances, xy: Floats) -> Floats:
+def log_likelihood(rows: RangeMeasurements, xy: Floats) -> Floats:
     """(L,) log of the product of f(r) / sigma at (L, 2) places."""
     each = log_density(residuals(rows, xy), rows.errors) - LOG_ROOT_2PI - np.log(rows.sigma)
     return np.asarray(each.sum(axis=1))
 
 
-def at_own(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
+def residuals_at_own_position(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
     """Residuals (m,) of measurements, each at its own place (m, 2), and gradients (m, 2), as `linearise` has them."""
     return _residual(rows, xy)
 
 
-def information(rows: Distances, xy: Floats) -> Floats:
+def information(rows: RangeMeasurements, xy: Floats) -> Floats:
     """(m, 2, 2) Fisher information of each measurement about its own true place (m, 2), if it is true."""
-    gradient = at_own(rows, xy)[1]
+    gradient = residuals_at_own_position(rows, xy)[1]
     return np.asarray(gradient[:, :, None] * gradient[:, None, :])
 
 
-def _residual(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
+def _residual(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
     """Residuals (..., m) of measurements at places (..., m or 1, 2), and gradients (..., m, 2), over the deviations."""
     kinds = np.unique(rows.kind).tolist()
     if len(kinds) == 1:
@@ -252,7 +254,9 @@ def _residual(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
         for kind in kinds:
             own = rows.kind == kind
             at = xy if xy.shape[-2] == 1 else xy[..., own, :]
-            mean[..., own], gradient[..., own, :] = MODELS[kind].predict(at, Geometry(*(c[own] for c in rows.geometry)))
+            mean[..., own], gradient[..., own, :] = MODELS[kind].predict(
+                at, StationPositions(*(c[own] for c in rows.geometry))
+            )
     off = rows.value - mean
     angular = ANGULAR[rows.kind]
     if angular.any():
@@ -260,16 +264,16 @@ def _residual(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
     return off / rows.sigma, gradient / rows.sigma[:, None]
 
 
-def _range(xy: Floats, at: Geometry) -> tuple[Floats, Floats]:
+def _range(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
     return _distance(xy, at.place, at.rise2)
 
 
-def _logarithm(xy: Floats, at: Geometry) -> tuple[Floats, Floats]:
+def _logarithm(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
     far, slope = _distance(xy, at.place, at.rise2)
     return np.log(far), slope / far[..., None]
 
 
-def _difference(xy: Floats, at: Geometry) -> tuple[Floats, Floats]:
+def _difference(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
     far, slope = _distance(xy, at.place, at.rise2)
     other, other_slope = _distance(xy, at.other, at.other_rise2)
     return far - other, slope - other_slope

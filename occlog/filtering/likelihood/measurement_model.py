@@ -15,18 +15,18 @@ from occlog.core.plane import Floor, on_floor
 from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.visibility import Sensors, seen_from
 
-from .directions import NEAR, NEAREST, Noise, PackedScan
+from .directions import MIN_DEPTH, MIN_DEPTH_RATIO, MeasurementNoise, PackedScan
 
 
-class World(NamedTuple):
+class MeasurementWorld(NamedTuple):
     """The sensors, their noise, and where a target can be."""
 
     sensors: Sensors
-    noise: Noise
+    noise: MeasurementNoise
     floor: Floor
 
 
-class Rows(NamedTuple):
+class LinearisedRows(NamedTuple):
     """R measurements."""
 
     sensor: Ints  # (R,)
@@ -35,49 +35,49 @@ class Rows(NamedTuple):
     variance: Floats  # (R,) of reading [px^2], or of the bearing in all [rad^2]
     labelled: Bools  # (R,) false: a candidate, which may be of anything
 
-    def take(self, which: Bools | Ints) -> Rows:
+    def take(self, which: Bools | Ints) -> LinearisedRows:
         """Some of the rows."""
-        return Rows._make(column[which] for column in self)
+        return LinearisedRows._make(column[which] for column in self)
 
 
-def rows_of(looks: PackedScan) -> Rows:
+def rows_of(looks: PackedScan) -> LinearisedRows:
     """The measurements of a scan."""
     count = np.diff(looks.first)
     sensor, labelled = np.repeat(looks.sensor, count), np.repeat(looks.labelled, count)
-    return Rows(sensor, looks.pixel, looks.value, looks.variance, labelled)
+    return LinearisedRows(sensor, looks.pixel, looks.value, looks.variance, labelled)
 
 
-def offsets(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Floats]:
+def offsets(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
     """(..., R) offsets h across and d along each sensor's axis, of (..., 2) places."""
     away = xy[..., None, :] - world.sensors.xy[rows.sensor]
     c, s = world.sensors.axis[rows.sensor].T
     return c * away[..., 1] - s * away[..., 0], c * away[..., 0] + s * away[..., 1]
 
 
-def measured(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Bools]:
+def measured(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Bools]:
     """(L, R) what the sensors would measure of (L, 2) places without noise, and where they could: z wants d > 0."""
     h, d = offsets(xy, rows, world)
-    ahead = ~rows.pixel | (d > np.maximum(NEAR * np.abs(h), NEAREST))
+    ahead = ~rows.pixel | (d > np.maximum(MIN_DEPTH_RATIO * np.abs(h), MIN_DEPTH))
     ratio = world.noise.focal_px[rows.sensor] * h / np.where(ahead & rows.pixel, d, 1.0)
     c, s = world.sensors.axis[rows.sensor].T
     azimuth = np.arctan2(c * h + s * d, c * d - s * h)
     return np.where(rows.pixel, ratio, azimuth), ahead
 
 
-def azimuths(rows: Rows, world: World) -> Floats:
+def azimuths(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
     """(R,) azimuths of the sight lines [rad]."""
     yaw = np.arctan2(world.sensors.axis[rows.sensor, 1], world.sensors.axis[rows.sensor, 0])
     f = np.where(rows.pixel, world.noise.focal_px[rows.sensor], 1.0)
     return np.where(rows.pixel, yaw + np.arctan2(rows.value, f), rows.value)
 
 
-def residuals(expected: Floats, rows: Rows) -> Floats:
+def residuals(expected: Floats, rows: LinearisedRows) -> Floats:
     """(..., R) what was measured less what was expected (..., R)."""
     off = rows.value - expected
     return np.where(rows.pixel, off, wrap_angle(off))
 
 
-def linearised(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Floats]:
+def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
     """(..., R, 2) derivatives of what sensors measure by (..., 2) places, (..., R) variances there ([Ercan] Eq. 2).
 
     Readings want d > 0.
@@ -90,7 +90,7 @@ def linearised(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Floats]:
     # z = f h / d: dz = f (dh - z / f dd) / d
     reading = (f / d1)[..., None] * (np.column_stack([-s, c]) - ratio[..., None] * np.column_stack([c, s]))
     away = xy[..., None, :] - world.sensors.xy[rows.sensor]
-    r2 = np.maximum((away**2).sum(axis=-1), NEAREST)
+    r2 = np.maximum((away**2).sum(axis=-1), MIN_DEPTH)
     bearing = np.stack([-away[..., 1], away[..., 0]], axis=-1) / r2[..., None]
     spread = 1.0 + ratio**2
     pose = spread * world.noise.sigma_yaw[rows.sensor] ** 2 + (world.noise.sigma_position[rows.sensor] / d1) ** 2
@@ -100,7 +100,7 @@ def linearised(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Floats]:
     )
 
 
-def visible(xy: Floats, rows: Rows, world: World) -> Bools:
+def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
     """(L, R) whether each sensor can see (L, 2) places: on the floor, in view, not behind a wall or static occluder."""
     xy = np.ascontiguousarray(xy)
     free = on_floor(xy, world.floor.room, world.floor.walls, world.floor.starts)
@@ -108,7 +108,7 @@ def visible(xy: Floats, rows: Rows, world: World) -> Bools:
     return np.column_stack(columns) if columns else np.empty((len(xy), 0), dtype=np.bool_)
 
 
-class Geometry(NamedTuple):
+class StationPositions(NamedTuple):
     """Positions of the stations of m measurements."""
 
     place: Floats  # (m, 2) of the station, p
@@ -123,7 +123,7 @@ class MeasurementModel(NamedTuple):
     `predict(xy, geometry)` gives h (..., m) at positions (..., m or 1, 2) and its gradient (..., m, 2).
     """
 
-    predict: Callable[[Floats, Geometry], tuple[Floats, Floats]]
+    predict: Callable[[Floats, StationPositions], tuple[Floats, Floats]]
     compiled: int  # the kind by which `occlog.track.methods.apf.kernels.importance.linearise` knows it
     angular: bool = False  # residuals are wrapped to [-pi, pi)
     delayed: bool = False  # a signal without a free path comes late, so that values are too long

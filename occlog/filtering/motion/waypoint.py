@@ -29,8 +29,8 @@ own objects do that (Sec. 6).  Noise is added that the paper has not, all of it 
 The paper's targets wait for a reference step on average.  With `wait_s` above 0 they *stand*: for `wait_s` on
 average, then they go on to a new destination with the speed that they had.  One that stands creeps with a
 velocity of its own, which begins as N(0, sigma_creep^2 s I) and has the noise `sigma_creep`; its destination is the
-place where it would creep in `AHEAD_S`.  The place of one that creeps is smooth, so that a filter averages over longer
-the longer the target stands.
+place where it would creep in `WAITING_DESTINATION_S`.  The place of one that creeps is smooth, so that a filter
+averages over longer the longer the target stands.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ from occlog.core.plane import Floor, on_floor, sample_floor
 TOWARDS, CHANGE, WAIT = 0, 1, 2
 """Regimes: move towards the destination (MTD), change the destination and move (CD), wait (W)."""
 
-AHEAD_S = 10.0
+WAITING_DESTINATION_S = 10.0
 """The destination of one that stands is where it creeps in this time [s]."""
 
-LEAST_VARIANCE = 1e-18
+MIN_STEP_VARIANCE = 1e-18
 """Least variance of a step, so that densities stay finite where the motion has no noise."""
 
 
-class Particles(NamedTuple):
+class WaypointParticles(NamedTuple):
     """States of L particles."""
 
     xy: Floats  # (L, 2) positions
@@ -80,7 +80,7 @@ class WaypointModel(NamedTuple):
 
 
 @kernel
-def reached(particles: Particles, motion: WaypointModel, floor: Floor) -> Bools:
+def reached(particles: WaypointParticles, motion: WaypointModel, floor: Floor) -> Bools:
     """(L,) bool: which particles decide as if they had reached their destination."""
     L = particles.speed.shape[0]
     out, ahead = np.empty(L, dtype=np.bool_), np.empty((L, 2))
@@ -95,7 +95,7 @@ def reached(particles: Particles, motion: WaypointModel, floor: Floor) -> Bools:
 
 
 @kernel
-def expected_xy(particles: Particles, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
+def expected_xy(particles: WaypointParticles, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
     """(L, 2) kappa of [Ercan] Alg. 1: the expected position after the step, x + beta s e(tau) dt.
 
     A new destination is taken to lead nowhere on average; any kappa leaves the filter correct.
@@ -121,7 +121,7 @@ def expected_xy(particles: Particles, arrived: Bools, dt: float, motion: Waypoin
 
 
 @kernel
-def choose_regimes(particles: Particles, arrived: Bools, dt: float, motion: WaypointModel, u: Floats) -> Ints:
+def choose_regimes(particles: WaypointParticles, arrived: Bools, dt: float, motion: WaypointModel, u: Floats) -> Ints:
     """(L,) regimes of the particles in a step.
 
     Args:
@@ -177,7 +177,7 @@ def stands(regime: int, motion: WaypointModel) -> bool:
 
 
 @kernel
-def stand(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float]:
+def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float]:
     """What noise does in a step of one that waits: variance of the place, gain of the velocity, variance left of it.
 
     They mean the same as those of `gather`.  One that has just stopped creeps with a velocity of
@@ -197,7 +197,7 @@ def stand(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, 
 
 
 @kernel
-def chances(regime: Ints, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
+def regime_probabilities(regime: Ints, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
     """(L, 3) probabilities of the regimes in a step, in the order of their numbers.
 
     Args:
@@ -222,7 +222,7 @@ def chances(regime: Ints, arrived: Bools, dt: float, motion: WaypointModel) -> F
 
 @kernel
 def hypotheses(
-    particles: Particles, arrived: Bools, destinations: Floats, dt: float, motion: WaypointModel
+    particles: WaypointParticles, arrived: Bools, destinations: Floats, dt: float, motion: WaypointModel
 ) -> tuple[Floats, Floats, Floats]:
     """What each particle may do in a step: go on (MTD), change its destination (CD), wait (W).
 
@@ -241,11 +241,11 @@ def hypotheses(
     L = particles.speed.shape[0]
     prior, mean, variance = np.empty((3, L)), np.empty((3, L, 2)), np.empty((3, L))
     moving, _, _ = gather(dt, motion)
-    stopping, _, _ = stand(dt, motion, False)
-    standing, _, _ = stand(dt, motion, True)
-    moving, stopping = max(moving, LEAST_VARIANCE), max(stopping, LEAST_VARIANCE)
-    standing = max(standing, LEAST_VARIANCE)
-    share = chances(particles.regime, arrived, dt, motion)
+    stopping, _, _ = waiting_noise(dt, motion, False)
+    standing, _, _ = waiting_noise(dt, motion, True)
+    moving, stopping = max(moving, MIN_STEP_VARIANCE), max(stopping, MIN_STEP_VARIANCE)
+    standing = max(standing, MIN_STEP_VARIANCE)
+    share = regime_probabilities(particles.regime, arrived, dt, motion)
     for i in range(L):
         x, y, step = particles.xy[i, 0], particles.xy[i, 1], particles.speed[i] * dt
         for r in (TOWARDS, CHANGE):
@@ -257,7 +257,7 @@ def hypotheses(
             mean[r, i, 0], mean[r, i, 1] = x + scale * ex, y + scale * ey
         stood = stands(particles.regime[i], motion)
         prior[WAIT, i], variance[WAIT, i] = share[i, WAIT], standing if stood else stopping
-        scale = dt / AHEAD_S if stood else 0.0
+        scale = dt / WAITING_DESTINATION_S if stood else 0.0
         mean[WAIT, i, 0] = x + scale * (particles.destination[i, 0] - x)
         mean[WAIT, i, 1] = y + scale * (particles.destination[i, 1] - y)
     return prior, mean, variance
@@ -265,8 +265,8 @@ def hypotheses(
 
 @kernel
 def move(
-    particles: Particles, regime: Ints, destinations: Floats, noise: Floats, dt: float, motion: WaypointModel
-) -> Particles:
+    particles: WaypointParticles, regime: Ints, destinations: Floats, noise: Floats, dt: float, motion: WaypointModel
+) -> WaypointParticles:
     """Particles after a step, Eq. 5.
 
     Args:
@@ -280,15 +280,18 @@ def move(
     L = regime.shape[0]
     mean, xy, own = np.empty((L, 2)), np.empty((L, 2)), np.zeros((L, 2))
     place, _, _ = gather(dt, motion)
-    stopping, _, _ = stand(dt, motion, False)
-    standing, _, _ = stand(dt, motion, True)
+    stopping, _, _ = waiting_noise(dt, motion, False)
+    standing, _, _ = waiting_noise(dt, motion, True)
     moving, stopping, standing = math.sqrt(place), math.sqrt(stopping), math.sqrt(standing)
     k = 0
     for i in range(L):
         spread, step = moving, particles.speed[i] * dt
         ex, ey = particles.destination[i, 0], particles.destination[i, 1]
         if regime[i] == WAIT and stands(particles.regime[i], motion):
-            spread, step = standing, math.hypot(ex - particles.xy[i, 0], ey - particles.xy[i, 1]) * dt / AHEAD_S
+            spread, step = (
+                standing,
+                math.hypot(ex - particles.xy[i, 0], ey - particles.xy[i, 1]) * dt / WAITING_DESTINATION_S,
+            )
         elif regime[i] == WAIT:
             spread, step = stopping, 0.0
         elif regime[i] == CHANGE and k < destinations.shape[0]:
@@ -305,7 +308,7 @@ def move(
 
 @kernel
 def arrive(
-    particles: Particles,
+    particles: WaypointParticles,
     regime: Ints,
     destinations: Floats,
     mean: Floats,
@@ -313,7 +316,7 @@ def arrive(
     noise: Floats,
     dt: float,
     motion: WaypointModel,
-) -> Particles:
+) -> WaypointParticles:
     """Particles that have come to given places in a step: what becomes of their destinations and speeds.
 
     Args:
@@ -334,11 +337,11 @@ def arrive(
             # W: the velocity with which one that stands creeps, given the place
             if stands(WAIT, motion):
                 stood = particles.regime[i] == WAIT
-                _, pull, rest = stand(dt, motion, stood)
-                before, rest = 1.0 / AHEAD_S if stood else 0.0, math.sqrt(rest)
+                _, pull, rest = waiting_noise(dt, motion, stood)
+                before, rest = 1.0 / WAITING_DESTINATION_S if stood else 0.0, math.sqrt(rest)
                 for k in range(2):
                     c = before * (destination[i, k] - particles.xy[i, k]) + pull * (xy[i, k] - mean[i, k])
-                    destination[i, k] = xy[i, k] + AHEAD_S * (c + rest * noise[i, k])
+                    destination[i, k] = xy[i, k] + WAITING_DESTINATION_S * (c + rest * noise[i, k])
             continue
         # CD: a new destination
         if regime[i] == CHANGE:
@@ -358,11 +361,11 @@ def arrive(
             if speed[i] > 0.0:
                 far = math.hypot(destination[i, 0] - xy[i, 0], destination[i, 1] - xy[i, 1]) / speed[i]
                 destination[i, 0], destination[i, 1] = xy[i, 0] + far * cx, xy[i, 1] + far * cy
-    return Particles(xy, destination, speed, regime)
+    return WaypointParticles(xy, destination, speed, regime)
 
 
 @kernel
-def headings(particles: Particles, motion: WaypointModel) -> Floats:
+def headings(particles: WaypointParticles, motion: WaypointModel) -> Floats:
     """(L, 5) place, speed towards the destination along x and y, and speed; also of particles that wait.
 
     Of one that stands, columns 2 and 3 are the velocity with which it creeps.
@@ -374,14 +377,14 @@ def headings(particles: Particles, motion: WaypointModel) -> Floats:
         distance = math.hypot(dx, dy)
         out[i, 0], out[i, 1], out[i, 4] = particles.xy[i, 0], particles.xy[i, 1], particles.speed[i]
         if stands(particles.regime[i], motion):
-            out[i, 2], out[i, 3] = dx / AHEAD_S, dy / AHEAD_S
+            out[i, 2], out[i, 3] = dx / WAITING_DESTINATION_S, dy / WAITING_DESTINATION_S
         elif distance > 0.0:
             out[i, 2], out[i, 3] = particles.speed[i] * dx / distance, particles.speed[i] * dy / distance
     return out
 
 
 @kernel
-def velocities(particles: Particles) -> Floats:
+def velocities(particles: WaypointParticles) -> Floats:
     """(L, 2) velocities: speed towards the destination; 0 for particles that wait."""
     out = np.zeros_like(particles.xy)
     for i in range(out.shape[0]):
@@ -394,13 +397,15 @@ def velocities(particles: Particles) -> Floats:
     return out
 
 
-def start_particles(xy: Floats, floor: Floor, speed: float, speed_spread: float, rng: np.random.Generator) -> Particles:
+def start_particles(
+    xy: Floats, floor: Floor, speed: float, speed_spread: float, rng: np.random.Generator
+) -> WaypointParticles:
     """Particles at (L, 2) places with random destinations and speeds |N(speed, speed_spread^2)|."""
     speeds = np.abs(speed + speed_spread * rng.standard_normal(len(xy)))
-    return Particles(xy, sample_floor(len(xy), floor, rng), speeds, np.zeros(len(xy), dtype=np.int64))
+    return WaypointParticles(xy, sample_floor(len(xy), floor, rng), speeds, np.zeros(len(xy), dtype=np.int64))
 
 
-def take(particles: Particles, rows: Ints) -> Particles:
+def select(particles: WaypointParticles, rows: Ints) -> WaypointParticles:
     """The particles of the given rows."""
     xy, destination, speed, regime = particles
-    return Particles(xy[rows], destination[rows], speed[rows], regime[rows])
+    return WaypointParticles(xy[rows], destination[rows], speed[rows], regime[rows])

@@ -156,7 +156,7 @@ class Walkers(NamedTuple):
     cov_velocity: Floats  # (M, 2, 2)
 
 
-def first_seen(xy: Floats, noise: Floats, speed: float) -> Walkers:
+def initiate(xy: Floats, noise: Floats, speed: float) -> Walkers:
     """Start objects at their first measurement, with an unknown velocity.
 
     Args:
@@ -214,11 +214,11 @@ def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
     )
 
 
-def take(walkers: Walkers, rows: object) -> Walkers:
+def select(walkers: Walkers, rows: object) -> Walkers:
     """Some of the objects: rows chosen by a mask or indices."""
     return Walkers(*(column[rows] for column in walkers))  # type: ignore[call-overload]
 
 
-def join(first: Walkers, second: Walkers) -> Walkers:
+def concat(first: Walkers, second: Walkers) -> Walkers:
     """The objects of both."""
     return Walkers(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))

@@ -20,7 +20,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.assignment import assign
-from occlog.core.sight.triangulate import MET, NO_SOURCE, Directions, localise, sight_lines_meet
+from occlog.core.sight.triangulate import NO_SOURCE, TRIANGULATED, SourceDirections, localise, triangulate
 
 from .config import FuseConfig
 from .kernels import (
@@ -149,16 +149,16 @@ def agreeing(
 def _meeting(sight: Sight, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig) -> Place | None:
     """Where the most lines meet, of equals the nearest to the prediction; None if no two meet."""
     crossing = math.radians(config.min_crossing_deg)
-    everything = sight_lines_meet(
+    everything = triangulate(
         sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing
     )
-    if everything.status[0] == MET:
+    if everything.status[0] == TRIANGULATED:
         place = Place(everything.xy[0], everything.covariance[0])
         if np.sum((everything.residual / sight.sigma) ** 2) <= config.gate**2 + len(sight.azimuth) - 2:
             return place
     known = NO_SOURCE if motion is None else motion.mean[None, :2]
     spread = np.empty((0, 2, 2)) if motion is None else motion.cov[None, :2, :2]
-    lines = Directions(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
+    lines = SourceDirections(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
     found = localise(lines, known, spread, cameras.region, config.gate, crossing)
     if not len(found.xy):
         return None
@@ -317,7 +317,7 @@ def _groups(sight: Sight, rows: Ints, cameras: PlacedCameras, config: FuseConfig
 def _meetings(sight: Sight, cameras: PlacedCameras, config: FuseConfig) -> list[Place]:
     if len(np.unique(sight.sensor)) < 2:
         return []
-    lines = Directions(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
+    lines = SourceDirections(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
     crossing = math.radians(config.min_crossing_deg)
     found = localise(lines, NO_SOURCE, np.empty((0, 2, 2)), cameras.region, config.gate, crossing)
     order = np.argsort(-found.arrays, kind="stable").tolist()

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.triangulate import MET, sight_lines_meet
+from occlog.core.sight.triangulate import TRIANGULATED, triangulate
 
 Codes = NDArray[np.int8]
 
@@ -318,8 +318,8 @@ def meet(sight: Sight, min_crossing: float) -> Place | None:
         min_crossing: lines that cross at smaller angles do not meet [rad].
     """
     rows = np.array([0, len(sight.azimuth)])
-    found = sight_lines_meet(sight.origin, sight.azimuth, sight.sigma, rows, "gauss", min_crossing)
-    if found.status[0] == MET:
+    found = triangulate(sight.origin, sight.azimuth, sight.sigma, rows, "gauss", min_crossing)
+    if found.status[0] == TRIANGULATED:
         return Place(found.xy[0], found.covariance[0])
     known = np.isfinite(sight.distance)
     if not known.any():

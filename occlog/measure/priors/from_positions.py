@@ -12,9 +12,9 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import InputError
-from occlog.filtering.motion.white_acceleration import Walkers, first_seen, join, predict, take, update
+from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate, predict, select, update
 from occlog.records.tables import Occluders, Tracks, Truth
 from occlog.scans.occluder_priors import known_positions, none_at
 
@@ -52,7 +52,7 @@ def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *,
         xy = np.column_stack([chunk.x, chunk.y])
         for k in np.unique(chunk.target_id).tolist():
             rows = np.flatnonzero(chunk.target_id == k)
-            rng = generators.setdefault(k, generator(seed, Stage.PRIORS, k, run=run))
+            rng = generators.setdefault(k, generator(seed, RandomStream.PRIORS, k, run=run))
             xy[rows] += sigma * rng.standard_normal((len(rows), 2))
         return xy, np.broadcast_to(shared, (len(chunk), 2, 2))
 
@@ -133,7 +133,7 @@ class _State:
         self.identity = np.empty(0, dtype=np.int32)
         self.t_ns: int | None = None
         self.measured_ns = np.empty(0, dtype=np.int64)
-        self.walkers = first_seen(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
+        self.walkers = initiate(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
 
 
 def _step(state: _State, m: _Moment, config: KalmanConfig) -> None:
@@ -165,7 +165,7 @@ def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:
     """Update the filters in some rows with measurements, in place."""
     if not len(rows):
         return
-    updated = update(take(walkers, rows), xy, noise)
+    updated = update(select(walkers, rows), xy, noise)
     for column, new in zip(walkers, updated, strict=True):
         column[rows] = new
 
@@ -173,16 +173,16 @@ def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:
 def _keep(state: _State, keep: Bools) -> None:
     if not keep.all():
         state.identity, state.measured_ns = state.identity[keep], state.measured_ns[keep]
-        state.walkers = take(state.walkers, keep)
+        state.walkers = select(state.walkers, keep)
 
 
 def _add(state: _State, m: _Moment, new: Bools, speed: float) -> None:
     """Objects that are measured for the first time; the velocity is as uncertain as after a second of walking."""
-    walkers = join(state.walkers, first_seen(m.xy[new], m.noise[new], speed))
+    walkers = concat(state.walkers, initiate(m.xy[new], m.noise[new], speed))
     identity = np.concatenate([state.identity, m.identity[new]])
     measured = np.concatenate([state.measured_ns, np.full(int(new.sum()), m.t_ns)])
     order = np.argsort(identity)
-    state.identity, state.measured_ns, state.walkers = identity[order], measured[order], take(walkers, order)
+    state.identity, state.measured_ns, state.walkers = identity[order], measured[order], select(walkers, order)
 
 
 def _table(moments: list[_Moment], state: _State, config: KalmanConfig) -> Occluders:

@@ -9,9 +9,9 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.assignment import assign
-from occlog.core.sight.triangulate import Directions, distance2, localise
+from occlog.core.sight.triangulate import SourceDirections, distance2, localise
 from occlog.errors import InputError, UsageError
-from occlog.filtering.motion.white_acceleration import Walkers, first_seen, join, predict, take, update
+from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate, predict, select, update
 from occlog.records.scene import Scene
 from occlog.records.tables import Doa, Occluders
 from occlog.scans.occluder_priors import none_at
@@ -45,7 +45,7 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
     if len(scene.arrays) < 2:
         raise UsageError(f"the scene has {len(scene.arrays)} microphone arrays; to locate sources takes at least 2")
     nothing = np.empty(0, dtype=np.int64)
-    followed = _Sources(nothing, nothing, nothing, first_seen(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0))
+    followed = _Sources(nothing, nothing, nothing, initiate(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0))
     before, fresh = 0, 0
     held: list[Occluders] = []
     for t_ns, rows in _moments(chunks, round(config.window_s * 1e9)):
@@ -86,7 +86,7 @@ def _moments(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]
         yield int(rest.t_ns[-1]), rest
 
 
-def _directions(rows: Doa, scene: Scene) -> Directions:
+def _directions(rows: Doa, scene: Scene) -> SourceDirections:
     places = {a.name: i for i, a in enumerate(scene.arrays)}
     for name in np.unique(rows.sensor).tolist():
         if name not in places:
@@ -95,7 +95,7 @@ def _directions(rows: Doa, scene: Scene) -> Directions:
     positions = np.array([a.position[:2] for a in scene.arrays])
     sigmas = np.array([a.sigma for a in scene.arrays], dtype=np.float64)
     own = np.where(np.isnan(rows.sigma_azimuth), sigmas[array], rows.sigma_azimuth)
-    return Directions(array, positions[array], rows.azimuth, own)
+    return SourceDirections(array, positions[array], rows.azimuth, own)
 
 
 def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources:
@@ -103,7 +103,7 @@ def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources
     if not len(s.identity):
         return s
     keep = t_ns - s.last_ns <= config.silence_s * 1e9
-    walkers = predict(take(s.walkers, keep), dt, config.q)
+    walkers = predict(select(s.walkers, keep), dt, config.q)
     return _Sources(s.identity[keep], s.first_ns[keep], s.last_ns[keep], walkers)
 
 
@@ -113,7 +113,7 @@ def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: 
     last, walkers = s.last_ns.copy(), Walkers(*(c.copy() for c in s.walkers))
     if len(rows):
         last[rows] = t_ns
-        for column, new in zip(walkers, update(take(walkers, rows), xy[columns], cov[columns]), strict=True):
+        for column, new in zip(walkers, update(select(walkers, rows), xy[columns], cov[columns]), strict=True):
             column[rows] = new
     s = _single(_Sources(s.identity, s.first_ns, last, walkers), t_ns, config)
     new = np.setdiff1d(np.arange(len(xy)), columns)
@@ -121,7 +121,7 @@ def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: 
         return s, fresh
     now = np.full(len(new), t_ns, dtype=np.int64)
     identity = np.concatenate([s.identity, fresh + np.arange(len(new), dtype=np.int64)])
-    walkers = join(s.walkers, first_seen(xy[new], cov[new], config.q))
+    walkers = concat(s.walkers, initiate(xy[new], cov[new], config.q))
     return _Sources(identity, np.append(s.first_ns, now), np.append(s.last_ns, now), walkers), fresh + len(new)
 
 
@@ -130,10 +130,10 @@ def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
     now = s.last_ns == t_ns
     if now.all() or not now.any():
         return s
-    heard, others = take(s.walkers, now), take(s.walkers, ~now)
+    heard, others = select(s.walkers, now), select(s.walkers, ~now)
     keep = now.copy()
     keep[~now] = (distance2(others.xy, others.cov, heard.xy, heard.cov) > config.gate**2).all(axis=1)
-    return _Sources(s.identity[keep], s.first_ns[keep], s.last_ns[keep], take(s.walkers, keep))
+    return _Sources(s.identity[keep], s.first_ns[keep], s.last_ns[keep], select(s.walkers, keep))
 
 
 def _table(s: _Sources, t_ns: int, config: AcousticConfig) -> Occluders:

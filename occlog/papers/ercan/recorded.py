@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.triangulate import MET
+from occlog.core.sight.triangulate import TRIANGULATED
 from occlog.core.sight.visibility import behind_objects
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.residuals import meeting_points
@@ -149,7 +149,7 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
         InputError: too few meetings to smooth.
     """
     met = meeting_points(mine, scene, EvaluateConfig(lines_min_sensors=lines))[TARGET]
-    good = met.status == MET
+    good = met.status == TRIANGULATED
     if good.sum() < MEETINGS:
         raise InputError(f"{lines} sight lines met at {good.sum()} times, want at least {MEETINGS}")
     at, xy = met.t_ns[good], met.xy[good]

@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.metrics.mot.frame_pairs import Objects
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry
 from occlog.simulate.balls.config import BallsConfig
@@ -116,7 +116,7 @@ def follow(
     done: dict[str, list[Outlines]] = {label: [] for label in runners}
     seconds: dict[str, list[float]] = {label: [] for label in runners}
     parts: dict[str, list[tuple[float, float, float]]] = {label: [] for label in runners}
-    states, rngs = {}, {label: generator(r.seed, Stage.TRACK) for label, r in runners.items()}
+    states, rngs = {}, {label: generator(r.seed, RandomStream.TRACK) for label, r in runners.items()}
     frames: list[BallsFrame] = []
     views = views_of(config)
     for frame in video_of(config, seed, staging):

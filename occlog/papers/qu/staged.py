@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import InputError
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import BallPaths, ball_paths
@@ -65,7 +65,7 @@ def video_of(config: BallsConfig, seed: int, staging: Staging) -> Iterator[Balls
 
 def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
     """Return the ways of the balls of a scene; their turns are those of the seed's own video."""
-    rng = generator(seed, Stage.WORLD_MOTION, config.balls)
+    rng = generator(seed, RandomStream.WORLD_MOTION, config.balls)
     places = SCENES[scene](config, rng)
     if places.shape[1] != config.balls:
         raise InputError(f"trial: scene {scene} has {places.shape[1]} balls, not {config.balls}")

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.plane import sight_blocked
+from occlog.core.plane import line_of_sight_blocked
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of, share_of
@@ -113,7 +113,7 @@ def walk_trial(spec: Spec) -> dict[str, float]:
     first, back = (by[0] & (part == k) for k in (1, len(LOOP) - 1))
     legs = by[1] & (part >= len(LOOP) + 2) & (part < len(LOOP) + 1 + len(LEGS))
     wall = np.array(WALL)
-    crossed = any(sight_blocked(a, b[None], wall)[0] for a, b in pairwise(at))
+    crossed = any(line_of_sight_blocked(a, b[None], wall)[0] for a, b in pairwise(at))
     return {
         "loop": _root_mean(away2, first | back),
         "legs": _root_mean(away2, legs),

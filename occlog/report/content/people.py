@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.errors import Sum, ratio
+from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.records.declared.people import has_word
 from occlog.records.tables import PeopleTracks, Truth
 
@@ -178,11 +178,11 @@ class PeopleStreams:
         cells = self._cells
         return People(
             rows=self._rows,
-            mean=ratio(self._people, self._times),
+            mean=ratio_or_nan(self._people, self._times),
             most=self._most,
-            unseen=1.0 - ratio(self._seen, self._people),
-            existence=ratio(self._existence.value, self._told),
-            several=ratio(self._several, self._rows),
+            unseen=1.0 - ratio_or_nan(self._seen, self._people),
+            existence=ratio_or_nan(self._existence.value, self._told),
+            several=ratio_or_nan(self._several, self._rows),
             identities=len(names),
             drawn=_longest(names, first, rows),
             cameras=cameras,

@@ -13,7 +13,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import Sum
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.triangulate import MET, sight_lines_meet
+from occlog.core.sight.triangulate import TRIANGULATED, triangulate
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.scene import Scene
@@ -188,8 +188,8 @@ def meet(lines: SightLines, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints,
     origins = np.array(list(places(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
     _, first = np.unique(scan, return_index=True)
     starts = np.append(first, len(rows))
-    meeting = sight_lines_meet(origins, lines.bearing[rows], lines.sigma[rows], starts=starts, loss="huber")
-    met = meeting.status == MET
+    meeting = triangulate(origins, lines.bearing[rows], lines.sigma[rows], starts=starts, loss="huber")
+    met = meeting.status == TRIANGULATED
     return rows[first][met], meeting.xy[met]
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera
@@ -91,8 +91,8 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
             f"{', '.join(f'{h:g}' for h in reach + config.radius)}; make the balls smaller or the images larger"
         )
     # Place the balls in the scene that all views see ([Qu] Sec. 4.1)
-    start = _start(config, reach, generator(seed, Stage.WORLD_START))
-    rngs = [generator(seed, Stage.WORLD_MOTION, k) for k in range(config.balls)]
+    start = _start(config, reach, generator(seed, RandomStream.WORLD_START))
+    rngs = [generator(seed, RandomStream.WORLD_MOTION, k) for k in range(config.balls)]
     # Move them independently of each other, or as balls that collide
     speeds = config.speed * np.array([rng.uniform(0.5, 1.5) for rng in rngs])
     velocity = speeds[:, None] * _directions(rngs)

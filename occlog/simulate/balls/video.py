@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bytes, Floats, Floats32
 from occlog.core.image import support_radius
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.simulate.render.surfaces import smooth_noise
@@ -73,7 +73,7 @@ def render_balls(
     """
     paths = ball_paths(config, seed) if paths is None else paths
     canvases = [_view_canvas(config, seed, k, camera) for k, camera in enumerate(ball_cameras(config))]
-    noise = _noise(config, generator(seed, Stage.RENDER_SENSOR))
+    noise = _noise(config, generator(seed, RandomStream.RENDER_SENSOR))
     buffers: SimpleQueue[tuple[Floats, NDArray[np.int32]]] = SimpleQueue()
     for _ in range(workers):
         shape = (config.height, config.width, 4)
@@ -130,7 +130,7 @@ def _draw(
     )
     clear_balls(depth, covered)
     # Sensor: noise, then whole grey levels
-    rng = generator(seed, Stage.RENDER_SENSOR, canvas.number, t)
+    rng = generator(seed, RandomStream.RENDER_SENSOR, canvas.number, t)
     image, flat = np.empty(light.shape, dtype=np.uint8), (config.height, 3 * config.width)
     starts = 3 * rng.integers(0, NOISE, config.height)
     deliver_into(image.reshape(flat), light.reshape(flat), noise, starts)
@@ -179,7 +179,7 @@ def _view_canvas(config: BallsConfig, seed: int, number: int, camera: Camera) ->
     lamp = LAMP / np.linalg.norm(LAMP)
     cx, cy = camera.principal_px.tolist()
     view = View(float(camera.focal_px[0]), cx, cy, np.ascontiguousarray(camera.rotation.T @ lamp))
-    return ViewCanvas(number, camera, view, _background(config, generator(seed, Stage.RENDER_CLOTHES, number)))
+    return ViewCanvas(number, camera, view, _background(config, generator(seed, RandomStream.RENDER_CLOTHES, number)))
 
 
 def _background(config: BallsConfig, rng: np.random.Generator) -> Floats32:

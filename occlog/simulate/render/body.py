@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.numerics.interpolate import Grid
+from occlog.core.numerics.interpolate import TimeGrid
 
 STATURE = 1.75
 SKIN, HAIR, SHIRT, TROUSERS, SHOES = range(5)
@@ -207,13 +207,13 @@ LAG_S = 0.35
 """Time constant with which a body turns and changes its gait."""
 
 
-def walking(grids: Iterable[Grid], metre: float) -> Iterator[Grid]:
+def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
     """The grids with, instead of z, columns vx, vy (smoothed velocity in m/s) and phase of the gait [rad].
 
     A body faces its velocity, smoothed with a time constant of 0.35 s, so that the noise
     of its path does not make it shake; it starts in the direction of its first step.
     """
-    last: Grid | None = None
+    last: TimeGrid | None = None
     for grid in grids:
         out = np.concatenate([grid.xyz[..., :2], np.zeros((*grid.xyz.shape[:2], 3))], axis=-1)
         place, velocity, phase = _start(last, grid, metre)
@@ -230,7 +230,7 @@ def walking(grids: Iterable[Grid], metre: float) -> Iterator[Grid]:
         yield last
 
 
-def _start(last: Grid | None, grid: Grid, metre: float) -> tuple[Floats, Floats, Floats]:
+def _start(last: TimeGrid | None, grid: TimeGrid, metre: float) -> tuple[Floats, Floats, Floats]:
     """Place, velocity and phase of each object before the first time of a chunk."""
     place = grid.xyz[0, :, :2].copy()
     velocity = np.zeros_like(place)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bytes, Floats
 from occlog.core.image import N_BINS
-from occlog.core.numerics.interpolate import Grid, SensorFrames, looks
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.measure.regions.regions import add_pixels_into, normalised
@@ -70,7 +70,9 @@ def scene_metre(scene: Scene, diameter: float) -> float:
     return 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else diameter / PERSON
 
 
-def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderConfig, seed: int) -> Iterator[Rendered]:
+def render(
+    scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: RenderConfig, seed: int
+) -> Iterator[Rendered]:
     """Video of every camera that has a pose, an image size and a height, frame by frame in the order of time.
 
     Cameras deliver frames at their own rates, or at every time of the truth.  The noise of
@@ -88,14 +90,14 @@ def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderCon
     metre = scene_metre(scene, config.diameter)
     numbers = [i for i, camera in enumerate(scene.cameras) if camera.placed]
     cameras = [_checked(scene.cameras[i]) for i in numbers]
-    noise = generator(seed, Stage.RENDER_SENSOR).standard_normal(NOISE, dtype=np.float32)
+    noise = generator(seed, RandomStream.RENDER_SENSOR).standard_normal(NOISE, dtype=np.float32)
     canvases = [canvas(scene, camera, metre, noise, config.texture) for camera in cameras]
-    phase = generator(seed, Stage.RENDER_LIGHT).uniform(0.0, 2 * np.pi)
+    phase = generator(seed, RandomStream.RENDER_LIGHT).uniform(0.0, 2 * np.pi)
     sigmas = (config.noise, config.colour_noise)
     start_ns: int | None = None
 
     def render_shot(job: Shot) -> Rendered:
-        rng = generator(seed, Stage.RENDER_SENSOR, numbers[job.number], job.frame)
+        rng = generator(seed, RandomStream.RENDER_SENSOR, numbers[job.number], job.frame)
         angle = 2 * np.pi * (job.t_ns - (start_ns or 0)) * 1e-9 / config.light_period_s + phase
         gain = 1.0 + config.light_drift * math.sin(angle)
         drawn = draw(
@@ -111,7 +113,7 @@ def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderCon
 
     grids = walking(map(truth_grid, truth_chunks), metre)
     with ThreadPoolExecutor(config.workers) as pool:
-        for grid, found in looks(grids, [camera.rate_hz for camera in cameras]):
+        for grid, found in frames_at(grids, [camera.rate_hz for camera in cameras]):
             start_ns = int(grid.t_ns[0]) if start_ns is None else start_ns
             clothes = _clothes(grid.ids, grid.target, config, seed)
             for _, group in groupby(_jobs(found, grid.ids, clothes), key=lambda job: job.t_ns):
@@ -144,7 +146,7 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
         if config.alike and model in targets:
             model = targets[0]
         rank = targets.index(model) if model in targets else -1
-        look = dress(rank, rank >= 0, generator(seed, Stage.RENDER_CLOTHES, model), two_sided=config.two_sided)
+        look = dress(rank, rank >= 0, generator(seed, RandomStream.RENDER_CLOTHES, model), two_sided=config.two_sided)
         worn.append(look)
     return clothes_of(worn)
 
@@ -227,7 +229,7 @@ def reference_appearances(
     numbers = list(targets)
     for rank, target in enumerate(numbers):
         model, hue = (numbers[0], 0) if config.alike else (target, rank)
-        look = dress(hue, True, generator(seed, Stage.RENDER_CLOTHES, model), two_sided=config.two_sided)
+        look = dress(hue, True, generator(seed, RandomStream.RENDER_CLOTHES, model), two_sided=config.two_sided)
         counts = np.zeros(N_BINS)
         for side, view in enumerate(views):
             _add_into(counts, view, clothes_of([look]), 2 * math.pi * side / SIDES)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.numerics.interpolate import Grid, SensorFrames, looks
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import MicrophoneArray, Scene
@@ -44,7 +44,7 @@ class Sounding:
                 out[:, column] &= (t_ns < low) | (t_ns >= high)
             if self._means is not None and len(t_ns):
                 if number not in self._changes:
-                    rng = generator(self._seed, Stage.SILENCE, number)
+                    rng = generator(self._seed, RandomStream.SILENCE, number)
                     self._changes[number] = SoundChanges(self._means, self._start, rng)
                 out[:, column] &= self._changes[number].sounding(t_ns)
         return out
@@ -146,7 +146,7 @@ class SimulatedArray(NamedTuple):
 
 def observe_arrays(
     scene: Scene,
-    truth_chunks: Iterable[Truth | Grid],
+    truth_chunks: Iterable[Truth | TimeGrid],
     config: ObserveConfig,
     seed: int,
     sound: SoundConfig = PLAIN,
@@ -176,7 +176,7 @@ def observe_arrays(
     """
     listening = [_simulated_array(a, i, seed) for i, a in enumerate(scene.arrays)]
     sounding: Sounding | None = None
-    for grid, found in looks(map(truth_grid, truth_chunks), [s.array.rate_hz for s in listening]):
+    for grid, found in frames_at(map(truth_grid, truth_chunks), [s.array.rate_hz for s in listening]):
         columns = np.flatnonzero(grid.target)
         sounding = sounding or Sounding(silent or {}, sound.silence, int(grid.t_ns[0]), seed)
         parts = []
@@ -195,10 +195,10 @@ def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> Simulate
         )
     return SimulatedArray(
         array=array,
-        noise=generator(seed, Stage.ARRAY_NOISE, number),
-        chance=generator(seed, Stage.ARRAY_CHANCE, number),
-        false_numbers=generator(seed, Stage.ARRAY_FALSE, number, 0),
-        false_places=generator(seed, Stage.ARRAY_FALSE, number, 1),
+        noise=generator(seed, RandomStream.ARRAY_NOISE, number),
+        chance=generator(seed, RandomStream.ARRAY_CHANCE, number),
+        false_numbers=generator(seed, RandomStream.ARRAY_FALSE, number, 0),
+        false_places=generator(seed, RandomStream.ARRAY_FALSE, number, 1),
     )
 
 

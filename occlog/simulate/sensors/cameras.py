@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.numerics.interpolate import Grid, SensorFrames, looks
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.camera import noise_variance, planar_offsets, u_to_azimuth
 from occlog.core.sight.visibility import behind_objects, behind_walls, in_view
 from occlog.records.scene import Camera, Scene
@@ -34,7 +34,9 @@ class SimulatedCamera(NamedTuple):
     chance: np.random.Generator  # of misses and false alarms
 
 
-def observe(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: ObserveConfig, seed: int) -> Iterator[Bearings]:
+def observe(
+    scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: ObserveConfig, seed: int
+) -> Iterator[Bearings]:
     """Simulate what every camera with a pose reports of every target ([Ercan] Sec. 3, Eqs. 1-2).
 
     Each camera delivers frames at its own rate from the first time of the truth on, or at
@@ -54,7 +56,7 @@ def observe(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: ObserveC
     """
     sensors = [_simulated_camera(scene, c, i, config, seed) for i, c in enumerate(scene.cameras) if c.placed]
     rates = [s.camera.rate_hz for s in sensors]
-    for grid, found in looks(map(truth_grid, truth_chunks), rates):
+    for grid, found in frames_at(map(truth_grid, truth_chunks), rates):
         parts = [_report(s, look, grid, config) for s, look in zip(sensors, found, strict=True)]
         yield Bearings.merge(parts)
 
@@ -63,7 +65,7 @@ def _simulated_camera(scene: Scene, camera: Camera, number: int, config: Observe
     """The camera with its own random numbers, where it really stands if its calibration is wrong."""
     ground, yaw = camera.ground, camera.yaw
     if config.noise == "calibration":
-        error = generator(seed, Stage.CAMERA_CALIBRATION, number).standard_normal(3)
+        error = generator(seed, RandomStream.CAMERA_CALIBRATION, number).standard_normal(3)
         ground = ground + camera.sigma_position * error[:2]
         yaw += camera.sigma_yaw * float(error[2])
     return SimulatedCamera(
@@ -71,8 +73,8 @@ def _simulated_camera(scene: Scene, camera: Camera, number: int, config: Observe
         walls=scene.blockers(camera.ground),
         true_ground=ground,
         true_yaw=yaw,
-        noise=generator(seed, Stage.CAMERA_NOISE, number),
-        chance=generator(seed, Stage.CAMERA_CHANCE, number),
+        noise=generator(seed, RandomStream.CAMERA_NOISE, number),
+        chance=generator(seed, RandomStream.CAMERA_CHANCE, number),
     )
 
 
@@ -90,7 +92,7 @@ def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diam
     return seen
 
 
-def _report(sensor: SimulatedCamera, look: SensorFrames, grid: Grid, config: ObserveConfig) -> Bearings:
+def _report(sensor: SimulatedCamera, look: SensorFrames, grid: TimeGrid, config: ObserveConfig) -> Bearings:
     """One camera's rows for all targets; random numbers are drawn for every frame and target, used or not."""
     frames, targets = len(look.t_ns), np.flatnonzero(grid.target)
     noise = sensor.noise.standard_normal((frames, len(targets)))

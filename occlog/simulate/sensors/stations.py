@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.numerics.interpolate import Grid, SensorFrames, looks
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.path_loss import received_power
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Reader, Scene
@@ -50,7 +50,7 @@ class SimulatedReader:
 
 
 def observe_readers(
-    scene: Scene, truth_chunks: Iterable[Truth | Grid], config: ReadConfig, seed: int
+    scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: ReadConfig, seed: int
 ) -> Iterator[Reads]:
     """Simulate what the readers of a scene read of the targets, each of which carries a tag of its number.
 
@@ -72,14 +72,14 @@ def observe_readers(
     reading = [
         SimulatedReader(
             reader,
-            noise=generator(seed, Stage.READER_NOISE, i),
-            chance=generator(seed, Stage.READER_CHANCE, i),
-            shadow=generator(seed, Stage.READER_SHADOW, i),
+            noise=generator(seed, RandomStream.READER_NOISE, i),
+            chance=generator(seed, RandomStream.READER_CHANCE, i),
+            shadow=generator(seed, RandomStream.READER_SHADOW, i),
         )
         for i, reader in enumerate(scene.readers)
     ]
     metre = 1.0 / METRES.get(scene.length_unit, 1.0)
-    for grid, found in looks(map(truth_grid, truth_chunks), [r.reader.rate_hz for r in reading]):
+    for grid, found in frames_at(map(truth_grid, truth_chunks), [r.reader.rate_hz for r in reading]):
         columns = np.flatnonzero(grid.target)
         yield Reads.merge(
             [
@@ -143,13 +143,13 @@ def stations_of(scene: Scene, seed: int) -> list[Station]:
         Station(
             name,
             np.asarray(place, dtype=np.float64),
-            noise=generator(seed, Stage.STATION_NOISE, i),
-            chance=generator(seed, Stage.STATION_CHANCE, i),
+            noise=generator(seed, RandomStream.STATION_NOISE, i),
+            chance=generator(seed, RandomStream.STATION_CHANCE, i),
             signal=SimulatedReader(
                 Reader(name, place),
-                noise=generator(seed, Stage.STATION_NOISE, i, 1),
-                chance=generator(seed, Stage.STATION_CHANCE, i, 1),
-                shadow=generator(seed, Stage.STATION_SHADOW, i),
+                noise=generator(seed, RandomStream.STATION_NOISE, i, 1),
+                chance=generator(seed, RandomStream.STATION_CHANCE, i, 1),
+                shadow=generator(seed, RandomStream.STATION_SHADOW, i),
             ),
         )
         for i, (name, place) in enumerate(named)
@@ -157,7 +157,7 @@ def stations_of(scene: Scene, seed: int) -> list[Station]:
 
 
 def observe_stations(
-    scene: Scene, truth_chunks: Iterable[Truth | Grid], config: MeasureConfig, radio: ReadConfig, seed: int
+    scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: MeasureConfig, radio: ReadConfig, seed: int
 ) -> Iterator[Measurements]:
     """Simulate what the stations of a scene measure of the targets; `MeasureConfig` says how.
 
@@ -179,7 +179,7 @@ def observe_stations(
     places = np.array([s.place for s in stations])
     corners = np.concatenate([scene.surroundings, places[:, :2]])
     reach = float(np.hypot(*np.ptp(corners, axis=0)))
-    for grid, (look,) in looks(map(truth_grid, truth_chunks), [config.measure_rate_hz]):
+    for grid, (look,) in frames_at(map(truth_grid, truth_chunks), [config.measure_rate_hz]):
         columns = np.flatnonzero(grid.target)
         xyz = look.xyz[:, columns]
         ids = grid.ids[columns]

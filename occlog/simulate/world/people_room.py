@@ -23,15 +23,15 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.navigation.forces import Field, distance
 from occlog.core.navigation.obstacles import (
-    Moment,
-    Moving,
+    MovingObstacles,
+    MovingObstacleTracks,
     edges,
     nearest_on_discs,
     nearest_on_polygons,
     nearest_on_segments,
 )
-from occlog.core.navigation.steering import Around, Steps, steer
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.navigation.steering import NearbyObstacles, StepRules, steer
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene, camera_fov
@@ -106,7 +106,7 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
     Returns:
         The places; InputError where none are found.
     """
-    rng = generator(seed, Stage.WORLD_START)
+    rng = generator(seed, RandomStream.WORLD_START)
     for _ in range(TRIES):
         places = rng.uniform(CLEARANCE, SIDE - CLEARANCE, (DRAWN, 2))
         boxes = np.stack([_image_boxes(camera, places) for camera in scene.cameras], axis=1)
@@ -138,10 +138,10 @@ class Avoidance(NamedTuple):
     """How objects avoid what is in their way."""
 
     field: Field
-    steps: Steps
+    steps: StepRules
     occluders: tuple[Floats, Ints]  # packed polygons that repel
     patience: int  # steps without getting nearer to a destination, after which another one is taken
-    people: Moving | None  # who walk as they did; None: nobody
+    people: MovingObstacleTracks | None  # who walk as they did; None: nobody
 
 
 class AvoidingState(NamedTuple):
@@ -212,7 +212,9 @@ def _free(candidates: Floats, ground: Ground) -> Floats | None:
     return None
 
 
-def _around(xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, moment: Moment | None) -> Around:
+def _around(
+    xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, moment: MovingObstacles | None
+) -> NearbyObstacles:
     """Obstacles as (n, 2) objects meet them: each other, people, static occluders and walls."""
     n, radius = len(xy), 0.5 * motion.diameter
     others = np.array([[j for j in range(n) if j != i] for i in range(n)], dtype=np.int64).reshape(n, max(n - 1, 0))
@@ -223,7 +225,7 @@ def _around(xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance
     bodies.append(nearest_on_discs(xy, people, np.full(len(people), radius)))
     nearest = np.concatenate([*fixed, *bodies], axis=1)
     still, round_ones = sum(f.shape[1] for f in fixed), others.shape[1] + len(people)
-    return Around(
+    return NearbyObstacles(
         nearest=nearest,
         radius=np.zeros(still + round_ones),
         size=np.concatenate([np.zeros(still), np.full(round_ones, radius)]),
@@ -231,7 +233,9 @@ def _around(xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance
     )
 
 
-def _moved(xy: Floats, step: Floats, *, first: int, ground: Ground, diameter: float, moment: Moment | None) -> Floats:
+def _moved(
+    xy: Floats, step: Floats, *, first: int, ground: Ground, diameter: float, moment: MovingObstacles | None
+) -> Floats:
     """(n, 2) places after steps (n, 2); each object in turn moves first, and none where it is not free."""
     n, out = len(xy), xy.copy()
     people = np.empty((0, 2)) if moment is None else np.concatenate([moment.xy, moment.after])

@@ -17,8 +17,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.numerics.interpolate import Grid, to_grid
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.interpolate import TimeGrid, to_grid
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.plane import inside_polygon
 from occlog.errors import InputError
 from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
@@ -34,7 +34,7 @@ def step_times(first: int, count: int, step_s: float) -> Ints:
     return times
 
 
-def simulate_paths(script: Script, steps: int, step_s: float, z: float, start_ns: int, seed: int) -> Iterator[Grid]:
+def simulate_paths(script: Script, steps: int, step_s: float, z: float, start_ns: int, seed: int) -> Iterator[TimeGrid]:
     """True places of all scripted objects, chunk after chunk; NaN where one is not there.
 
     Args:
@@ -51,14 +51,14 @@ def simulate_paths(script: Script, steps: int, step_s: float, z: float, start_ns
     """
     ids = np.array([t.id for t in script.targets], dtype=np.int64)
     target = np.array([t.role == "target" for t in script.targets])
-    paths = [_follow(t, steps, step_s, z, generator(seed, Stage.PATH_NOISE, t.id)) for t in script.targets]
+    paths = [_follow(t, steps, step_s, z, generator(seed, RandomStream.PATH_NOISE, t.id)) for t in script.targets]
     for first in range(0, steps, CHUNK_STEPS):
         count = min(CHUNK_STEPS, steps - first)
         places = np.stack([np.array(list(itertools.islice(p, count))) for p in paths], axis=1)
-        yield Grid(start_ns + step_times(first, count, step_s), ids, target, places)
+        yield TimeGrid(start_ns + step_times(first, count, step_s), ids, target, places)
 
 
-def grid_truth(grid: Grid) -> Truth:
+def grid_truth(grid: TimeGrid) -> Truth:
     """The table of the places on a grid; an object that is not there has no row."""
     step, column = np.nonzero(~np.isnan(grid.xyz[..., 0]))
     places = grid.xyz[step, column]
@@ -81,7 +81,7 @@ def silences(script: Script, start_ns: int) -> dict[int, Ints]:
     }
 
 
-def check_inside(scene: Scene, grid: Grid, start_ns: int) -> None:
+def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
     """InputError for an object that leaves the room or stands in a static occluder: people cannot be drawn there."""
     for column, number in enumerate(grid.ids.tolist()):
         there = np.flatnonzero(~np.isnan(grid.xyz[:, column, 0]))
@@ -168,9 +168,9 @@ def _noise(density: float, dt: float, rng: np.random.Generator) -> Floats:
     return gathered.ravel()
 
 
-def truth_grid(truth: Truth | Grid) -> Grid:
+def truth_grid(truth: Truth | TimeGrid) -> TimeGrid:
     """The (C, n, 3) places x, y, z in a table of truth; NaN where an object has no row.  A grid stays as it is."""
-    if isinstance(truth, Grid):
+    if isinstance(truth, TimeGrid):
         return truth
     places = np.column_stack([truth.x, truth.y, truth.z])
     return to_grid(truth.t_ns, truth.target_id, truth.role == "target", places)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import InputError, UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation, Hulls, Occluders
@@ -47,7 +47,7 @@ def track_joint(
         raise UsageError(
             f"cooperate: {','.join(sorted(asking))} wants two cameras with a pose; the scene has {len(seeing)} in use"
         )
-    rng, helping = generator(tracking.seed, Stage.TRACK, 0), generator(tracking.seed, Stage.COOPERATE, 0)
+    rng, helping = generator(tracking.seed, RandomStream.TRACK, 0), generator(tracking.seed, RandomStream.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), when_to_ask.Memory()
     listener, cameras = Listener(scene, config.forget_s), CameraRequests(scene, config)
     later = lookback(method.smoothing, config, tracking.seed)
@@ -136,7 +136,7 @@ def track_together(
         raise UsageError(f"occluders: method {tracking.method} follows those who hide others itself; leave it out")
     if tracking.selection is not None:
         raise UsageError(f"select: method {tracking.method} cannot predict where one target will be; leave it out")
-    names, rng = sensor_names(scene), generator(tracking.seed, Stage.TRACK, 0)
+    names, rng = sensor_names(scene), generator(tracking.seed, RandomStream.TRACK, 0)
     state, rows = method.init(scene, tracking.config, rng), list[Row]()
     for scan in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
         offered = len(np.unique(scan.sensor))

@@ -13,7 +13,7 @@ from typing import Any, Generic, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
@@ -57,7 +57,7 @@ class Lookback(Generic[State, Config]):
     def add(self, row: Row, state: State) -> None:
         """One more row of a target, and its filter's state after it."""
         if row.target not in self._waiting:
-            rng = generator(self._seed, Stage.SMOOTH, row.target)
+            rng = generator(self._seed, RandomStream.SMOOTH, row.target)
             self._waiting[row.target] = Waiting([], [], rng)
         own = self._waiting[row.target]
         own.rows.append(row)
@@ -142,7 +142,7 @@ def track_online(
     filters: dict[int, TargetFilter[State]] = {}
     later = lookback(method.smoothing, config, tracking.seed)
     clouds = method.prediction.cloud if tracking.particles and method.prediction is not None else None
-    drawn = generator(tracking.seed, Stage.SELECT)  # nothing is drawn at the time of the scan itself
+    drawn = generator(tracking.seed, RandomStream.SELECT)  # nothing is drawn at the time of the scan itself
     rows: list[Row] = []
     for everything in tracking.scans(bearings, scene, measured):
         # Priors of the moving occluders at the time of the scan
@@ -155,9 +155,11 @@ def track_online(
             # Start: a target's filter begins with its first scan
             if target not in filters:
                 check_start(method.started(config), target, filters)
-                rng = generator(tracking.seed, Stage.TRACK, target)
+                rng = generator(tracking.seed, RandomStream.TRACK, target)
                 state = method.init(scene, config, rng)
-                filters[target] = TargetFilter(target, state, rng, generator(tracking.seed, Stage.SELECT, target))
+                filters[target] = TargetFilter(
+                    target, state, rng, generator(tracking.seed, RandomStream.SELECT, target)
+                )
             # Step: select cameras, take their rows in, estimate
             filters[target], row = _stepped(filters[target], method, selector, scan)
             if row is not None and clouds is not None:

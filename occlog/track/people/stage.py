@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.random import Generator
 
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_from, map_origin, scene_from
 from occlog.track.methods.jipda import filter as joint_filter
 from occlog.track.methods.jipda.batch import smooth as window
@@ -125,7 +125,7 @@ def _reported(
     if not config.smoothed or follower.future is None:
         yield from (seen for _, seen in steps)
         return
-    window = follower.future.begin(config.lag_ns, generator(seed, Stage.SMOOTH))
+    window = follower.future.begin(config.lag_ns, generator(seed, RandomStream.SMOOTH))
     waiting: deque[Sequence[FrameLook]] = deque()
     last: State | None = None
     for last, seen in steps:

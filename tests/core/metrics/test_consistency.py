@@ -10,9 +10,9 @@ from scipy import stats
 
 from occlog.array_types import Floats
 from occlog.core.metrics.consistency import (
-    FEWEST_BATCHES,
-    FEWEST_DEGREES,
-    MOST_BATCHES,
+    MAX_BATCHES,
+    MIN_BATCHES,
+    MIN_DEGREES,
     BatchMeans,
     Ratio,
     ratio_interval,
@@ -41,7 +41,7 @@ def test_interval_is_that_of_the_chi_square() -> None:
     assert high == pytest.approx(2.0 * 30.0 / stats.chi2.ppf(0.025, 30))
 
 
-@pytest.mark.parametrize("degrees", [0.99 * FEWEST_DEGREES, 0.0, -1.0, math.nan])
+@pytest.mark.parametrize("degrees", [0.99 * MIN_DEGREES, 0.0, -1.0, math.nan])
 def test_without_degrees_of_freedom_anything_is_possible(degrees: float) -> None:
     assert ratio_interval(3.0, degrees, 0.05) == (0.0, math.inf)
 
@@ -82,12 +82,12 @@ def test_limits_hold_where_neighbours_are_alike(n: int, rho: float) -> None:
 
 
 def test_fewer_squares_than_batches_count_as_independent() -> None:
-    same = np.full(FEWEST_BATCHES - 1, 3.0)
-    assert batches(same).ratio.degrees == pytest.approx(FEWEST_BATCHES - 1)
+    same = np.full(MIN_BATCHES - 1, 3.0)
+    assert batches(same).ratio.degrees == pytest.approx(MIN_BATCHES - 1)
 
 
 def test_memory_stays_bounded_and_nothing_is_lost() -> None:
-    found = batches(np.ones(10_001), 10_001 // MOST_BATCHES)
+    found = batches(np.ones(10_001), 10_001 // MAX_BATCHES)
     assert found.squares == found.expected == 10_001
 
 
@@ -102,8 +102,8 @@ def test_parts_are_put_together_as_independent() -> None:
 def test_batches_of_which_nothing_is_expected_do_not_scatter() -> None:
     """The last square alone is expected to be one, and is in no whole batch yet."""
     means = BatchMeans()
-    expected = np.zeros(2 * MOST_BATCHES + 1)
+    expected = np.zeros(2 * MAX_BATCHES + 1)
     expected[-1] = 1.0
-    means.add(np.append(np.zeros(2 * MOST_BATCHES), 4.0), expected)
+    means.add(np.append(np.zeros(2 * MAX_BATCHES), 4.0), expected)
     assert means.ratio.value == 4.0
     assert means.ratio.error == pytest.approx(np.sqrt(32.0))

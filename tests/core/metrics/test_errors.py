@@ -35,7 +35,7 @@ def test_nothing_gives_nan_not_zero() -> None:
     assert math.isnan(metrics.error_sums(np.zeros((0, 2))).rmse_x)
     assert math.isnan(metrics.quantile(np.zeros(0), 0.5))
     assert math.isnan(metrics.root_mean_square(np.zeros(0)))
-    assert math.isnan(metrics.ratio(0, 0))
+    assert math.isnan(metrics.ratio_or_nan(0, 0))
 
 
 def test_normalised_squared_errors_by_hand() -> None:
@@ -118,9 +118,9 @@ def test_tracks_without_a_common_time_are_no_pair() -> None:
 def test_overlap_of_boxes_by_hand() -> None:
     a = np.array([[0.0, 0.0, 2.0, 2.0]])
     b = np.array([[0.0, 0, 2, 2], [1, 1, 2, 2], [2, 0, 2, 2], [0.5, 0.5, 1, 1]])
-    np.testing.assert_allclose(metrics.box_overlap(a, b), [[1, 1 / 7, 0, 1 / 4]])
+    np.testing.assert_allclose(metrics.intersection_over_union(a, b), [[1, 1 / 7, 0, 1 / 4]])
     np.testing.assert_allclose(metrics.intersection_areas(a, b), [[4, 1, 0, 1]])
-    assert metrics.box_overlap(a, b[:0]).shape == (1, 0)
+    assert metrics.intersection_over_union(a, b[:0]).shape == (1, 0)
 
 
 def test_a_pair_may_cost_as_much_as_the_limit_and_no_more() -> None:

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from occlog.array_types import Floats
-from occlog.core.metrics.paired import FEWEST, MANY_RECORDINGS, MOST, autocorrelation_time, compare
+from occlog.core.metrics.paired import MANY_RECORDINGS, MAX_STRETCHES, MIN_STRETCHES, autocorrelation_time, compare
 
 
 def mean(sums: Floats) -> Floats:
@@ -117,7 +117,7 @@ def test_nothing_is_concluded_from_too_little() -> None:
     rng = np.random.default_rng(2)
     a, b = (counted(ar1(rng, 200, 0.99)) for _ in range(2))
     found = compare([a], [b], mean, rng)
-    assert found.stretches < FEWEST
+    assert found.stretches < MIN_STRETCHES
     assert np.isnan([found.p, found.low, found.high, found.se]).all()
     assert found.difference == pytest.approx(b[:, 0].mean() - a[:, 0].mean())
     few = [counted(rng.normal(size=3)) for _ in range(MANY_RECORDINGS)]
@@ -130,7 +130,7 @@ def test_runs_that_are_the_same_do_not_differ() -> None:
     found = compare([a], [a], mean, np.random.default_rng(1))
     assert (found.difference, found.se, found.p, found.below(0.0), found.above(0.0)) == (0.0, 0.0, 1.0, 1.0, 1.0)
     assert (found.below(0.1), found.above(-0.1)) == (0.0, 0.0)
-    assert found.stretches == MOST
+    assert found.stretches == MAX_STRETCHES
     lasting = compare([a], [a + np.array([1.0, 0.0])], mean, np.random.default_rng(1), lasting=True)
     assert lasting.difference == pytest.approx(1.0)
     assert np.isnan(lasting.p)

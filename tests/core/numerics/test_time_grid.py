@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from occlog.core.numerics.interpolate import Grid, frame_times, looks, to_grid
+from occlog.core.numerics.interpolate import TimeGrid, frame_times, frames_at, to_grid
 
 START = 1_577_836_800_000_000_000
 BOTH = np.array([True, False])
@@ -15,12 +15,12 @@ def straight(steps, step_ns=100_000_000):
     seconds = (t - START) * 1e-9
     xyz = np.zeros((steps, 2, 3))
     xyz[:, 0, 0], xyz[:, 1, 0] = seconds, -2 * seconds
-    return Grid(t, np.array([0, 1]), BOTH, xyz)
+    return TimeGrid(t, np.array([0, 1]), BOTH, xyz)
 
 
 def cut(grid, pieces):
     times, places = np.split(grid.t_ns, pieces), np.split(grid.xyz, pieces)
-    return [Grid(t, grid.ids, grid.target, xyz) for t, xyz in zip(times, places, strict=True)]
+    return [TimeGrid(t, grid.ids, grid.target, xyz) for t, xyz in zip(times, places, strict=True)]
 
 
 def test_rows_become_a_grid_with_gaps():
@@ -40,7 +40,7 @@ def test_rows_become_a_grid_with_gaps():
 @settings(max_examples=40, deadline=None)
 def test_frames_do_not_depend_on_the_chunks(rate, pieces):
     grid = straight(80)
-    got = [found for _, found in looks(cut(grid, pieces), [rate, None])]
+    got = [found for _, found in frames_at(cut(grid, pieces), [rate, None])]
     times = np.concatenate([f[0].t_ns for f in got])
     want = START + np.rint(np.arange(1000) * (1e9 / rate)).astype(np.int64)
     assert times.tolist() == want[want <= grid.t_ns[-1]].tolist()
@@ -59,7 +59,7 @@ def test_frames_do_not_depend_on_the_chunks(rate, pieces):
 def test_an_object_that_leaves_is_absent_afterwards():
     a = to_grid(np.array([0, 0, 10, 10]), np.array([0, 1, 0, 1]), np.ones(4, dtype=bool), np.ones((4, 3)))
     b = to_grid(np.array([20, 30]), np.array([1, 1]), np.ones(2, dtype=bool), np.full((2, 3), 2.0))
-    (_, (first,)), (_, (second,)) = looks([a, b], [1e9 / 5])
+    (_, (first,)), (_, (second,)) = frames_at([a, b], [1e9 / 5])
     assert first.t_ns.tolist() == [0, 5, 10]
     assert second.t_ns.tolist() == [15, 20, 25, 30]
     assert second.xyz.shape == (4, 1, 3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.core.occlusion.hidden import hiding_all, unhidden
+from occlog.core.occlusion.hidden import blocking_probabilities, visibility_probability
 from occlog.core.occlusion.hidden_together import clear_exact, over_subsets, sum_disjoint
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
 from occlog.papers.ercan.formulas.blocking import (
@@ -47,9 +47,9 @@ def test_fast_q_is_q(name: str, form: int, spread: float) -> None:
     xy = 50 + rng.uniform(-spread, spread, (60, 2))
     rows = np.sort(rng.choice(60, 40, replace=False))
     want = blocking(xy[rows], camera, priors, form)
-    got = hiding_all(xy, rows, camera[0], camera[1], priors, form, WIDE)
+    got = blocking_probabilities(xy, rows, camera[0], camera[1], priors, form, WIDE)
     np.testing.assert_allclose(got.T, want, atol=1e-9)
-    share = unhidden(xy, rows, camera[0], camera[1], priors, form, WIDE)
+    share = visibility_probability(xy, rows, camera[0], camera[1], priors, form, WIDE)
     np.testing.assert_allclose(share, np.prod(1 - want, axis=1), atol=1e-8)
 
 
@@ -58,7 +58,7 @@ def test_what_is_left_out_is_small() -> None:
     rng = np.random.default_rng(5)
     priors, xy = kind("anisotropic", rng, 60), rng.uniform(0, 100, (200, 2))
     exact = blocking(xy, np.zeros(2), priors, QUADRATURE)
-    got = hiding_all(xy, np.arange(200), 0.0, 0.0, priors, QUADRATURE, 5.5)
+    got = blocking_probabilities(xy, np.arange(200), 0.0, 0.0, priors, QUADRATURE, 5.5)
     assert np.abs(got.T - exact).max() < 4e-8  # both tails beyond 5.5 standard deviations
 
 
@@ -67,7 +67,7 @@ def test_what_is_left_out_is_small() -> None:
 def test_a_place_at_the_camera_is_not_hidden(name: str, form: int) -> None:
     priors = kind(name, np.random.default_rng(1), 3)._replace(mean=np.array([[3.0, 5.0], [4.0, 5.0], [60.0, 60.0]]))
     xy = np.array([[3.0, 5.0], [30.0, 40.0]])
-    got = hiding_all(xy, np.arange(2), 3.0, 5.0, priors, form, WIDE)
+    got = blocking_probabilities(xy, np.arange(2), 3.0, 5.0, priors, form, WIDE)
     assert got[:, 0].tolist() == [0.0, 0.0, 0.0]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from occlog.core.occlusion.hidden import IMPROVED, PRINTED, hiding_all, unhidden
+from occlog.core.occlusion.hidden import IMPROVED, PRINTED, blocking_probabilities, visibility_probability
 from occlog.core.occlusion.priors import gaussian_priors
 
 SIGMA, DIAMETER = 2.0, 3.0
@@ -37,9 +37,9 @@ def test_isotropic_priors_are_those_of_equation_7_wherever_they_are(form: int, d
     angles = np.linspace(-0.1, 0.15, 7)
     places = (distance + np.linspace(-1, 1, 7))[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     priors = gaussian_priors(np.array([mean]), SIGMA**2 * np.eye(2)[None], DIAMETER)
-    got = hiding_all(places, np.arange(7), 0.0, 0.0, priors, form, 8.5)[0]
+    got = blocking_probabilities(places, np.arange(7), 0.0, 0.0, priors, form, 8.5)[0]
     np.testing.assert_allclose(got, closed_form(places, np.array(mean)), atol=1e-9)
-    np.testing.assert_allclose(unhidden(places, np.arange(7), 0.0, 0.0, priors, form, 8.5), 1.0 - got)
+    np.testing.assert_allclose(visibility_probability(places, np.arange(7), 0.0, 0.0, priors, form, 8.5), 1.0 - got)
 
 
 def test_a_known_position_hides_from_the_border_of_the_rectangle_on() -> None:
@@ -54,7 +54,7 @@ def test_a_known_position_hides_from_the_border_of_the_rectangle_on() -> None:
         ((10.0 + 1e-9, 0.0), 0.0),
     ):
         priors = gaussian_priors(np.array([at]), none, DIAMETER)
-        assert hiding_all(places, np.arange(1), 0.0, 0.0, priors, PRINTED, 8.5).tolist() == [[hidden]]
+        assert blocking_probabilities(places, np.arange(1), 0.0, 0.0, priors, PRINTED, 8.5).tolist() == [[hidden]]
 
 
 @pytest.mark.parametrize(("aside", "counts"), [(0.999, True), (1.001, False)])
@@ -62,5 +62,5 @@ def test_a_prior_counts_up_to_so_many_deviations_from_the_rectangle(aside: float
     far = 2.0
     mean = np.array([[10.0, aside * (far * SIGMA + DIAMETER / 2)]])
     priors = gaussian_priors(mean, SIGMA**2 * np.eye(2)[None], DIAMETER)
-    got = hiding_all(np.array([[20.0, 0.0]]), np.arange(1), 0.0, 0.0, priors, PRINTED, far)
+    got = blocking_probabilities(np.array([[20.0, 0.0]]), np.arange(1), 0.0, 0.0, priors, PRINTED, far)
     assert (got[0, 0] > 0.0) == counts

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.occlusion.hidden import IMPROVED, PRINTED, fit, make_grid, polynomials, terms, unhidden, unhidden_over
+from occlog.core.occlusion.hidden import (
+    IMPROVED,
+    PRINTED,
+    fit,
+    make_grid,
+    polynomials,
+    terms,
+    unhidden_over,
+    visibility_probability,
+)
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 
 CAMERA = np.array([2.0, 3.0])
@@ -34,7 +43,7 @@ def test_the_error_is_that_of_the_tail(seed: int, alpha: float, far: float) -> N
     assert 0 < len(grid.points) < 500
     form = PRINTED if seed % 2 else IMPROVED
     found = unhidden_over(grid, xy, rows, *CAMERA, priors, form, far)
-    plain = unhidden(xy, rows, *CAMERA, priors, form, 9.0)
+    plain = visibility_probability(xy, rows, *CAMERA, priors, form, 9.0)
     # Culling and interpolation each leave about a tail.
     assert np.abs(found - plain).max() < 40 * grid.tolerance
     assert np.all((found >= 0) & (found <= 1))
@@ -53,7 +62,7 @@ def test_what_is_not_smooth_is_computed_place_by_place(name: str, spread: float,
     grid = make_grid(xy, np.ones(1000, dtype=bool), priors, 5.5)
     assert len(grid.points) == 0
     found = unhidden_over(grid, xy, rows, *CAMERA, priors, IMPROVED, 5.5)
-    np.testing.assert_array_equal(found, unhidden(xy, rows, *CAMERA, priors, IMPROVED, 5.5))
+    np.testing.assert_array_equal(found, visibility_probability(xy, rows, *CAMERA, priors, IMPROVED, 5.5))
 
 
 @pytest.mark.jit
@@ -64,7 +73,7 @@ def test_a_camera_within_the_cloud_and_few_places_are_computed_place_by_place() 
     middle = xy.mean(axis=0)
     for camera, rows in ((middle + 0.5, np.arange(1000)), (CAMERA, np.arange(3))):
         found = unhidden_over(grid, xy, rows, *camera, priors, IMPROVED, 5.5)
-        np.testing.assert_array_equal(found, unhidden(xy, rows, *camera, priors, IMPROVED, 5.5))
+        np.testing.assert_array_equal(found, visibility_probability(xy, rows, *camera, priors, IMPROVED, 5.5))
 
 
 @pytest.mark.parametrize("n", [2, 5, 12])
@@ -90,5 +99,5 @@ def test_smooth_probabilities_are_interpolated_and_not_computed(spread: float) -
     grid = make_grid(xy, np.ones(400, dtype=bool), priors, 5.5)
     assert 0 < len(grid.points) <= 200
     found = unhidden_over(grid, xy, rows, *CAMERA, priors, IMPROVED, 5.5)
-    computed = unhidden(xy, rows, *CAMERA, priors, IMPROVED, 5.5)
+    computed = visibility_probability(xy, rows, *CAMERA, priors, IMPROVED, 5.5)
     assert 0.0 < np.abs(found - computed).max() < grid.tolerance

@@ -7,7 +7,13 @@ import itertools
 import numpy as np
 import pytest
 
-from occlog.core.occlusion.hidden_together import by_weight, clear, over_subsets, sum_disjoint, that_matter
+from occlog.core.occlusion.hidden_together import (
+    by_weight,
+    joint_visibility,
+    over_subsets,
+    relevant_priors,
+    sum_disjoint,
+)
 
 
 def written_out(q: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
@@ -45,11 +51,11 @@ def test_a_camera_whose_report_is_impossible_either_way_makes_the_sum_zero() -> 
 @pytest.mark.parametrize("occluders", [0, 1, 3, 4, 5, 8, 11])
 def test_products_of_any_number_of_occluders_stop_at_zero(occluders: int) -> None:
     sums = np.random.default_rng(occluders).uniform(0.0, 0.9, occluders)
-    assert clear(sums) == pytest.approx(np.prod(1.0 - sums))
+    assert joint_visibility(sums) == pytest.approx(np.prod(1.0 - sums))
     for k in range(occluders):
         over = sums.copy()
         over[k] = 1.5
-        assert clear(over) == 0.0
+        assert joint_visibility(over) == 0.0
 
 
 def test_cameras_with_one_light_branch_come_first() -> None:
@@ -60,5 +66,5 @@ def test_cameras_with_one_light_branch_come_first() -> None:
 def test_only_occluders_that_block_a_camera_are_kept() -> None:
     q = np.zeros((3, 4, 2))
     q[0, 1, 1], q[2, 3, 1], q[1, 0, 1], q[0, 2, 0] = 0.2, 0.3, 0.4, 0.5
-    assert that_matter(q, 1, np.array([0, 2])).tolist() == [[0.2, 0.0], [0.0, 0.3]]
-    assert that_matter(q, 0, np.array([1, 2])).shape == (2, 0)
+    assert relevant_priors(q, 1, np.array([0, 2])).tolist() == [[0.2, 0.0], [0.0, 0.3]]
+    assert relevant_priors(q, 0, np.array([1, 2])).shape == (2, 0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Polygon
 from shapely.ops import unary_union
 
-from occlog.core.plane import convex_pieces, inside_polygon, pockets, sight_blocked, signed_area
+from occlog.core.plane import convex_pieces, inside_polygon, line_of_sight_blocked, pockets, signed_area
 
 L_SHAPE = np.array([[0.0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]])
 SQUARE = np.array([[0.0, 0], [2, 0], [2, 2], [0, 2]])
@@ -170,6 +170,6 @@ def test_pockets_fill_the_hull_and_block_what_leaves_the_room(seed):
     points = np.random.default_rng(seed).uniform(-50, 50, (400, 2))
     points = points[inside_polygon(points, room)]
     origin, others = points[0], points[1:]
-    blocked = np.any([sight_blocked(origin, others, p) for p in parts], axis=0)
+    blocked = np.any([line_of_sight_blocked(origin, others, p) for p in parts], axis=0)
     leaves = [LineString([origin, p]).difference(shape).length > 1e-9 for p in others]
     assert blocked.tolist() == leaves

@@ -28,7 +28,7 @@ def test_inside_and_sight_agree_with_shapely(seed):
     inside = geo.inside_polygon(points, polygon)
     assert inside.tolist() == [shape.contains(Point(p)) for p in points]
     origin = np.array([-55.0, 13.0])
-    blocked = geo.sight_blocked(origin, points, polygon)
+    blocked = geo.line_of_sight_blocked(origin, points, polygon)
     want = [LineString([origin, p]).intersection(shape).length > 1e-9 for p in points]
     assert blocked.tolist() == want
     assert blocked[inside].all()
@@ -38,7 +38,10 @@ def test_winding_does_not_matter():
     points = np.random.default_rng(0).uniform(0, 160, (500, 2))
     origin = np.array([3.0, 150.0])
     assert (geo.inside_polygon(points, L_ROOM) == geo.inside_polygon(points, L_ROOM[::-1].copy())).all()
-    assert (geo.sight_blocked(origin, points, L_ROOM) == geo.sight_blocked(origin, points, L_ROOM[::-1].copy())).all()
+    assert (
+        geo.line_of_sight_blocked(origin, points, L_ROOM)
+        == geo.line_of_sight_blocked(origin, points, L_ROOM[::-1].copy())
+    ).all()
 
 
 @pytest.mark.parametrize(
@@ -61,7 +64,7 @@ def test_winding_does_not_matter():
 )
 def test_segment_that_touches_a_square(start, end, blocked):
     for a, b in ((start, end), (end, start)):
-        got = geo.sight_blocked(np.array(a, dtype=float), np.array([b], dtype=float), SQUARE)
+        got = geo.line_of_sight_blocked(np.array(a, dtype=float), np.array([b], dtype=float), SQUARE)
         assert got[0] == blocked
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.triangulate import Directions, localise
+from occlog.core.sight.triangulate import SourceDirections, localise
 
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 PLACES = np.array([[0.5, 0.5], [7.5, 0.5], [4.0, 5.5]])
@@ -14,12 +14,12 @@ SIGMA = np.radians(2.0)
 NONE = np.empty((0, 2)), np.empty((0, 2, 2))
 
 
-def directions(people, arrays: int, rng=None) -> Directions:
+def directions(people, arrays: int, rng=None) -> SourceDirections:
     rows = [(a, p) for a in range(arrays) for p in people]
     array = np.array([a for a, _ in rows], dtype=np.int64)
     away = np.array([p for _, p in rows], dtype=float).reshape(-1, 2) - PLACES[array]
     noise = 0.0 if rng is None else rng.normal(0, SIGMA, len(rows))
-    return Directions(
+    return SourceDirections(
         array, PLACES[array], wrap_angle(np.arctan2(away[:, 1], away[:, 0]) + noise), np.full(len(rows), SIGMA)
     )
 
@@ -54,7 +54,7 @@ def test_covariance_is_that_of_the_errors() -> None:
 
 def test_no_place_from_one_array_parallel_lines_or_outside() -> None:
     assert not len(localise(directions([(3.0, 2.0)], 1), *NONE, ROOM, 3.0, 0.1).xy)
-    along = Directions(np.array([0, 1]), PLACES[:2], np.array([0.0, 0.01]), np.full(2, SIGMA))
+    along = SourceDirections(np.array([0, 1]), PLACES[:2], np.array([0.0, 0.01]), np.full(2, SIGMA))
     assert not len(localise(along, *NONE, ROOM, 3.0, 0.1).xy)
     assert not len(localise(directions([(4.0, 9.0)], 2), *NONE, ROOM, 3.0, 0.1).xy)
 

@@ -12,7 +12,14 @@ from scipy.optimize import least_squares
 
 from occlog.array_types import Floats
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.triangulate import APART, MET, NEAR_PARALLEL, TOO_FEW, Meeting, sight_lines_meet
+from occlog.core.sight.triangulate import (
+    DISAGREEING,
+    NEAR_PARALLEL,
+    TOO_FEW,
+    TRIANGULATED,
+    TriangulatedPoint,
+    triangulate,
+)
 
 CORNERS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 
@@ -21,10 +28,10 @@ def azimuths_of(xy: Floats, origins: Floats) -> Floats:
     return np.arctan2(xy[1] - origins[:, 1], xy[0] - origins[:, 0])
 
 
-def meet(origins: Floats, azimuths: Floats, sigma: float = 0.01, **options: object) -> Meeting:
+def meet(origins: Floats, azimuths: Floats, sigma: float = 0.01, **options: object) -> TriangulatedPoint:
     """One scan of lines of equal accuracy."""
     sigmas = np.full(len(azimuths), sigma)
-    return sight_lines_meet(origins, azimuths, sigmas, np.array([0, len(azimuths)]), **options)  # type: ignore[arg-type]
+    return triangulate(origins, azimuths, sigmas, np.array([0, len(azimuths)]), **options)  # type: ignore[arg-type]
 
 
 def test_two_lines_by_hand() -> None:
@@ -43,7 +50,7 @@ def test_exact_lines_meet_at_the_target_for_any_turn(loss: str, x: float, y: flo
     if np.linalg.norm(CORNERS - xy, axis=1).min() < 0.1:
         return
     found = meet(CORNERS @ R.T, azimuths_of(R @ xy, CORNERS @ R.T), loss=loss)
-    assert found.status[0] == MET
+    assert found.status[0] == TRIANGULATED
     np.testing.assert_allclose(found.xy[0], R @ xy, atol=1e-6)
 
 
@@ -53,7 +60,7 @@ def test_against_a_general_optimiser(loss: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     origins, xy, sigma = rng.uniform(-10, 10, (6, 2)), rng.uniform(-5, 5, 2), rng.uniform(0.01, 0.05, 6)
     z = azimuths_of(xy, origins) + sigma * rng.normal(size=6)
-    found = sight_lines_meet(origins, z, sigma, np.array([0, 6]), loss=loss)
+    found = triangulate(origins, z, sigma, np.array([0, 6]), loss=loss)
     name, scale = {"gauss": ("linear", 1.0), "huber": ("huber", 1.345), "cauchy": ("cauchy", 2.385)}[loss]
     best = least_squares(
         lambda p: np.asarray(wrap_angle(z - azimuths_of(p, origins))) / sigma,
@@ -71,8 +78,8 @@ def test_against_a_general_optimiser(loss: str, seed: int) -> None:
 def test_covariance_is_that_of_repeated_trials() -> None:
     rng, xy, sigma, runs = np.random.default_rng(1), np.array([3.0, 7.0]), 0.01, 5000
     z = azimuths_of(xy, CORNERS) + sigma * rng.normal(size=(runs, 4))
-    found = sight_lines_meet(np.tile(CORNERS, (runs, 1)), z.ravel(), np.full(4 * runs, sigma), np.arange(runs + 1) * 4)
-    assert (found.status == MET).all()
+    found = triangulate(np.tile(CORNERS, (runs, 1)), z.ravel(), np.full(4 * runs, sigma), np.arange(runs + 1) * 4)
+    assert (found.status == TRIANGULATED).all()
     sample = np.cov(found.xy.T)
     # A sample variance scatters by sqrt(2 / runs) = 2 %; 4 of these
     np.testing.assert_allclose(found.covariance.mean(axis=0), sample, rtol=0.08, atol=0.08 * sample[0, 0])
@@ -97,7 +104,7 @@ def test_cauchy_ignores_a_line_that_looks_away() -> None:
     z = azimuths_of(xy, CORNERS)
     z[0] = wrap_angle(z[0] + np.pi)
     found = meet(CORNERS, z, loss="cauchy")
-    assert found.status[0] == MET
+    assert found.status[0] == TRIANGULATED
     np.testing.assert_allclose(found.xy[0], xy, atol=0.01)
 
 
@@ -112,7 +119,7 @@ def test_refusals() -> None:
         TOO_FEW,
         NEAR_PARALLEL,
         NEAR_PARALLEL,
-        APART,
+        DISAGREEING,
     ]
     for refused in (few, parallel, baseline, apart):
         assert np.isnan(refused.xy).all()
@@ -122,7 +129,7 @@ def test_refusals() -> None:
 
 def test_crossing_limit() -> None:
     z = np.radians([90.0, 96.0])
-    assert meet(CORNERS[:2], z).status[0] == MET
+    assert meet(CORNERS[:2], z).status[0] == TRIANGULATED
     assert meet(CORNERS[:2], z, min_crossing=np.radians(7.0)).status[0] == NEAR_PARALLEL
 
 
@@ -131,22 +138,22 @@ def test_wild_line_does_not_lend_its_crossing_to_parallel_ones() -> None:
     origins = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 5.0]])
     z = azimuths_of(np.array([0.5, 100.0]), origins)
     z[2] = 0.0
-    assert meet(origins, z, sigma=1e-4, loss="cauchy").status[0] != MET
+    assert meet(origins, z, sigma=1e-4, loss="cauchy").status[0] != TRIANGULATED
 
 
 def test_scans_of_unequal_length_are_kept_apart() -> None:
     targets = np.array([[3.0, 3.0], [7.0, 2.0]])
     origins = np.vstack([CORNERS[:2], CORNERS[:1], CORNERS[1:]])
     z = np.concatenate([azimuths_of(targets[0], CORNERS[:2]), [0.1], azimuths_of(targets[1], CORNERS[1:])])
-    found = sight_lines_meet(origins, z, np.full(6, 0.01), np.array([0, 2, 3, 6]))
-    assert found.status.tolist() == [MET, TOO_FEW, MET]
+    found = triangulate(origins, z, np.full(6, 0.01), np.array([0, 2, 3, 6]))
+    assert found.status.tolist() == [TRIANGULATED, TOO_FEW, TRIANGULATED]
     np.testing.assert_allclose(found.xy[[0, 2]], targets, atol=1e-9)
     assert np.isnan(found.residual[2])
 
 
 def test_more_accurate_lines_count_more() -> None:
     z = np.radians([45.0, 135.0, -130.0])
-    sharp = sight_lines_meet(CORNERS[:3], z, np.array([1e-4, 1e-4, 0.1]), np.array([0, 3]))
+    sharp = triangulate(CORNERS[:3], z, np.array([1e-4, 1e-4, 0.1]), np.array([0, 3]))
     np.testing.assert_allclose(sharp.xy[0], [5.0, 5.0], atol=1e-3)
 
 
@@ -173,19 +180,19 @@ def test_published_field_example(shared_data: Path, left_out: int | None, publis
 @pytest.mark.parametrize("loss", ["gauss", "huber", "cauchy"])
 def test_lines_that_cross_behind_one_of_their_sensors_do_not_meet(loss: str) -> None:
     # The line of (10, 0) crosses that of the origin ahead of it, at (5, 0), but behind (10, 0)
-    assert meet(np.array([[0.0, 0.0], [10.0, 5.0]]), np.radians([0.0, 45.0]), loss=loss).status[0] == APART
-    assert meet(np.array([[10.0, 5.0], [0.0, 0.0]]), np.radians([45.0, 0.0]), loss=loss).status[0] == APART
+    assert meet(np.array([[0.0, 0.0], [10.0, 5.0]]), np.radians([0.0, 45.0]), loss=loss).status[0] == DISAGREEING
+    assert meet(np.array([[10.0, 5.0], [0.0, 0.0]]), np.radians([45.0, 0.0]), loss=loss).status[0] == DISAGREEING
     # Two lines nearly parallel besides: every crossing at a wide angle is behind the second sensor
     origins = np.array([[0.0, 0.0], [10.0, 5.0], [0.0, 1.0]])
-    assert meet(origins, np.radians([0.0, 45.0, 1.0]), loss=loss).status[0] == APART
+    assert meet(origins, np.radians([0.0, 45.0, 1.0]), loss=loss).status[0] == DISAGREEING
 
 
 def test_a_crossing_at_the_least_angle_is_taken_and_one_just_below_is_not() -> None:
     z = np.radians([90.0, 96.0])
     crossing = z[1] - z[0]
-    assert meet(CORNERS[:2], z, min_crossing=crossing * (1.0 - 1e-9)).status[0] == MET
+    assert meet(CORNERS[:2], z, min_crossing=crossing * (1.0 - 1e-9)).status[0] == TRIANGULATED
     assert meet(CORNERS[:2], z, min_crossing=crossing * (1.0 + 1e-9)).status[0] == NEAR_PARALLEL
-    assert meet(CORNERS[:2], np.radians([90.0, 95.001])).status[0] == MET  # the default is 5 degrees
+    assert meet(CORNERS[:2], np.radians([90.0, 95.001])).status[0] == TRIANGULATED  # the default is 5 degrees
     assert meet(CORNERS[:2], np.radians([90.0, 94.999])).status[0] == NEAR_PARALLEL
 
 

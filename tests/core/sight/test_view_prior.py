@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.sight.visibility import SightLines, ViewPrior, crossings, draw, first_places, log_density
+from occlog.core.sight.visibility import (
+    ScanDirectionsInPlane,
+    ViewPrior,
+    crossings,
+    draw,
+    initial_positions,
+    log_density,
+)
 
 TWO = ViewPrior(
     origin=np.array([[0.0, 0.0], [10.0, 0.0]]),
@@ -18,12 +25,14 @@ TWO = ViewPrior(
 )
 
 
-def lines(*rows: tuple[float, float, float], sigma: float = 0.01, far: float = 20.0, sensors=None) -> SightLines:
+def lines(
+    *rows: tuple[float, float, float], sigma: float = 0.01, far: float = 20.0, sensors=None
+) -> ScanDirectionsInPlane:
     """Sight lines of rows x, y, azimuth."""
     table = np.array(rows).reshape(-1, 3)
     n = len(table)
     sensor = np.arange(n) if sensors is None else np.array(sensors)
-    return SightLines(table[:, :2], table[:, 2], np.full(n, sigma), np.zeros(n), np.full(n, far), sensor)
+    return ScanDirectionsInPlane(table[:, :2], table[:, 2], np.full(n, sigma), np.zeros(n), np.full(n, far), sensor)
 
 
 def test_the_density_integrates_to_one_and_draws_follow_it():
@@ -61,7 +70,7 @@ def test_distances_of_a_single_sensor_are_even():
 )
 def test_weighted_first_places_are_a_sample_of_the_prior(seen):
     rng = np.random.default_rng(3)
-    xy, log_weights = first_places(400_000, seen, TWO, rng)
+    xy, log_weights = initial_positions(400_000, seen, TWO, rng)
     w = np.exp(log_weights)
     assert w.mean() == pytest.approx(1.0, abs=0.02)
     free = draw(400_000, TWO, rng)
@@ -72,7 +81,7 @@ def test_weighted_first_places_are_a_sample_of_the_prior(seen):
 
 def test_six_tenths_of_what_looks_are_where_two_lines_cross():
     seen = lines((0.0, 0.0, np.arctan2(6.0, 3.0)), (10.0, 0.0, np.arctan2(6.0, -7.0)))
-    xy, _ = first_places(10_000, seen, TWO, np.random.default_rng(4))
+    xy, _ = initial_positions(10_000, seen, TWO, np.random.default_rng(4))
     assert np.mean(np.hypot(*(xy - [3.0, 6.0]).T) < 1.0) > 0.5
 
 

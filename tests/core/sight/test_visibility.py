@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point
 
-from occlog.core.plane import sight_blocked
+from occlog.core.plane import line_of_sight_blocked
 from occlog.core.sight.visibility import behind_objects, behind_walls, in_view, make_sensors, seen_from
 
 WALLS = {
@@ -24,7 +24,7 @@ def slowly(xy, position, yaw, fov, reach, walls):
     h, d = -np.sin(yaw) * dx + np.cos(yaw) * dy, np.cos(yaw) * dx + np.sin(yaw) * dy
     seen = in_view(h, d, fov, reach)
     for wall in walls:
-        seen &= ~sight_blocked(position, xy, wall)
+        seen &= ~line_of_sight_blocked(position, xy, wall)
     return seen
 
 
@@ -52,7 +52,7 @@ def test_quick_tests_of_walls_never_change_the_answer(x, y, name, px, py):
     # A grid puts places on edges, corners, and sight lines along walls.
     position, xy = np.array([x, y], dtype=float), np.array([[px, py]]) / 2.0
     sensors = make_sensors(position[None], np.zeros(1), np.full(1, np.nan), np.full(1, np.inf), [[WALLS[name]]])
-    assert seen_from(xy, 0, sensors)[0] == (not sight_blocked(position, xy, WALLS[name])[0])
+    assert seen_from(xy, 0, sensors)[0] == (not line_of_sight_blocked(position, xy, WALLS[name])[0])
 
 
 def test_a_sensor_without_an_axis_sees_all_around_within_its_range():

@@ -101,7 +101,7 @@ def test_scans_within_a_window_hold_each_sensor_once() -> None:
     assert found.t_ns.tolist() == seconds([0.025, 1.015]).tolist()
     np.testing.assert_allclose(found.xy, [[10, 10], [10, 10]])
     assert found.n_lines.tolist() == [2, 2]
-    assert (found.status == triangulate.MET).all()
+    assert (found.status == triangulate.TRIANGULATED).all()
 
 
 def test_directions_of_arrays_meet_lines_of_cameras_across_the_cut() -> None:

@@ -17,7 +17,7 @@ from occlog.filtering.likelihood.directions import (
     EXACT,
     INDEPENDENT,
     RECURSION,
-    Detection,
+    DetectionModel,
     Occlusion,
     factors,
     log_likelihood,
@@ -37,7 +37,7 @@ def detection(scene, rng=None):
         hit, false = np.ones(S), np.full(S, 1e-4)
     else:
         hit, false = rng.uniform(0.7, 1.0, S), rng.uniform(1e-3, 0.1, S)
-    return Detection(hit, 1.0 - hit, false, 0.01, np.full(S, 0.9), np.full(S, 1.3))
+    return DetectionModel(hit, 1.0 - hit, false, 0.01, np.full(S, 0.9), np.full(S, 1.3))
 
 
 def reference_scene(scene):

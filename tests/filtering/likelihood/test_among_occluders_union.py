@@ -21,7 +21,7 @@ from occlog.filtering.likelihood.directions import (
     EXACT,
     INDEPENDENT,
     RECURSION,
-    Detection,
+    DetectionModel,
     Occlusion,
     log_likelihood_among,
 )
@@ -95,7 +95,7 @@ class Case:
         self.places = np.array([c.ground for c in self.scene.cameras])
         self.persons = persons_of(rng, M, *([] if kinds is None else [kinds]))
         hit, false = rng.uniform(0.7, 1.0, N), rng.uniform(1e-3, 0.2, N)
-        self.model = Detection(hit, 1 - hit, false, SOFTEN, np.full(N, 0.9), np.ones(N))
+        self.model = DetectionModel(hit, 1 - hit, false, SOFTEN, np.full(N, 0.9), np.ones(N))
         luck = rng.random(N)
         z = np.where(luck < 0.55, -np.array(true_u(self.scene, TARGET)), rng.uniform(-60, 60, N))
         z[luck > 0.75] = np.nan

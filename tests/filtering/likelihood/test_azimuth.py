@@ -11,8 +11,8 @@ from scipy.optimize import approx_fprime
 from occlog.array_types import NS, Floats
 from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.azimuth import azimuth
-from occlog.filtering.likelihood.distances import PLAIN, RANGE, Distances, linearise
-from occlog.filtering.likelihood.measurement_model import Geometry
+from occlog.filtering.likelihood.distances import PLAIN, RANGE, RangeMeasurements, linearise
+from occlog.filtering.likelihood.measurement_model import StationPositions
 from occlog.filtering.motion.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Reader, Scene
@@ -29,17 +29,17 @@ TARGETS, STEPS, DT = 100, 15, 0.5
 SIGMA_RANGE, SIGMA_BEARING = 0.2, math.radians(1.0)
 
 
-def polar(xy: tuple[float, float], far: float, angle: float) -> Distances:
+def polar(xy: tuple[float, float], far: float, angle: float) -> RangeMeasurements:
     """A range and a bearing of a station at a place."""
     place, none = np.tile(np.array(xy), (2, 1)), np.zeros(2)
     kind, sigma = np.array([RANGE, PLAIN["bearing"]]), np.array([SIGMA_RANGE, SIGMA_BEARING])
-    return Distances(kind, np.array([far, angle]), sigma, place, none, place, none, np.zeros(2, dtype=np.int64))
+    return RangeMeasurements(kind, np.array([far, angle]), sigma, place, none, place, none, np.zeros(2, dtype=np.int64))
 
 
 def test_the_gradient_is_that_of_the_azimuth() -> None:
     rng = np.random.default_rng(0)
     place, xy = rng.normal(size=(3, 2)), rng.normal(0.0, 5.0, (4, 2))
-    at = Geometry(place, np.zeros(3), place, np.zeros(3))
+    at = StationPositions(place, np.zeros(3), place, np.zeros(3))
     angle, gradient = azimuth(xy[:, None, :], at)
     for i in range(4):
         for m in range(3):

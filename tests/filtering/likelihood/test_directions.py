@@ -11,10 +11,10 @@ from scipy import stats
 from tracker_scenes import room100, scan, true_u, with_array, wrap
 
 from occlog.core.sight.visibility import seen_from
-from occlog.filtering.likelihood.directions import Detection, agreement, factors, log_likelihood
+from occlog.filtering.likelihood.directions import DetectionModel, factors, likely_inliers, log_likelihood
 from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 
-PAPER = Detection(hit=1.0, miss=1.0, false=0.0, soften=0.0, candidate=0.9, clutter=1.0)
+PAPER = DetectionModel(hit=1.0, miss=1.0, false=0.0, soften=0.0, candidate=0.9, clutter=1.0)
 SCENE = room100()
 EVERYWHERE = np.random.default_rng(0).uniform(1, 99, (400, 2))
 
@@ -36,7 +36,7 @@ def factors_of(scene, given, xy, model=PAPER, use_score=True):
 def spread(model, scene):
     """The same probabilities for every sensor."""
     S = len(scene.cameras) + len(scene.arrays)
-    return Detection(*(v if name == "soften" else np.full(S, v) for name, v in model._asdict().items()))
+    return DetectionModel(*(v if name == "soften" else np.full(S, v) for name, v in model._asdict().items()))
 
 
 def loglik_of(scene, given, xy, model=PAPER, free=None):
@@ -103,7 +103,7 @@ def test_not_seen_says_nothing_without_a_detection_model_and_how_likely_a_miss_i
 @pytest.mark.parametrize(("detected", "false"), [(0.9, 0.05), (1.0, 0.0), (0.6, 0.3)])
 def test_the_detection_model_is_a_probability_over_readings(detected, false):
     """Seen somewhere in the image or not seen: probabilities sum to 1 (up to the constant 1 - P_F of unseen)."""
-    model = Detection(detected, 1.0 - detected, false, 0.0, 0.9, 1.0)
+    model = DetectionModel(detected, 1.0 - detected, false, 0.0, 0.9, 1.0)
     xy = np.array([[30.0, 30.0], [50.0, 70.0]])  # in view of camera 1, and behind the pillar
     u = np.linspace(-70, 70, 401)
     seen = np.array([factors_of(SCENE, scan(0, [(0, value)]), xy, model)[:, 0] for value in u])
@@ -216,9 +216,9 @@ def test_agreement_tells_which_looks_support_a_place():
     u = true_u(SCENE, xy[0])
     looks = pack_scan(scan(0, [(0, u[0] + 2.0), (2, u[2] + 60.0), (6, None)]), read_noise(SCENE), True)
     packed = pack_sensors(SCENE), pack_noise(SCENE), spread(PAPER._replace(false=1e-4), SCENE)
-    assert agreement(xy, looks, *packed).tolist() == [True, False, False]
+    assert likely_inliers(xy, looks, *packed).tolist() == [True, False, False]
     candidates = scan(0, [(0, u[0] + 2.0), (0, 50.0), (2, u[2] + 60.0)], labelled=False)
-    assert agreement(xy, pack_scan(candidates, read_noise(SCENE), True), *packed).tolist() == [True, False]
+    assert likely_inliers(xy, pack_scan(candidates, read_noise(SCENE), True), *packed).tolist() == [True, False]
 
 
 @pytest.mark.parametrize(("labelled", "more"), [(True, 1e-6), (True, -1e-6), (False, 1e-6), (False, -1e-6)])
@@ -233,4 +233,4 @@ def test_a_look_agrees_when_the_target_is_more_likely_than_anything_else(labelle
         model = PAPER._replace(hit=0.01 / odds, miss=0.5, false=0.02)
     else:
         model = PAPER._replace(candidate=0.75, clutter=odds * 0.75 / 0.25)
-    assert agreement(xy, looks, sensors, noise, spread(model, SCENE)).tolist() == [more < 0]
+    assert likely_inliers(xy, looks, sensors, noise, spread(model, SCENE)).tolist() == [more < 0]

@@ -9,22 +9,22 @@ from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
     RANGE,
-    Distances,
-    Errors,
-    direct,
+    DistanceErrors,
+    RangeMeasurements,
+    inlier_probability,
     log_density,
-    pull,
+    score_and_information,
     without_detours,
 )
 
 GRID = np.linspace(-60.0, 400.0, 460_001)
 
 
-def errors(late: float, early: float, rate: float, bend: float = 40.0) -> Errors:
-    return Errors(*(np.array([value]) for value in (bend, late, early, rate)))
+def errors(late: float, early: float, rate: float, bend: float = 40.0) -> DistanceErrors:
+    return DistanceErrors(*(np.array([value]) for value in (bend, late, early, rate)))
 
 
-def density(u: np.ndarray, own: Errors, variance: float = 1.0) -> np.ndarray:
+def density(u: np.ndarray, own: DistanceErrors, variance: float = 1.0) -> np.ndarray:
     return np.exp(log_density(u[:, None], own, variance)[:, 0]) / np.sqrt(2.0 * np.pi)
 
 
@@ -47,23 +47,23 @@ def test_the_density_integrates_to_one(late: float, early: float) -> None:
 
 
 @pytest.mark.parametrize("own", [errors(0.0, 0.0, 1.0, 3.7), errors(0.1, 0.0, 0.1, 3.7), errors(0.2, 0.3, 0.5, 3.7)])
-def test_slopes_are_those_of_finite_differences_and_curvatures_are_not_below_zero(own: Errors) -> None:
+def test_slopes_are_those_of_finite_differences_and_curvatures_are_not_below_zero(own: DistanceErrors) -> None:
     u, step = np.linspace(-12.0, 40.0, 500)[:, None], 1e-5
-    told = pull(u, own)
+    told = score_and_information(u, own)
     slope = (log_density(u - step, own) - log_density(u + step, own)) / (2.0 * step)
     np.testing.assert_allclose(told.slope, slope, rtol=1e-5, atol=1e-7)
     assert ((told.weight >= 0.0) & (told.weight <= 1.0)).all()
-    np.testing.assert_allclose(told.direct, direct(u, own))
+    np.testing.assert_allclose(told.direct, inlier_probability(u, own))
 
 
 def test_a_late_signal_is_not_false_and_an_early_one_is() -> None:
     own = errors(0.05, 0.0, 0.1, 3.7)
-    assert direct(np.array([8.0]), own)[0] < 1e-3
+    assert inlier_probability(np.array([8.0]), own)[0] < 1e-3
     false = np.exp(-0.5 * 3.7**2 - log_density(np.array([8.0, -8.0]), own))
     assert false[0] < 0.2
     assert false[1] > 0.99
     # Far from the tail nothing is said against a Gaussian
-    assert direct(np.array([0.0, -2.0]), own).min() > 0.95
+    assert inlier_probability(np.array([0.0, -2.0]), own).min() > 0.95
 
 
 def test_without_detours_errors_are_gaussian_or_false() -> None:
@@ -74,7 +74,7 @@ def test_without_detours_errors_are_gaussian_or_false() -> None:
 
 def test_both_stations_of_a_difference_may_be_late_and_a_strength_cannot() -> None:
     blank = np.zeros(3)
-    rows = Distances(
+    rows = RangeMeasurements(
         np.array([RANGE, LOGARITHM, DIFFERENCE]), blank, np.full(3, 0.5), np.zeros((3, 2)), blank,
         np.zeros((3, 2)), blank, np.arange(3), late=0.2, detour=2.0,
     )  # fmt: skip
@@ -89,7 +89,7 @@ def test_both_stations_of_a_difference_may_be_late_and_a_strength_cannot() -> No
     by = (rng.random((n, 2)) < 0.2) * rng.exponential(4.0, (n, 2))
     u = np.sort(rng.standard_normal(n) + by[:, 0] - by[:, 1])
     grid = np.linspace(-80.0, 80.0, 16_001)
-    there = density(grid, Errors(*(column[2:] for column in own._replace(bend=np.full(3, 40.0)))))
+    there = density(grid, DistanceErrors(*(column[2:] for column in own._replace(bend=np.full(3, 40.0)))))
     below = np.interp(u, grid, np.cumsum(there) * (grid[1] - grid[0]))
     # Kolmogorov and Smirnov: 1.95 / sqrt(n) is passed once in a thousand
     assert np.abs(below - (np.arange(n) + 0.5) / n).max() < 1.95 / np.sqrt(n) + 0.002

@@ -12,22 +12,22 @@ from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
     RANGE,
-    Distances,
+    RangeMeasurements,
     concat,
-    direct,
     information,
+    inlier_probability,
     linearise,
     log_likelihood,
-    nothing,
+    no_measurements,
     residuals,
 )
 
 STEP = 1e-6
 
 
-def rows(*, bend: float = 3.7) -> Distances:
+def rows(*, bend: float = 3.7) -> RangeMeasurements:
     """One of each kind; the stations are 1.5 over the target, or 0.5 below."""
-    return Distances(
+    return RangeMeasurements(
         kind=np.array([RANGE, LOGARITHM, DIFFERENCE]),
         value=np.array([5.0, 1.5, -1.0]),
         sigma=np.array([0.1, 0.3, 0.2]),
@@ -81,8 +81,8 @@ def test_the_density_of_a_value_integrates_to_one_and_its_information_is_the_var
 
 def test_at_the_bend_a_value_is_as_likely_false_as_true() -> None:
     own = rows(bend=3.7).take(slice(1)).errors
-    assert direct(np.array([3.7]), own)[0] == pytest.approx(0.5)
-    assert direct(np.array([3.6]), own)[0] > 0.5 > direct(np.array([3.8]), own)[0]
+    assert inlier_probability(np.array([3.7]), own)[0] == pytest.approx(0.5)
+    assert inlier_probability(np.array([3.6]), own)[0] > 0.5 > inlier_probability(np.array([3.8]), own)[0]
     far = rows()._replace(value=np.array([1e3, 1e3, 1e3]))
     np.testing.assert_allclose(*log_likelihood(far, np.array([[1.0, 2.0], [5.0, 5.0]])), rtol=1e-12)
 
@@ -97,7 +97,7 @@ def test_a_strength_says_the_distance_that_it_comes_from() -> None:
 
 
 def test_sets_are_joined_and_none_has_the_likelihood_one() -> None:
-    joined = concat([nothing(2.0), rows(), rows().take(np.array([2]))])
+    joined = concat([no_measurements(2.0), rows(), rows().take(np.array([2]))])
     assert joined.kind.tolist() == [RANGE, LOGARITHM, DIFFERENCE, DIFFERENCE]
     assert joined.bend == 3.7
-    assert log_likelihood(nothing(2.0), np.zeros((2, 2))).tolist() == [0.0, 0.0]
+    assert log_likelihood(no_measurements(2.0), np.zeros((2, 2))).tolist() == [0.0, 0.0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from occlog.filtering.gaussian import Gaussian, Link, predicted, rts_smooth
+from occlog.filtering.gaussian import Gaussian, PosteriorRecord, predicted, rts_smooth
 from occlog.filtering.motion.ornstein_uhlenbeck import SMALL, OrnsteinUhlenbeck
 
 MOTION = OrnsteinUhlenbeck(speed=1.0, turn_s=10.0, sigma_v=0.33)
@@ -59,7 +59,7 @@ def test_the_smoother_is_the_joint_gaussian_given_all_measurements() -> None:
         state = Gaussian(state.mean + gain @ (z[k] - H @ state.mean), left @ state.covariance)
         precision[4 * k : 4 * k + 2, 4 * k : 4 * k + 2] += np.eye(2)
         vector[4 * k : 4 * k + 2] += z[k]
-        traces.append(Link(state, dt, begun=k == 0))
+        traces.append(PosteriorRecord(state, dt, begun=k == 0))
     covariance = np.linalg.inv(precision)
     mean = (covariance @ vector).reshape(4, 4)
     for k, past in enumerate(rts_smooth(traces, motion.transition)):
@@ -68,6 +68,6 @@ def test_the_smoother_is_the_joint_gaussian_given_all_measurements() -> None:
 
 
 def test_nothing_goes_back_beyond_a_new_beginning() -> None:
-    one = Link(Gaussian(np.zeros(4), np.eye(4)), 0.0, begun=True)
-    other = Link(Gaussian(np.full(4, 50.0), np.eye(4)), 0.0, begun=True)
+    one = PosteriorRecord(Gaussian(np.zeros(4), np.eye(4)), 0.0, begun=True)
+    other = PosteriorRecord(Gaussian(np.full(4, 50.0), np.eye(4)), 0.0, begun=True)
     assert rts_smooth([one, other], MOTION.transition)[0].mean.tolist() == [0.0] * 4

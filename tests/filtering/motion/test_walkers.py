@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from occlog.filtering.motion.white_acceleration import first_seen, join, predict, take, update
+from occlog.filtering.motion.white_acceleration import concat, initiate, predict, select, update
 
 
 def textbook(measurements, noises, steps, q: float, speed: float):
@@ -35,7 +35,7 @@ def test_blocks_against_textbook(seed: int) -> None:
     z = rng.normal(0, 10, (n, M, 2))
     half = rng.normal(0, 1, (n, M, 2, 2))
     R = half @ half.swapaxes(2, 3) + 0.1 * np.eye(2)
-    walkers = first_seen(z[0], R[0], 2.0)
+    walkers = initiate(z[0], R[0], 2.0)
     for k in range(1, n):
         walkers = update(predict(walkers, steps[k - 1], q), z[k], R[k])
         for m in range(M):
@@ -48,7 +48,7 @@ def test_blocks_against_textbook(seed: int) -> None:
 def test_unit_step_is_the_reference_scenes() -> None:
     """At dt = 1, Q = q^2 [1/4 1/2; 1/2 1] per axis."""
     none = np.zeros((1, 2, 2))
-    w = predict(first_seen(np.zeros((1, 2)), none, 0.0), 1.0, 1.2)
+    w = predict(initiate(np.zeros((1, 2)), none, 0.0), 1.0, 1.2)
     for axis in range(2):
         got = [w.cov[0, axis, axis], w.cross[0, axis, axis], w.cov_velocity[0, axis, axis]]
         assert got == pytest.approx([1.44 / 4, 1.44 / 2, 1.44])
@@ -57,7 +57,7 @@ def test_unit_step_is_the_reference_scenes() -> None:
 @given(st.floats(1e-3, 1e3), st.floats(1e-3, 10.0), st.floats(1e-2, 10.0))
 def test_covariances_stay_positive(r: float, dt: float, q: float) -> None:
     rng = np.random.default_rng(0)
-    w = first_seen(np.zeros((1, 2)), r * np.eye(2)[None], 1.0)
+    w = initiate(np.zeros((1, 2)), r * np.eye(2)[None], 1.0)
     for _ in range(50):
         w = update(predict(w, dt, q), rng.normal(size=(1, 2)), r * np.eye(2)[None])
         whole = np.block([[w.cov[0], w.cross[0]], [w.cross[0].T, w.cov_velocity[0]]])
@@ -66,6 +66,6 @@ def test_covariances_stay_positive(r: float, dt: float, q: float) -> None:
 
 
 def test_take_and_join_are_inverse() -> None:
-    w = first_seen(np.arange(8.0).reshape(4, 2), np.tile(np.eye(2), (4, 1, 1)), 1.0)
-    again = join(take(w, np.array([0, 1])), take(w, np.array([2, 3])))
+    w = initiate(np.arange(8.0).reshape(4, 2), np.tile(np.eye(2), (4, 1, 1)), 1.0)
+    again = concat(select(w, np.array([0, 1])), select(w, np.array([2, 3])))
     assert all(np.array_equal(a, b) for a, b in zip(w, again, strict=True))

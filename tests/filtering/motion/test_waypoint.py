@@ -5,7 +5,7 @@ import pytest
 
 from occlog.core.plane import make_floor
 from occlog.filtering.motion import waypoint
-from occlog.filtering.motion.waypoint import CHANGE, TOWARDS, WAIT, Particles, WaypointModel
+from occlog.filtering.motion.waypoint import CHANGE, TOWARDS, WAIT, WaypointModel, WaypointParticles
 
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 PILLAR = np.array([[40.0, 40.0], [60.0, 40.0], [60.0, 60.0], [40.0, 60.0]])
@@ -14,7 +14,7 @@ FLOOR = make_floor(ROOM, [PILLAR])
 
 
 def particles(n, xy=(20.0, 20.0), destination=(80.0, 20.0), speed=1.0, regime=TOWARDS):
-    return Particles(
+    return WaypointParticles(
         np.tile(np.array(xy), (n, 1)),
         np.tile(np.array(destination), (n, 1)),
         np.full(n, speed),

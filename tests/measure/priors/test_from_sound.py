@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.triangulate import Directions
+from occlog.core.sight.triangulate import SourceDirections
 from occlog.errors import InputError, UsageError
 from occlog.measure.priors.config import AcousticConfig
 from occlog.measure.priors.from_sound import acoustic_priors
@@ -28,12 +28,12 @@ def scene(arrays: int = 3) -> Scene:
     )
 
 
-def directions(people, arrays: int, rng=None) -> Directions:
+def directions(people, arrays: int, rng=None) -> SourceDirections:
     rows = [(a, p) for a in range(arrays) for p in people]
     array = np.array([a for a, _ in rows], dtype=np.int64)
     away = np.array([p for _, p in rows], dtype=float).reshape(-1, 2) - PLACES[array]
     noise = 0.0 if rng is None else rng.normal(0, SIGMA, len(rows))
-    return Directions(
+    return SourceDirections(
         array, PLACES[array], wrap_angle(np.arctan2(away[:, 1], away[:, 0]) + noise), np.full(len(rows), SIGMA)
     )
 

@@ -26,8 +26,8 @@ def test_a_walk_is_as_the_paper_tells() -> None:
     assert times.max() == 1  # views do not overlap
     assert set(table.sensor[table.seen].tolist()) == {"cam1", "cam2", "cam3", "cam4"}
     wall = np.array(walk.WALL)
-    assert not any(walk.sight_blocked(a, b[None], wall)[0] for a, b in pairwise(xy))
-    assert walk.sight_blocked(np.array([12.5, 5.0]), np.array([[15.0, 5.0]]), wall)[0]
+    assert not any(walk.line_of_sight_blocked(a, b[None], wall)[0] for a, b in pairwise(xy))
+    assert walk.line_of_sight_blocked(np.array([12.5, 5.0]), np.array([[15.0, 5.0]]), wall)[0]
 
 
 @pytest.mark.jit

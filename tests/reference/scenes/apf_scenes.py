@@ -6,7 +6,7 @@ import apf_reference as ref
 import numpy as np
 from tracker_scenes import PILLAR, ROOM, true_u
 
-from occlog.filtering.motion.waypoint import Particles
+from occlog.filtering.motion.waypoint import WaypointParticles
 from occlog.track.methods.apf import filter as apf
 
 L = 300
@@ -45,7 +45,7 @@ def state_with(scene, config, seed, spread=4.0):
     rng = np.random.default_rng(seed)
     xy = rng.normal([30.0, 45.0], spread, (L, 2))
     destination = np.where(rng.random((L, 1)) < 0.2, xy + rng.normal(0, 0.5, (L, 2)), rng.uniform(0, 100, (L, 2)))
-    particles = Particles(xy, destination, rng.uniform(0, 2, L), rng.integers(0, 3, L))
+    particles = WaypointParticles(xy, destination, rng.uniform(0, 2, L), rng.integers(0, 3, L))
     weights = rng.dirichlet(np.full(L, 0.5))
     return apf.init(scene, config, rng)._replace(particles=particles, weights=weights, t_ns=0)
 

@@ -5,8 +5,8 @@ import colorsys
 import numpy as np
 import pytest
 
-from occlog.core.numerics.interpolate import Grid
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.interpolate import TimeGrid
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.simulate.render import surfaces as texture
 from occlog.simulate.render.body import FULL_SWING, SHIRT, SIDES, STRIDE, Poses, clothes_of, dress, solids, walking
 from occlog.simulate.render.kernel import cloth
@@ -55,7 +55,7 @@ def walker(steps, start=0):
     xyz = np.full((steps, 1, 3), np.nan)
     xyz[:, 0, 0] = 0.12 * np.arange(start, start + steps)
     xyz[:, 0, 1] = 1.0
-    return Grid(t, np.array([3]), np.array([True]), xyz)
+    return TimeGrid(t, np.array([3]), np.array([True]), xyz)
 
 
 def test_a_walker_faces_its_way_and_takes_a_stride_every_two_steps():
@@ -89,13 +89,13 @@ def test_targets_wear_warm_colours_and_others_do_not():
         return h, s
 
     for seed in range(20):
-        warm, vivid = hue(dress(seed % 4, True, generator(seed, Stage.RENDER_CLOTHES, 0)))
-        cool, pale = hue(dress(-1, False, generator(seed, Stage.RENDER_CLOTHES, 9)))
+        warm, vivid = hue(dress(seed % 4, True, generator(seed, RandomStream.RENDER_CLOTHES, 0)))
+        cool, pale = hue(dress(-1, False, generator(seed, RandomStream.RENDER_CLOTHES, 9)))
         assert vivid > 0.8
         assert warm < 0.32 or warm > 0.85
         assert 0.39 < cool < 0.69
         assert pale < 0.8
-    shirts = [hue(dress(k, True, generator(0, Stage.RENDER_CLOTHES, k)))[0] for k in range(4)]
+    shirts = [hue(dress(k, True, generator(0, RandomStream.RENDER_CLOTHES, k)))[0] for k in range(4)]
     assert min(abs(a - b) for i, a in enumerate(shirts) for b in shirts[:i]) > 0.1
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.core.numerics.interpolate import Grid
+from occlog.core.numerics.interpolate import TimeGrid
 from occlog.records.scene import Reader, Scene
 from occlog.records.tables import Reads
 from occlog.simulate.config import ReadConfig
@@ -15,11 +15,11 @@ from occlog.simulate.sensors.stations import observe_readers
 SURE = ReadConfig(detection=1.0, stray=0.0, noise_db=0.0, shadow_db=0.0)
 
 
-def grid(places: list[list[tuple[float, float, float]]], step_s: float = 1.0) -> Grid:
+def grid(places: list[list[tuple[float, float, float]]], step_s: float = 1.0) -> TimeGrid:
     """Targets 3 and 12 at (T, 2) places, and an occluder at the origin."""
     xyz = np.array([[*row, (0.0, 0.0, 1.0)] for row in places])
     t_ns = np.rint(np.arange(len(places)) * step_s * NS).astype(np.int64)
-    return Grid(t_ns, np.array([3, 12, 20]), np.array([True, True, False]), xyz)
+    return TimeGrid(t_ns, np.array([3, 12, 20]), np.array([True, True, False]), xyz)
 
 
 def scene(**own: object) -> Scene:
@@ -27,7 +27,7 @@ def scene(**own: object) -> Scene:
     return Scene(readers=(Reader("door", np.array([0.0, 0.0, 2.0]), **own),), length_unit="m")  # type: ignore[arg-type]
 
 
-def read(where: Scene, config: ReadConfig, *chunks: Grid, seed: int = 0) -> Reads:
+def read(where: Scene, config: ReadConfig, *chunks: TimeGrid, seed: int = 0) -> Reads:
     return Reads.concat(list(observe_readers(where, chunks, config, seed)))
 
 
@@ -98,7 +98,7 @@ def test_chunks_do_not_change_what_is_read_and_a_rate_of_its_own_is_kept() -> No
 
 def test_a_tag_that_comes_later_has_a_shadowing_of_its_own() -> None:
     both = grid([[(1.0, 0.0, 2.0), (1.0, 0.0, 2.0)]] * 6)
-    alone = Grid(both.t_ns[:3], both.ids[[0, 2]], both.target[[0, 2]], both.xyz[:3][:, [0, 2]])
+    alone = TimeGrid(both.t_ns[:3], both.ids[[0, 2]], both.target[[0, 2]], both.xyz[:3][:, [0, 2]])
     later = both._replace(t_ns=both.t_ns[3:], xyz=both.xyz[3:])
     still = ReadConfig(detection=1.0, noise_db=0.0, shadow_db=3.0, shadow_s=1e12)
     found = read(scene(), still, alone, later)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.numerics.interpolate import Grid
+from occlog.core.numerics.interpolate import TimeGrid
 from occlog.core.sight.camera import array_rotation, wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import MicrophoneArray, Scene
@@ -18,11 +18,13 @@ QUIET = 1e-9  # noise so small that directions are true ones
 
 def grid_of(places, start=0, step_ns=10**9):
     t, n = places.shape[:2]
-    return Grid(start + np.arange(t) * step_ns, np.arange(n), np.ones(n, dtype=bool), np.asarray(places, dtype=float))
+    return TimeGrid(
+        start + np.arange(t) * step_ns, np.arange(n), np.ones(n, dtype=bool), np.asarray(places, dtype=float)
+    )
 
 
 def heard(places, array, sound=SoundConfig(), seed=3, silent=None, miss=0.0):  # noqa: B008 - frozen
-    chunks = [places] if isinstance(places, Grid) else [grid_of(places)]
+    chunks = [places] if isinstance(places, TimeGrid) else [grid_of(places)]
     return Doa.concat(observe_arrays(Scene(arrays=(array,)), chunks, ObserveConfig(miss=miss), seed, sound, silent))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.cli.main import run
-from occlog.core.numerics.interpolate import Grid
+from occlog.core.numerics.interpolate import TimeGrid
 from occlog.errors import ExitCode
 from occlog.io.open import open_input
 from occlog.records.declared.sensors import Measurements
@@ -25,14 +25,14 @@ QUIET = ReadConfig(noise_db=0.0, shadow_db=0.0)
 STEPS = 4000
 
 
-def grid(steps: int = STEPS) -> Grid:
+def grid(steps: int = STEPS) -> TimeGrid:
     """Target 3 stays at (4, 0, 0): 5 and 8.54 m from the stations in space; 20 is an occluder."""
     xyz = np.tile([[[4.0, 0.0, 0.0], [1.0, 1.0, 0.0]]], (steps, 1, 1))
     t_ns = np.arange(steps) * NS
-    return Grid(t_ns, np.array([3, 20]), np.array([True, False]), xyz)
+    return TimeGrid(t_ns, np.array([3, 20]), np.array([True, False]), xyz)
 
 
-def measured(radio: ReadConfig = QUIET, chunks: tuple[Grid, ...] | None = None, **how: object) -> Measurements:
+def measured(radio: ReadConfig = QUIET, chunks: tuple[TimeGrid, ...] | None = None, **how: object) -> Measurements:
     config = MeasureConfig(**how)  # type: ignore[arg-type]
     return Measurements.concat(observe_stations(SCENE, chunks or (grid(),), config, radio, seed=4))
 

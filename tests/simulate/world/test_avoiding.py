@@ -11,8 +11,8 @@ from places import EXAMPLES
 from scipy.spatial.distance import pdist
 
 from occlog.cli.main import run
-from occlog.core.navigation.obstacles import Clock, Moving
-from occlog.core.plane import distance_to_boundary, inside_polygon, sight_blocked
+from occlog.core.navigation.obstacles import MovingObstacleTracks, StepClock
+from occlog.core.plane import distance_to_boundary, inside_polygon, line_of_sight_blocked
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
@@ -31,19 +31,21 @@ ROOMS = {"pillar": Scene(room=SQUARE, occluders=(PILLAR,)), "corner": Scene(room
 STEP_NS = 100_000_000
 
 
-def walked(scene: Scene, seed: int, people: Moving | None = None, **values: object) -> np.ndarray:
+def walked(scene: Scene, seed: int, people: MovingObstacleTracks | None = None, **values: object) -> np.ndarray:
     """(T, n, 2) places of all objects."""
     config = configure(WorldConfig.in_unit("m"), {"motion": "field", "targets": 4, "steps": 200, **values})
     rows = Truth.concat(simulate_truth(scene, config, seed, people=people))
     return np.column_stack([rows.x, rows.y]).reshape(config.steps, config.targets, 2)
 
 
-def people(xy: np.ndarray) -> Moving:
+def people(xy: np.ndarray) -> MovingObstacleTracks:
     """One person at (T, 2) places, and a step before and after."""
     whole = np.concatenate([xy[:1], xy, xy[-1:]])
     t_ns = START_NS + np.arange(-1, len(xy) + 1) * STEP_NS
     rows = np.column_stack([whole, np.full(len(whole), 0.25)])
-    return Moving(t_ns, np.zeros(len(whole), np.int32), rows, Clock(START_NS, 0.1), limit_ns=2 * STEP_NS)
+    return MovingObstacleTracks(
+        t_ns, np.zeros(len(whole), np.int32), rows, StepClock(START_NS, 0.1), limit_ns=2 * STEP_NS
+    )
 
 
 @pytest.mark.jit
@@ -60,7 +62,8 @@ def test_nobody_walks_through_anybody_or_through_a_wall(room: str, seed: int):
         assert min(distance_to_boundary(x, y, occluder.polygon) for x, y in flat) >= 0.25 * (1 - 1e-12)
         for i in range(path.shape[1]):
             hidden = [
-                sight_blocked(a, b[None], occluder.polygon)[0] for a, b in zip(path[:-1, i], path[1:, i], strict=True)
+                line_of_sight_blocked(a, b[None], occluder.polygon)[0]
+                for a, b in zip(path[:-1, i], path[1:, i], strict=True)
             ]
             assert not any(hidden)
     assert min(pdist(places).min() for places in path) >= 0.5 * (1 - 1e-12)

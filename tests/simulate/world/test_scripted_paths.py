@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.numerics.interpolate import Grid
+from occlog.core.numerics.interpolate import TimeGrid
 from occlog.errors import InputError
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move
 from occlog.records.scene import Occluder, Scene, Script, ScriptedTarget, Segment
@@ -130,7 +130,7 @@ def test_nobody_for_a_whole_chunk_is_no_gap() -> None:
     from occlog.records.scene import MicrophoneArray
 
     path = Script((ScriptedTarget(0, (1.0, 0.0, NAN), from_s=300.0),))
-    grids: list[Grid] = list(simulate_paths(path, 400, 1.0, NAN, START, 0))
+    grids: list[TimeGrid] = list(simulate_paths(path, 400, 1.0, NAN, START, 0))
     scene = Scene(arrays=(MicrophoneArray("m", np.zeros(3), planar=True),))
     rows = list(observe_arrays(scene, grids, ObserveConfig(), 0, SoundConfig(label=True)))
     assert [len(r) for r in rows] == [0, 100]

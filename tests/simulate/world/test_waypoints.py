@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.distance import pdist
 from scipy.special import ive
 
-from occlog.core.plane import distance_to_boundary, inside_polygon, pack_polygons, pockets, sight_blocked
+from occlog.core.plane import distance_to_boundary, inside_polygon, line_of_sight_blocked, pack_polygons, pockets
 from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, WaypointMotion, populate, walk
 
 SQUARE = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
@@ -40,7 +40,9 @@ def test_objects_stay_in_the_room_out_of_pillars_and_apart(seed, room, pillars, 
     assert inside_polygon(flat, room).all()
     for polygon in pillars:
         assert not inside_polygon(flat, polygon).any()
-        assert not any(sight_blocked(a, b[None], polygon)[0] for a, b in zip(path[:-1, 0], path[1:, 0], strict=True))
+        assert not any(
+            line_of_sight_blocked(a, b[None], polygon)[0] for a, b in zip(path[:-1, 0], path[1:, 0], strict=True)
+        )
     if clearance:
         for polygon in [room, *pillars]:
             assert min(distance_to_boundary(x, y, polygon) for x, y in flat) >= clearance

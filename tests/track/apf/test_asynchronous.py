@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tracker_scenes import room100
 
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.records.tables import Bearings, Truth
 from occlog.scans.grouping import Rows, scans_of
@@ -62,7 +62,7 @@ def tracked(bearings, truth, seed, priors=None, skip_s=20.0, use=range(1, 9)):
     At full seconds only, synchronous cameras would be judged at their best.
     """
     scene, config = room100(), ApfConfig(particles=1000)
-    rng = generator(seed, Stage.TRACK, 0)
+    rng = generator(seed, RandomStream.TRACK, 0)
     state, times, places = apf.init(scene, config, rng), [], []
     feed = None if priors is None else OccluderFeed(priors, config.occluder_diameter, 5 * SECOND)
     for scan in scans_of([bearings], scene, Rows({f"cam{i}" for i in use})):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tracker_scenes import room100, scan, true_u, with_array
 
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.visibility import seen_from
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
@@ -36,7 +36,7 @@ def recorded(scene, noise, seed, steps):
 def true_errors(scene, seed):
     return np.array(
         [
-            generator(seed, Stage.CAMERA_CALIBRATION, i).standard_normal(3)
+            generator(seed, RandomStream.CAMERA_CALIBRATION, i).standard_normal(3)
             * [c.sigma_position, c.sigma_position, c.sigma_yaw]
             for i, c in enumerate(scene.cameras)
         ]

@@ -10,7 +10,7 @@ from tracker_scenes import room100, scan
 
 from occlog.core.plane import sample_floor
 from occlog.filtering.motion import waypoint
-from occlog.filtering.particles import effective_size, mean_and_covariance
+from occlog.filtering.particles import effective_sample_size, mean_and_covariance
 from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.model import pack_scan
 from occlog.track.methods.apf.propose import auxiliary_step
@@ -121,7 +121,7 @@ def test_the_moments_are_those_of_many_particles_that_do_not_look(seed, noises):
     xy = np.array([draw.weights @ draw.particles.xy for _, draw in runs])
     square = np.array([draw.weights @ (draw.particles.xy - mean) ** 2 for _, draw in runs])
     moved = np.array([draw.weights @ waypoint.velocities(draw.particles) for _, draw in runs])
-    few = effective_size(wide.weights)
+    few = effective_sample_size(wide.weights)
     spread = np.sqrt(np.diag(covariance))
     error = 5 * (spread / np.sqrt(few) + xy.std(axis=0) / np.sqrt(80))
     np.testing.assert_allclose(share @ xy, mean, atol=error.max())
@@ -140,7 +140,7 @@ def test_where_nobody_sees_the_target_every_motion_keeps_particles():
     draw = auxiliary_step(state.model, state.particles, state.weights, blind, 0.2, np.random.default_rng(0))
     counts = np.bincount(draw.particles.regime, minlength=3)
     assert counts.min() >= 60
-    assert effective_size(draw.weights) > 850
+    assert effective_sample_size(draw.weights) > 850
 
 
 @pytest.mark.jit
@@ -153,7 +153,7 @@ def test_sharp_bearings_leave_more_particles_than_without_a_look(focal, factor):
         state = state_with(scene, ApfConfig(particles=1000, proposal=proposal, lost_after=0), 0, spread=1.0)
         looks = pack_scan(scan(0.5, rows), state.model.read_px, True)
         draw = auxiliary_step(state.model, state.particles, state.weights, looks, 0.5, np.random.default_rng(0))
-        sizes[proposal] = effective_size(draw.weights)
+        sizes[proposal] = effective_sample_size(draw.weights)
     assert sizes["scan"] > 800
     assert sizes["scan"] > factor * sizes["motion"]
 

@@ -9,9 +9,9 @@ from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
     RANGE,
-    Distances,
+    RangeMeasurements,
     information,
-    nothing,
+    no_measurements,
     residuals,
 )
 from occlog.track.methods.fix.estimators import Modes, modes, spread_of
@@ -22,11 +22,13 @@ PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0], [10.0, 8.0]])
 NO_LINES = Lines(np.empty((0, 2)), np.empty(0), np.empty(0), BEND)
 
 
-def measured(kind: int, xy: np.ndarray, sigma: float, places: np.ndarray = PLACES, rise2: float = 0.0) -> Distances:
+def measured(
+    kind: int, xy: np.ndarray, sigma: float, places: np.ndarray = PLACES, rise2: float = 0.0
+) -> RangeMeasurements:
     """Without errors, of all stations; differences are to the first."""
     own = places[1:] if kind == DIFFERENCE else places
     n = len(own)
-    rows = Distances(
+    rows = RangeMeasurements(
         kind=np.full(n, kind),
         value=np.zeros(n),
         sigma=np.full(n, sigma),
@@ -89,7 +91,10 @@ def test_bearings_alone_give_what_they_give_without_distances() -> None:
     xy = np.array([4.0, 3.0])
     away = xy - PLACES
     bearings, sigma = np.arctan2(away[:, 1], away[:, 0]) + 1e-3, np.full(4, 0.01)
-    one, other = modes(PLACES, bearings, sigma, BEND), modes_of(Lines(PLACES, bearings, sigma, BEND), nothing(BEND))
+    one, other = (
+        modes(PLACES, bearings, sigma, BEND),
+        modes_of(Lines(PLACES, bearings, sigma, BEND), no_measurements(BEND)),
+    )
     np.testing.assert_allclose(one.xy[0], other.xy[0], atol=1e-7)
     np.testing.assert_allclose(one.covariance[0], other.covariance[0], rtol=0.02)
 
@@ -109,7 +114,7 @@ def test_normalised_squared_errors_are_those_of_two_degrees_of_freedom(kind: int
     assert np.mean(np.array(nees) > 5.991) < 0.15
 
 
-def false_at(rows: Distances, n: int, by: float) -> Distances:
+def false_at(rows: RangeMeasurements, n: int, by: float) -> RangeMeasurements:
     value = rows.value.copy()
     value[n] += by
     return rows._replace(value=value)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.sight.triangulate import sight_lines_meet
+from occlog.core.sight.triangulate import triangulate
 from occlog.track.methods.imm.ask_cameras import PLACE, expected_variance, moved_to, root, updated
 
 PLACE_FOUND = np.array([4.0, -2.0])
@@ -58,7 +58,7 @@ def test_root_of_a_covariance():
 def test_expected_variance_is_that_of_the_crossing(place):
     place, origins, sigmas = np.array(place), np.array([[0.0, 0.0], [10.0, -1.0]]), np.array([0.01, 0.02])
     away = place - origins
-    met = sight_lines_meet(origins, np.arctan2(away[:, 1], away[:, 0]), sigmas, np.array([0, 2]))
+    met = triangulate(origins, np.arctan2(away[:, 1], away[:, 0]), sigmas, np.array([0, 2]))
     assert expected_variance(place, origins, sigmas) == pytest.approx(np.trace(met.covariance[0]), rel=1e-9)
 
 

@@ -10,7 +10,7 @@ import pytest
 from tracker_scenes import observe, room100, scan, true_u, walk
 
 from occlog.cli.main import run
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.visibility import behind_objects
 from occlog.errors import ExitCode, UsageError
 from occlog.filtering.likelihood.measurement_model import rows_of
@@ -49,7 +49,7 @@ def test_who_hides_whom_is_the_simulators() -> None:
 def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
     """Camera 2 at (50, 0) looks up at an object at (50, 50): the other one is beside the sight line, or on it."""
     config = JointConfig(detection=0.9, false=0.01)
-    state = joint.init(SCENE, config, generator(0, Stage.TRACK, 0))
+    state = joint.init(SCENE, config, generator(0, RandomStream.TRACK, 0))
     xy = np.array([[[50.0, 50.0], [70.0, 30.0]], [[50.0, 50.0], [50.0, 30.0]]])
     missed, seen = (
         joint.pack_scan(scan(0.0, [(1, u)]), state.read_px, False) for u in (None, true_u(SCENE, (50, 50))[1])
@@ -95,7 +95,7 @@ def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
     assert chances.detection.tolist() == [0.9, 0.4]
     assert chances.false.tolist() == [0.01, 0.2]
     sure = replace(SCENE, cameras=(replace(SCENE.cameras[1], detection=1.0, false_alarm=0.0),))
-    state = joint.init(sure, config, generator(0, Stage.TRACK, 0))
+    state = joint.init(sure, config, generator(0, RandomStream.TRACK, 0))
     missed = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
     look = joint.Look(missed, rows_of(missed))
     assert np.isfinite(joint.log_factors(np.array([[[50.0, 50.0]]]), [look], state.world, state.chances, config)).all()
@@ -104,7 +104,7 @@ def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
 def test_nobody_hides_sounds_from_arrays() -> None:
     config = JointConfig(detection=0.9, false=0.01)
     scene = Scene(arrays=(MicrophoneArray("mic", np.array([50.0, 0.0, 1.0])),), room=SCENE.room, length_unit="unit")
-    state = joint.init(scene, config, generator(0, Stage.TRACK, 0))
+    state = joint.init(scene, config, generator(0, RandomStream.TRACK, 0))
     silent = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
     nothing = joint.Look(silent._replace(sensor=silent.sensor[:0], first=silent.first[:1]), rows_of(silent))
     behind = np.array([[[50.0, 50.0], [50.0, 30.0]]])

@@ -8,7 +8,7 @@ from tracker_scenes import room100
 
 from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
-from occlog.filtering.likelihood.measurement_model import Rows, World, azimuths, measured
+from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld, azimuths, measured
 from occlog.track.methods.apf.model import pack_noise, pack_sensors
 from occlog.track.methods.kalman import updates
 from occlog.track.methods.kalman.config import IGNORE, IekfConfig
@@ -16,14 +16,14 @@ from occlog.track.methods.kalman.updates import along_the_ray
 
 pytestmark = pytest.mark.jit
 SCENE = room100()
-WORLD = World(pack_sensors(SCENE), pack_noise(SCENE), make_floor(SCENE.region, []))
+WORLD = MeasurementWorld(pack_sensors(SCENE), pack_noise(SCENE), make_floor(SCENE.region, []))
 AT = np.array([40.0, 30.0])
 """50 from camera 1, which is at the origin."""
 
 
-def row(xy: np.ndarray, *, pixel: bool, sd: float) -> Rows:
+def row(xy: np.ndarray, *, pixel: bool, sd: float) -> LinearisedRows:
     """What camera 1 measures of a place, without noise."""
-    blank = Rows(np.array([0]), np.array([pixel]), np.zeros(1), np.array([sd**2]), np.ones(1, bool))
+    blank = LinearisedRows(np.array([0]), np.array([pixel]), np.zeros(1), np.array([sd**2]), np.ones(1, bool))
     return blank._replace(value=measured(xy[None], blank, WORLD)[0][0])
 
 

@@ -10,24 +10,26 @@ from tracker_scenes import room100
 from occlog.array_types import Floats
 from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
-from occlog.filtering.likelihood.distances import RANGE, Distances, residuals
-from occlog.filtering.likelihood.measurement_model import Rows, World
+from occlog.filtering.likelihood.distances import RANGE, RangeMeasurements, residuals
+from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld
 from occlog.track.methods.apf.model import pack_noise, pack_sensors
 from occlog.track.methods.kalman.stations import extended, first_position, inside_gate, unscented
 
 SCENE = room100(pillar=False)
-WORLD = World(pack_sensors(SCENE), pack_noise(SCENE), make_floor(SCENE.region, []))
-NO_ROWS = Rows(*(np.empty(0, dtype=kind) for kind in (np.int64, np.bool_, np.float64, np.float64, np.bool_)))
+WORLD = MeasurementWorld(pack_sensors(SCENE), pack_noise(SCENE), make_floor(SCENE.region, []))
+NO_ROWS = LinearisedRows(*(np.empty(0, dtype=kind) for kind in (np.int64, np.bool_, np.float64, np.float64, np.bool_)))
 PLACES = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0], [100.0, 100.0]])
 COVARIANCE = np.array([[9.0, 2.0, 1.0, 0.0], [2.0, 6.0, 0.0, 0.5], [1.0, 0.0, 0.6, 0.0], [0.0, 0.5, 0.0, 0.4]])
 
 
-def ranges(xy: tuple[float, float], off: Floats, sigma: float = 0.5) -> Distances:
+def ranges(xy: tuple[float, float], off: Floats, sigma: float = 0.5) -> RangeMeasurements:
     """Ranges from four corners, each wrong by `off`."""
     m = len(off)
     far = np.hypot(*(np.array(xy) - PLACES[:m]).T) + off
     none = np.zeros(m)
-    return Distances(np.full(m, RANGE), far, np.full(m, sigma), PLACES[:m], none, PLACES[:m], none, np.arange(m))
+    return RangeMeasurements(
+        np.full(m, RANGE), far, np.full(m, sigma), PLACES[:m], none, PLACES[:m], none, np.arange(m)
+    )
 
 
 def test_the_update_is_that_of_the_information_filter() -> None:

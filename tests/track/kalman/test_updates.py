@@ -9,20 +9,22 @@ from tracker_scenes import room100
 
 from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
-from occlog.filtering.likelihood.measurement_model import Rows, World, linearised, measured
+from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld, linearised, measured
 from occlog.track.methods.apf.model import pack_noise, pack_sensors
 from occlog.track.methods.kalman import updates
 from occlog.track.methods.kalman.config import DESCENT, IGNORE, VISIBLE, IekfConfig, UkfConfig
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=True)
-WORLD = World(pack_sensors(SCENE), pack_noise(SCENE), make_floor(SCENE.region, [o.polygon for o in SCENE.occluders]))
+WORLD = MeasurementWorld(
+    pack_sensors(SCENE), pack_noise(SCENE), make_floor(SCENE.region, [o.polygon for o in SCENE.occluders])
+)
 COVARIANCE = np.array([[9.0, 2.0, 1.0, 0.0], [2.0, 6.0, 0.0, 0.5], [1.0, 0.0, 0.6, 0.0], [0.0, 0.5, 0.0, 0.4]])
 
 
-def rows(sensors: list[int], xy: tuple[float, float], pixel: list[bool], off: float = 0.0) -> Rows:
+def rows(sensors: list[int], xy: tuple[float, float], pixel: list[bool], off: float = 0.0) -> LinearisedRows:
     """What sensors measure of a place, each off by so many standard deviations of reading."""
-    blank = Rows(
+    blank = LinearisedRows(
         np.array(sensors),
         np.array(pixel),
         np.zeros(len(sensors)),

@@ -9,7 +9,7 @@ import pytest
 from map_scenes import place, record, scans_of
 from numpy.testing import assert_allclose
 
-from occlog.core.occlusion.hidden import IMPROVED, unhidden
+from occlog.core.occlusion.hidden import IMPROVED, visibility_probability
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.track.interface import Smoothed
 from occlog.track.methods.map.config import MapConfig
@@ -82,7 +82,9 @@ def test_the_term_of_a_well_known_place_has_the_slope_of_the_likelihood(seen: bo
     priors, mean = people((1.0, 0.2), (2.0, -0.5), sigma=0.6), np.array([3.0, 0.1])
 
     def value(xy) -> np.ndarray:
-        clear = unhidden(np.atleast_2d(xy), np.arange(len(np.atleast_2d(xy))), 0.0, 0.0, priors, IMPROVED, FAR)
+        clear = visibility_probability(
+            np.atleast_2d(xy), np.arange(len(np.atleast_2d(xy))), 0.0, 0.0, priors, IMPROVED, FAR
+        )
         return -np.log(clear if seen else 1.0 - clear)
 
     covariance = 0.02**2 * np.array([[1.0, 0.3], [0.3, 0.8]])

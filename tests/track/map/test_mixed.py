@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, log_likelihood
+from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, RangeMeasurements, log_likelihood
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Measured, Scan
 from occlog.track.methods.map import mixed
@@ -21,10 +21,10 @@ NS = 1_000_000_000
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0]])
 
 
-def ranges(xy: np.ndarray, sigma: float = 0.05, kind: int = RANGE) -> Distances:
+def ranges(xy: np.ndarray, sigma: float = 0.05, kind: int = RANGE) -> RangeMeasurements:
     value = np.hypot(*(xy - PLACES).T)
     blank = np.zeros(3)
-    return Distances(
+    return RangeMeasurements(
         np.full(3, kind), value, np.full(3, sigma), PLACES, blank, np.roll(PLACES, 1, axis=0), blank, np.arange(3)
     )
 
@@ -86,7 +86,8 @@ def walk(seed: int, *, late: float, told: float, n: int = 60) -> tuple[list[Scan
     by += np.where(rng.random(exact.shape) < late, rng.exponential(2.0, exact.shape), 0.0)
     blank, own = np.zeros(4), np.full(4, RANGE)
     rows = [
-        Distances(own, z, np.full(4, 0.1), CORNERS, blank, CORNERS, blank, np.arange(4), late=told) for z in exact + by
+        RangeMeasurements(own, z, np.full(4, 0.1), CORNERS, blank, CORNERS, blank, np.arange(4), late=told)
+        for z in exact + by
     ]
     return [Scan.of(round(0.2 * k * NS), [])._replace(measured=Measured(zero, row)) for k, row in enumerate(rows)], path
 

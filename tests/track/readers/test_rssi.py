@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.track.methods.readers.rssi import Located, PathLoss, Rules, begin, step
 
 ROOM = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 12.0], [0.0, 12.0]])
@@ -61,7 +61,7 @@ def walk(seed: int, steps: int = 60) -> Walk:
 
 
 def filtered(rules: Rules, reads: Walk, seed: int = 0) -> list[Located]:
-    rng = generator(seed, Stage.TRACK, 0)
+    rng = generator(seed, RandomStream.TRACK, 0)
     cloud = begin(rules, 0, rng)
     out = []
     for k in range(len(reads.xy)):

@@ -14,8 +14,8 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Bools, Floats, Ints
 
-from ..errors import Sum, pair_within, ratio
-from .frame_pairs import Frames, reaches
+from ..errors import Sum, pair_within, ratio_or_nan
+from .frame_pairs import MatchedFrames, reaches
 
 MOSTLY_TRACKED = 0.8
 MOSTLY_LOST = 0.2
@@ -45,13 +45,13 @@ CHALLENGE = ClearRule(memory=1, most=False)
 """Pairs are remembered from the frame before only, as in the MOTChallenge and in TrackEval."""
 
 
-class Matches(NamedTuple):
+class MatchedPairs(NamedTuple):
     """The pairs that were made, in order of frames.
 
     Attributes:
-        frame: (n,) place of the frame in `Frames`.
-        truth: (n,) true row in `Frames`.
-        track: (n,) track row in `Frames`.
+        frame: (n,) place of the frame in `MatchedFrames`.
+        truth: (n,) true row in `MatchedFrames`.
+        track: (n,) track row in `MatchedFrames`.
         distance: (n,) of the pair.
         similarity: (n,) of the pair.
         switch: (n,) true: the target had another track when it was paired last.
@@ -115,10 +115,10 @@ class Matcher:
         self._held = np.full(targets, -1, dtype=np.int64)
         self._when = np.zeros(targets, dtype=np.int64)
 
-    def update(self, frames: Frames) -> Matches:
+    def update(self, frames: MatchedFrames) -> MatchedPairs:
         """Pairs of some more frames; targets and tracks have the same numbers in all parts."""
         rule, held, when = self._rule, self._held, self._when
-        parts: list[Matches] = []
+        parts: list[MatchedPairs] = []
         for t in frames.meeting():
             left, right = frames.rows(t)
             truth, track = frames.truth[left], frames.track[right]
@@ -134,14 +134,14 @@ class Matcher:
             switch = (held[paired] >= 0) & (held[paired] != now)
             held[paired], when[paired] = now, frames.frame[t]
             at = np.full(len(i), t, dtype=np.int64)
-            parts.append(Matches(at, left.start + i, right.start + j, distance[i, j], similarity[i, j], switch))
+            parts.append(MatchedPairs(at, left.start + i, right.start + j, distance[i, j], similarity[i, j], switch))
         none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
-        parts.append(Matches(none, none, none, nothing, nothing, np.zeros(0, dtype=np.bool_)))
+        parts.append(MatchedPairs(none, none, none, nothing, nothing, np.zeros(0, dtype=np.bool_)))
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        return Matches(*columns)
+        return MatchedPairs(*columns)
 
 
-def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
+def match(frames: MatchedFrames, rule: ClearRule = CLASSIC) -> MatchedPairs:
     """Pair targets and tracks one to one in each frame, in order of frames.
 
     Args:
@@ -161,7 +161,7 @@ class ClearCounts:
         self._life, self._paired, self._stretches = np.zeros((3, targets), dtype=np.int64)
         self._goes_on = np.zeros(targets, dtype=np.bool_)  # the target was paired when it was there last
 
-    def update(self, frames: Frames, made: Matches) -> None:
+    def update(self, frames: MatchedFrames, made: MatchedPairs) -> None:
         """Count some more frames and their pairs; targets have the same numbers in all parts."""
         size = len(self._life)
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
@@ -206,11 +206,11 @@ class ClearCounts:
             fn=n - tp,
             switches=self._switches,
             fragmentations=int(np.sum(self._stretches[self._stretches > 0] - 1)),
-            mota=1.0 - ratio(m - tp + n - tp + self._switches, n),
-            motp=ratio(self._distance.value, tp),
-            motp_similarity=ratio(self._similarity.value, tp),
-            recall=ratio(tp, n),
-            precision=ratio(tp, m),
+            mota=1.0 - ratio_or_nan(m - tp + n - tp + self._switches, n),
+            motp=ratio_or_nan(self._distance.value, tp),
+            motp_similarity=ratio_or_nan(self._similarity.value, tp),
+            recall=ratio_or_nan(tp, n),
+            precision=ratio_or_nan(tp, m),
             mostly_tracked=most,
             partly_tracked=len(tracked) - most - lost,
             mostly_lost=lost,
@@ -218,7 +218,7 @@ class ClearCounts:
         )
 
 
-def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None = None) -> ClearMot:
+def clear_mot(frames: MatchedFrames, rule: ClearRule = CLASSIC, matches: MatchedPairs | None = None) -> ClearMot:
     """Compute the CLEAR-MOT figures of tracks.
 
     Args:

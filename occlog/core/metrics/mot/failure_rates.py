@@ -18,25 +18,25 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 
-from ..errors import ratio
-from .frame_pairs import Frames, Objects, of_points
+from ..errors import ratio_or_nan
+from .frame_pairs import MatchedFrames, Objects, of_points
 
-NONE = -1
+NO_TARGET = -1
 """No target: `other` of a position failure, `elsewhere` of a label failure, a tracker without a target of its own."""
 
 
-class Failures(NamedTuple):
+class FailureRates(NamedTuple):
     """A row for each failure, by view, frame and target, and the rates.
 
     Attributes:
         frame: (n,) number of the frame.
         view: (n,) number of the view; 0 where there is one.
         target: (n,) position failure: label of the target; label failure: the tracker's own target.
-        other: (n,) position failure: `NONE`; label failure: label of the target that the tracker is on.
+        other: (n,) position failure: `NO_TARGET`; label failure: label of the target that the tracker is on.
         label: (n,) true: label failure; false: position failure.
         away: (n,) position failure: distance of the target's own tracker, NaN where it has none in the
             frame; label failure: distance of the tracker from the target that it is on.
-        elsewhere: (n,) position failure: label of the target that its own tracker is on; otherwise `NONE`.
+        elsewhere: (n,) position failure: label of the target that its own tracker is on; otherwise `NO_TARGET`.
         total: number of true rows.
         fr_p: position failures / total ([Qu] Eq. 9); NaN without true rows.
         fr_l: label failures / total ([Qu] Eq. 9); NaN without true rows.
@@ -62,12 +62,12 @@ class Failures(NamedTuple):
 def _cause(label: bool, other: int, away: float, elsewhere: int, unit: str) -> str:
     if label:
         return f"tracker on target {other}"
-    if elsewhere != NONE:
+    if elsewhere != NO_TARGET:
         return f"its tracker is on target {elsewhere}"
     return "no tracker" if np.isnan(away) else f"its tracker is {away:.4g} {unit} away"
 
 
-def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints | None = None) -> Failures:
+def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints | None = None) -> FailureRates:
     """Failures of trackers, [Qu] Eq. 9.
 
     Args:
@@ -76,7 +76,7 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
             without an estimate.
         tau: largest distance from a target at which a tracker is on it, >= 0; (n,) for each true
             row, such as the radius of the target, or one for all.
-        own: (m,) label of the target that each row's tracker belongs to; `NONE`: the tracker has no
+        own: (m,) label of the target that each row's tracker belongs to; `NO_TARGET`: the tracker has no
             target, so that being on one is a label failure.  None: the tracker's own label.
 
     Raises:
@@ -91,10 +91,12 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
     views = None if trackers.view is None else trackers.view[given]
     known = Objects(trackers.frame[given], trackers.label[given], trackers.place[given], views)
     frames = of_points(truth, known, 1.0)
-    return _failures(frames, _look(frames, reach[frames.truth_row], whose[given][frames.track_row].astype(np.int64)))
+    return _failures(
+        frames, _match_frame(frames, reach[frames.truth_row], whose[given][frames.track_row].astype(np.int64))
+    )
 
 
-class _Looks(NamedTuple):
+class _FrameMatches(NamedTuple):
     """Each tracker's row against the true rows of its frame (M), and each true row against its own trackers (N)."""
 
     whose: Ints  # (M,) label of its own target
@@ -104,7 +106,7 @@ class _Looks(NamedTuple):
     away: Floats  # (N,) its distance; NaN: none
 
 
-def _look(frames: Frames, reach: Floats, whose: Ints) -> _Looks:
+def _match_frame(frames: MatchedFrames, reach: Floats, whose: Ints) -> _FrameMatches:
     """Find the target that each tracker is on, and the nearest own tracker of each target.
 
     Args:
@@ -130,22 +132,22 @@ def _look(frames: Frames, reach: Floats, whose: Ints) -> _Looks:
         has = mine.any(axis=1)
         tracker[left] = np.where(has, right.start + nearest, -1)
         away[left] = np.where(has, distance[np.arange(len(nearest)), nearest], np.nan)
-    return _Looks(whose, on, far, tracker, away)
+    return _FrameMatches(whose, on, far, tracker, away)
 
 
-def _failures(frames: Frames, looks: _Looks) -> Failures:
+def _failures(frames: MatchedFrames, looks: _FrameMatches) -> FailureRates:
     """Collect the failures of both kinds as rows, and divide their numbers by that of the true rows."""
     # Targets that a tracker is on
     found = np.zeros(len(frames.truth), dtype=np.bool_)
     found[looks.on[looks.on >= 0]] = True
     # One element more at the end, so that index -1 gives no target
-    label = np.append(frames.truth_key[frames.truth, 1], NONE)
+    label = np.append(frames.truth_key[frames.truth, 1], NO_TARGET)
     # Position failures (rows of the truth) and label failures (rows of trackers), the numerators of [Qu] Eq. 9
     lost, wrong = np.flatnonzero(~found), np.flatnonzero((looks.on >= 0) & (looks.whose != label[looks.on]))
     t = np.arange(len(frames.frame))
     of_truth, of_track = np.repeat(t, np.diff(frames.truth_start)), np.repeat(t, np.diff(frames.track_start))
     astray = label[np.append(looks.on, -1)[looks.tracker[lost]]]
-    none = np.full(max(len(lost), len(wrong)), NONE, dtype=np.int64)
+    none = np.full(max(len(lost), len(wrong)), NO_TARGET, dtype=np.int64)
     sides = (
         (of_truth[lost], label[:-1][lost], none[: len(lost)], np.zeros(len(lost), np.bool_), looks.away[lost], astray),
         (
@@ -161,7 +163,7 @@ def _failures(frames: Frames, looks: _Looks) -> Failures:
     order = np.lexsort((columns[3], columns[1], columns[0]))
     cell, target, other, of_label, away, elsewhere = (column[order] for column in columns)
     total = len(frames.truth)
-    return Failures(
+    return FailureRates(
         frame=frames.frame[cell],
         view=frames.view[cell],
         target=target,
@@ -170,6 +172,6 @@ def _failures(frames: Frames, looks: _Looks) -> Failures:
         away=away,
         elsewhere=elsewhere,
         total=total,
-        fr_p=ratio(len(lost), total),
-        fr_l=ratio(len(wrong), total),
+        fr_p=ratio_or_nan(len(lost), total),
+        fr_l=ratio_or_nan(len(wrong), total),
     )

@@ -44,7 +44,7 @@ class Objects(NamedTuple):
     view: Ints | None = None
 
 
-class Frames(NamedTuple):
+class MatchedFrames(NamedTuple):
     """Truth and tracks by frame; a frame of one view is a frame of its own here.
 
     Rows are sorted by view, frame, label.  T frames that have a row on either side, N true rows
@@ -114,7 +114,7 @@ def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
     return np.round(distance, min(math.floor(-math.log10(8.0 * EPS * largest)), 300))
 
 
-def numbered(part: Frames, truth_key: Ints, track_key: Ints) -> Frames:
+def numbered(part: MatchedFrames, truth_key: Ints, track_key: Ints) -> MatchedFrames:
     """Frames of a part of a recording, with the numbers that targets and tracks have in the whole.
 
     Args:
@@ -134,7 +134,7 @@ def numbered(part: Frames, truth_key: Ints, track_key: Ints) -> Frames:
     )
 
 
-def of_boxes(truth: Objects, tracks: Objects) -> Frames:
+def of_boxes(truth: Objects, tracks: Objects) -> MatchedFrames:
     """Frames of boxes (n, 4): left, top, width, height.
 
     Raises:
@@ -147,7 +147,7 @@ def of_boxes(truth: Objects, tracks: Objects) -> Frames:
     return _frames(truth, tracks, np.nan)
 
 
-def of_points(truth: Objects, tracks: Objects, limit: float) -> Frames:
+def of_points(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
     """Frames of points (n, d), on the ground, in space or in the image.
 
     Args:
@@ -169,7 +169,7 @@ def reaches(similarity: Floats, threshold: float) -> Bools:
     return np.asarray((similarity >= threshold - EPS) & (similarity > EPS))
 
 
-def _frames(truth: Objects, tracks: Objects, limit: float) -> Frames:
+def _frames(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
     if truth.place.ndim != 2 or truth.place.shape[1:] != tracks.place.shape[1:]:
         raise ValueError("places of both sides must have as many columns")
     n = len(truth.frame)
@@ -182,7 +182,7 @@ def _frames(truth: Objects, tracks: Objects, limit: float) -> Frames:
     track_key, track = _numbered(both_views[n:], tracks.label)
     truth_row, truth_start = _sorted(truth, cell[:n], target, len(key))
     track_row, track_start = _sorted(tracks, cell[n:], track, len(key))
-    return Frames(
+    return MatchedFrames(
         frame=key[:, 1],
         view=key[:, 0],
         truth=target[truth_row],
@@ -262,7 +262,7 @@ PENDING = 1 << 18
 """Additions that are kept at least until they are summed up, where there is no matrix."""
 
 
-class Couples:
+class TargetTrackSums:
     """Some sums for each couple of a target and a track.
 
     A long recording has a hundred thousand of each, of which few are ever there together: memory grows with the couples
@@ -321,7 +321,7 @@ class Couples:
         tracks = max(self._tracks, 1)
         return self._keys // tracks, self._keys % tracks, self._values
 
-    def merge(self, other: Couples) -> None:
+    def merge(self, other: TargetTrackSums) -> None:
         """Take in the couples of other targets and tracks, which get the numbers behind these."""
         (target, track, values), (its_target, its_track, more) = self.all(), other.all()
         tracks = self._tracks + other._tracks

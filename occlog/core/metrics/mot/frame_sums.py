@@ -13,7 +13,7 @@ import numpy as np
 from occlog.array_types import Floats
 
 from .clear_mot import CLASSIC, ClearRule, match
-from .frame_pairs import Frames, reaches
+from .frame_pairs import MatchedFrames, reaches
 from .hota import ALPHAS, associations, identity
 
 COUNTS = ("objects", "estimates", "paired", "switches", "near", "squares", "idtp")
@@ -23,7 +23,7 @@ PLACE = {name: k for k, name in enumerate(COUNTS)}
 SIZE = len(COUNTS) + 2 * A
 
 
-def frame_sums(frames: Frames, cells: int, rule: ClearRule = CLASSIC) -> Floats:
+def frame_sums(frames: MatchedFrames, cells: int, rule: ClearRule = CLASSIC) -> Floats:
     """(cells, SIZE) what each frame adds.
 
     Args:

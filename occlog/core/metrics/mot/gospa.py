@@ -20,7 +20,7 @@ from occlog.array_types import Floats, Ints
 from occlog.core.numerics.assignment import maximum_weight_matching
 
 from ..errors import Sum
-from .frame_pairs import Couples, Frames
+from .frame_pairs import MatchedFrames, TargetTrackSums
 
 
 class Gospa(NamedTuple):
@@ -83,7 +83,7 @@ class GospaSums:
         return {**values, "power_mean": sum(list(values.values())[1:]) ** (1.0 / self._p)}
 
 
-def gospa(frames: Frames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> Gospa:
+def gospa(frames: MatchedFrames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> Gospa:
     """Compute GOSPA of each frame from its distances (1 - IoU, or length).
 
     gospa^p = min over assignments of [sum of min(d, c)^p of the pairs + c^p / alpha (n + m - 2 pairs)].
@@ -143,7 +143,7 @@ class Ospa2(NamedTuple):
     cardinality: float
 
 
-def ospa2(frames: Frames, cutoff: float, p: float = 1.0) -> Ospa2:
+def ospa2(frames: MatchedFrames, cutoff: float, p: float = 1.0) -> Ospa2:
     """Compute OSPA(2) over all frames as one window.
 
     The distance of a true trajectory f and a track g is a mean over the frames in which at least one of them is there:
@@ -163,7 +163,7 @@ def ospa2(frames: Frames, cutoff: float, p: float = 1.0) -> Ospa2:
     return sums.result()
 
 
-def ospa2_over_time(frames: Frames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
+def ospa2_over_time(frames: MatchedFrames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
     """Compute OSPA(2) over the windows of so many frames that end with each of these frames.
 
     Args:
@@ -181,7 +181,7 @@ def ospa2_over_time(frames: Frames, cutoff: float, p: float, window: int, ends: 
     return list(Ospa2Windows(len(frames.truth_key), len(frames.track_key), cutoff, p, window).update(frames, ends))
 
 
-class _Seen(NamedTuple):
+class _FrameCounts(NamedTuple):
     """What one frame adds."""
 
     frame: int
@@ -200,22 +200,22 @@ class Ospa2Sums:
         self._cutoff, self._p = cutoff, p
         self._truth: Ints = np.zeros(targets, dtype=np.int64)
         self._track: Ints = np.zeros(tracks, dtype=np.int64)
-        self._couples = Couples(targets, tracks, sums=2)
+        self._couples = TargetTrackSums(targets, tracks, sums=2)
 
-    def update(self, frames: Frames) -> None:
+    def update(self, frames: MatchedFrames) -> None:
         """Add some more frames; targets and tracks have the same numbers in all parts."""
         for t in range(len(frames.frame)):
             self.count(self.seen(frames, t), 1)
 
-    def seen(self, frames: Frames, t: int) -> _Seen:
+    def seen(self, frames: MatchedFrames, t: int) -> _FrameCounts:
         """What frame t adds."""
         left, right = frames.rows(t)
         truth, track, apart = frames.truth[left], frames.track[right], np.zeros((0, 0))
         if len(truth) and len(track):
             apart = np.minimum(frames.compare(t)[0], self._cutoff) ** self._p
-        return _Seen(int(frames.frame[t]), truth, track, apart)
+        return _FrameCounts(int(frames.frame[t]), truth, track, apart)
 
-    def count(self, seen: _Seen, sign: int) -> None:
+    def count(self, seen: _FrameCounts, sign: int) -> None:
         """Add a frame (sign 1), or take it away again (-1)."""
         # No label comes twice in a frame, so nothing is added to twice.
         self._truth[seen.truth] += sign
@@ -257,9 +257,9 @@ class Ospa2Windows:
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float, window: int) -> None:
         """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""
         self._sums, self._window = Ospa2Sums(targets, tracks, cutoff, p), window
-        self._within: deque[_Seen] = deque()
+        self._within: deque[_FrameCounts] = deque()
 
-    def update(self, frames: Frames, ends: Iterable[int]) -> Iterator[Ospa2]:
+    def update(self, frames: MatchedFrames, ends: Iterable[int]) -> Iterator[Ospa2]:
         """OSPA(2) of the windows that end with each of some frames, which rise, up to the last one of this part."""
         t = 0
         for end in ends:

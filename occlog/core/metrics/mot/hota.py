@@ -17,8 +17,8 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.assignment import maximum_weight_matching
 
-from ..errors import Sum, ratio
-from .frame_pairs import EPS, Couples, Frames, reaches
+from ..errors import Sum, ratio_or_nan
+from .frame_pairs import EPS, MatchedFrames, TargetTrackSums, reaches
 
 ALPHAS: Floats = np.arange(1, 20) / 20.0
 """Thresholds of similarity, 0.05 to 0.95."""
@@ -67,11 +67,11 @@ class Alignment:
 
     def __init__(self, targets: int, tracks: int) -> None:
         """No frame yet; number of all targets and tracks."""
-        self._met = Couples(targets, tracks)
+        self._met = TargetTrackSums(targets, tracks)
         self.life = np.zeros(targets, dtype=np.int64)
         self.length = np.zeros(tracks, dtype=np.int64)
 
-    def update(self, frames: Frames) -> None:
+    def update(self, frames: MatchedFrames) -> None:
         """Some more frames; a frame adds to a pair its similarity over the similarities of both to anything."""
         for t in frames.meeting():
             left, right = frames.rows(t)
@@ -109,7 +109,7 @@ class HotaCounts:
         self._tpa = np.zeros((0, len(alphas)), dtype=np.int64)
         self._similarity = [Sum() for _ in alphas]
 
-    def update(self, frames: Frames) -> None:
+    def update(self, frames: MatchedFrames) -> None:
         """Some more frames."""
         _, target, track, similarity = _assigned(frames, self._known)
         couple = target * max(len(self._known.length), 1) + track
@@ -174,7 +174,7 @@ class HotaCounts:
         )
 
 
-def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
+def hota(frames: MatchedFrames, alphas: Floats = ALPHAS) -> Hota:
     """Compute HOTA and its parts at each threshold.
 
     Args:
@@ -186,7 +186,7 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
     return counts.result()
 
 
-def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats, Floats]:
+def associations(frames: MatchedFrames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats, Floats]:
     """What each pair adds to HOTA = sqrt(sum of associations / (TP + FN + FP)).
 
     Args:
@@ -206,7 +206,7 @@ def associations(frames: Frames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats,
     return frame, good, belonging
 
 
-def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
+def _paired(frames: MatchedFrames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
     """Pairs of all frames, and the couples that they are of.
 
     Returns:
@@ -220,14 +220,14 @@ def _paired(frames: Frames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
     return frame, couple, known.life[couples // tracks], known.length[couples % tracks], similarity
 
 
-def _aligned(frames: Frames) -> Alignment:
+def _aligned(frames: MatchedFrames) -> Alignment:
     """The alignment of whole tables."""
     out = Alignment(len(frames.truth_key), len(frames.track_key))
     out.update(frames)
     return out
 
 
-def _assigned(frames: Frames, known: Alignment) -> tuple[Ints, Ints, Ints, Floats]:
+def _assigned(frames: MatchedFrames, known: Alignment) -> tuple[Ints, Ints, Ints, Floats]:
     """Frames, targets, tracks and similarities of the pairs of all frames, four arrays (n,).
 
     In each frame the assignment has the largest sum of similarity times alignment, so that of two tracks
@@ -276,11 +276,11 @@ class IdentityCounts:
 
     def __init__(self, targets: int, tracks: int, threshold: float = 0.5) -> None:
         """No frame yet; number of all targets and tracks, and the least similarity at which a track meets a target."""
-        self._met, self._targets = Couples(targets, tracks), targets
+        self._met, self._targets = TargetTrackSums(targets, tracks), targets
         self._objects = self._estimates = 0
         self._threshold = threshold
 
-    def update(self, frames: Frames) -> None:
+    def update(self, frames: MatchedFrames) -> None:
         """Count some more frames; targets and tracks have the same numbers in all parts."""
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
         for t in frames.meeting():
@@ -307,14 +307,14 @@ class IdentityCounts:
             idtp=idtp,
             idfp=m - idtp,
             idfn=n - idtp,
-            idf1=ratio(2 * idtp, n + m),
-            idp=ratio(idtp, m),
-            idr=ratio(idtp, n),
+            idf1=ratio_or_nan(2 * idtp, n + m),
+            idp=ratio_or_nan(idtp, m),
+            idr=ratio_or_nan(idtp, n),
             track=given,
         )
 
 
-def identity(frames: Frames, threshold: float = 0.5) -> Identity:
+def identity(frames: MatchedFrames, threshold: float = 0.5) -> Identity:
     """Compute IDF1 and its parts, with targets and tracks assigned one to one over all frames.
 
     Args:

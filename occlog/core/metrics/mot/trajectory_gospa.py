@@ -29,7 +29,7 @@ from scipy.sparse.csgraph import connected_components
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import Sum
 
-from .frame_pairs import Frames
+from .frame_pairs import MatchedFrames
 
 OPEN = -1
 """The value at an end of a piece that is that of the recording: any."""
@@ -37,7 +37,7 @@ FREE, CHANGE, NOTHING = 0, 1, 2
 """Kinds of pieces: weights are to be found; the pair is left or taken at once; there is no frame in it."""
 
 
-class Pairs(NamedTuple):
+class TrajectoryPairs(NamedTuple):
     """Rows of targets and tracks that meet, sorted by pair, then by time."""
 
     truth: Ints  # target
@@ -45,17 +45,17 @@ class Pairs(NamedTuple):
     time: Ints  # number of the frame among all
     cost: Floats  # distance^p, below c^p
 
-    def take(self, rows: Ints | Bools) -> Pairs:
+    def take(self, rows: Ints | Bools) -> TrajectoryPairs:
         """Some of them."""
-        return Pairs._make(column[rows] for column in self)
+        return TrajectoryPairs._make(column[rows] for column in self)
 
-    def joined(self, more: Pairs) -> Pairs:
+    def joined(self, more: TrajectoryPairs) -> TrajectoryPairs:
         """These and others, sorted."""
-        both = Pairs._make(np.concatenate(columns) for columns in zip(self, more, strict=True))
+        both = TrajectoryPairs._make(np.concatenate(columns) for columns in zip(self, more, strict=True))
         return both.take(np.lexsort((both.time, both.track, both.truth)))
 
 
-class Pieces(NamedTuple):
+class TrajectoryPieces(NamedTuple):
     """Pieces of time of pairs, between the moments of which a target or a track of theirs is sure.
 
     Attributes:
@@ -65,7 +65,7 @@ class Pieces(NamedTuple):
         end: (n,) frame after the last.
         before: (n,) weight of the pair before it: 0, 1 or `OPEN`.
         behind: (n,) weight of the pair behind it.
-        first: (n,) first row of `Pairs` in it.
+        first: (n,) first row of `TrajectoryPairs` in it.
         last: (n,) row after the last.
         pin_before: (n,) pin of the pair itself that it begins behind; -1: none.
         pin_behind: (n,) pin of the pair itself that it ends at; -1: none.
@@ -90,9 +90,9 @@ class Pieces(NamedTuple):
     final: Bools
     kind: Ints
 
-    def take(self, rows: Ints | Bools) -> Pieces:
+    def take(self, rows: Ints | Bools) -> TrajectoryPieces:
         """Some of them."""
-        return Pieces._make(column[rows] for column in self)
+        return TrajectoryPieces._make(column[rows] for column in self)
 
     def blocks(self) -> Iterator[Ints]:
         """Pieces that have to be solved together."""
@@ -106,7 +106,7 @@ class Pieces(NamedTuple):
         yield from np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
 
 
-class Pins(NamedTuple):
+class FixedPairs(NamedTuple):
     """Stretches of time in which a pair is sure, in any order.
 
     Attributes:
@@ -126,7 +126,7 @@ class Pins(NamedTuple):
     behind: Bools
 
     @classmethod
-    def of(cls, truth: Ints, track: Ints, first: Ints, last: Ints) -> Pins:
+    def of(cls, truth: Ints, track: Ints, first: Ints, last: Ints) -> FixedPairs:
         """Pins about which nothing is done yet."""
         no = np.zeros(len(truth), dtype=np.bool_)
         return cls(truth, track, first, last, no, no.copy())
@@ -138,22 +138,24 @@ class Pins(NamedTuple):
         return dict(zip(who.tolist(), np.split(order, start)[1:], strict=True))
 
 
-class Sure(NamedTuple):
+class FixedStretches(NamedTuple):
     """Stretches of rows of a pair in which it is sure."""
 
-    first: Ints  # (k,) first row of `Pairs`
+    first: Ints  # (k,) first row of `TrajectoryPairs`
     last: Ints  # (k,) last row
     rows: Bools  # (n,) whether each row is in one
     alone: Bools  # (n,) whether the two meet nobody else in the frame
     begins: Bools  # (n,) whether a run begins, in which the two meet nobody but each other
     gained: Floats  # (n,) what the run of rows of the pair has gained, this row included
 
-    def pins(self, pairs: Pairs) -> Pins:
+    def pins(self, pairs: TrajectoryPairs) -> FixedPairs:
         """The stretches as times."""
-        return Pins.of(pairs.truth[self.first], pairs.track[self.first], pairs.time[self.first], pairs.time[self.last])
+        return FixedPairs.of(
+            pairs.truth[self.first], pairs.track[self.first], pairs.time[self.first], pairs.time[self.last]
+        )
 
 
-def sure_stretches(pairs: Pairs, most: float, switch: float, told: Ints | None = None) -> Sure:
+def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, told: Ints | None = None) -> FixedStretches:
     """Rows in which a pair is sure, in every solution in whole numbers.
 
     Args:
@@ -185,7 +187,7 @@ def sure_stretches(pairs: Pairs, most: float, switch: float, told: Ints | None =
     sure = sure if told is None else np.where(told < 0, sure, told > 0)
     first = sure & ~(goes_on & np.append(False, sure[:-1])[:n])
     last = sure & ~np.append(goes_on[1:] & sure[1:], False)[:n]
-    return Sure(np.flatnonzero(first), np.flatnonzero(last), sure, alone, ~goes_on, so_far)
+    return FixedStretches(np.flatnonzero(first), np.flatnonzero(last), sure, alone, ~goes_on, so_far)
 
 
 def enough_gain(switch: float) -> float:
@@ -193,7 +195,9 @@ def enough_gain(switch: float) -> float:
     return 3.0 * switch * (1.0 + 1e-9)
 
 
-def pieces_of(pairs: Pairs, pins: Pins, frames: int, over: tuple[Bools, Bools] | None = None) -> Pieces:
+def pieces_of(
+    pairs: TrajectoryPairs, pins: FixedPairs, frames: int, over: tuple[Bools, Bools] | None = None
+) -> TrajectoryPieces:
     """Pieces of time of all pairs, between the pins of their targets and tracks.
 
     Pieces in which a pair does not meet and has no weight before or behind, and those that are done, are left out.
@@ -239,7 +243,7 @@ def pieces_of(pairs: Pairs, pins: Pins, frames: int, over: tuple[Bools, Bools] |
     table = np.concatenate(found, axis=1)
     truth, track = (np.unique(table[k : k + 2], axis=1, return_inverse=True)[1].reshape(-1) for k in (0, 2))
     begin_to_partner = table[4:14]
-    return Pieces._make([truth, track, *begin_to_partner, table[14].astype(np.bool_), table[15]])
+    return TrajectoryPieces._make([truth, track, *begin_to_partner, table[14].astype(np.bool_), table[15]])
 
 
 _BITS = 31
@@ -250,7 +254,7 @@ def _code(truth: Ints, track: Ints) -> Ints:
     return (truth << _BITS) | track
 
 
-def delimiters(pieces: Pieces, pins: Pins) -> Bools:
+def delimiters(pieces: TrajectoryPieces, pins: FixedPairs) -> Bools:
     """(n,) which pins are the last before pieces or the first behind them, of their targets and tracks."""
     needed = np.zeros(len(pins.first), dtype=np.bool_)
     for key, whose in ((pins.truth, pieces.target), (pins.track, pieces.partner)):
@@ -273,10 +277,10 @@ class _Program(NamedTuple):
 
     piece: Ints  # (n,) place of the piece among those that are solved together
     start: Ints  # (n,) first frame
-    meets: Ints  # (n,) row of `Pairs`; -1: a stretch
+    meets: Ints  # (n,) row of `TrajectoryPairs`; -1: a stretch
 
 
-def _unknowns(pairs: Pairs, pieces: Pieces) -> _Program:
+def _unknowns(pairs: TrajectoryPairs, pieces: TrajectoryPieces) -> _Program:
     """The unknowns of pieces that are solved together."""
     found: list[tuple[int, int, int]] = []
     for number, (begin, end, first, last) in enumerate(
@@ -293,7 +297,7 @@ def _unknowns(pairs: Pairs, pieces: Pieces) -> _Program:
     return _Program(*np.array(found, dtype=np.int64).T)
 
 
-def solve(pairs: Pairs, pieces: Pieces, most: float, switch: float, weights: Floats) -> float:
+def solve(pairs: TrajectoryPairs, pieces: TrajectoryPieces, most: float, switch: float, weights: Floats) -> float:
     """Put in the weights of the meetings, and give the sum of all changes.
 
     Args:
@@ -344,7 +348,7 @@ def solve(pairs: Pairs, pieces: Pieces, most: float, switch: float, weights: Flo
     return float(found.x[n:].sum())
 
 
-def _capacity(program: _Program, pieces: Pieces) -> csr_array:
+def _capacity(program: _Program, pieces: TrajectoryPieces) -> csr_array:
     """(R, n) rows of ones: weights of a target, or of a track, in one frame, which add up to at most 1."""
     rows: list[Ints] = []
     begins = np.searchsorted(program.piece, np.arange(len(pieces.truth) + 1))
@@ -419,10 +423,10 @@ class TrajectoryCosts:
         self._later = _NO_PAIRS  # rows that are sure if their run goes on
         self._loose = _NO_PAIRS  # rows that are not sure, and not solved
         none = np.zeros(0, dtype=np.int64)
-        self._pins = Pins.of(none, none, none, none)
+        self._pins = FixedPairs.of(none, none, none, none)
         self._finished = False
 
-    def update(self, frames: Frames, first: int, over: tuple[Bools, Bools] | None = None) -> None:
+    def update(self, frames: MatchedFrames, first: int, over: tuple[Bools, Bools] | None = None) -> None:
         """Some more frames, with numbers of targets and tracks that stay the same.
 
         Args:
@@ -432,7 +436,7 @@ class TrajectoryCosts:
         """
         self._rows += [len(frames.truth), len(frames.track)]
         self._over = self._over if over is None else over
-        self._tell_sure(meetings(frames, self._cutoff, self._p, first))
+        self._tell_sure(rows_within_cutoff(frames, self._cutoff, self._p, first))
         self._solve()
 
     def merge(self, other: TrajectoryCosts) -> None:
@@ -461,9 +465,11 @@ class TrajectoryCosts:
         parts = self._cost.value, half * (n - weight), half * (m - weight), 0.5 * self._switch * self._changes.value
         return TrajectoryGospa(sum(parts), *parts, self._p)
 
-    def _tell_sure(self, new: Pairs) -> None:
+    def _tell_sure(self, new: TrajectoryPairs) -> None:
         """Add up the rows that are sure, and sort the others into those that may become so and those that will not."""
-        rows = Pairs._make(np.concatenate(column) for column in zip(self._runs, self._later, new, strict=True))
+        rows = TrajectoryPairs._make(
+            np.concatenate(column) for column in zip(self._runs, self._later, new, strict=True)
+        )
         order = np.lexsort((rows.time, rows.track, rows.truth))
         known = np.append(self._sure, np.full(len(order) - len(self._sure), -1))[order]
         rows, told = rows.take(order), known >= 0
@@ -478,7 +484,7 @@ class TrajectoryCosts:
                 by_pair[int(pins.truth[n]), int(pins.track[n])] = n
         for k in np.flatnonzero(goes_on).tolist():
             pins.last[by_pair[int(found.truth[k]), int(found.track[k])]] = found.last[k]
-        self._pins = Pins._make(np.concatenate([a, b[~goes_on]]) for a, b in zip(pins, found, strict=True))
+        self._pins = FixedPairs._make(np.concatenate([a, b[~goes_on]]) for a, b in zip(pins, found, strict=True))
         certain = sure.rows & ~told
         self._cost.add(float(rows.cost[certain].sum()))
         self._weight.add(float(np.count_nonzero(certain)))
@@ -523,7 +529,7 @@ class TrajectoryCosts:
         self._loose = self._loose.take(~solved)
         self._forget(pieces, done)
 
-    def _forget(self, pieces: Pieces, done: Bools) -> None:
+    def _forget(self, pieces: TrajectoryPieces, done: Bools) -> None:
         """Let go of pins about which everything is done, and which end no piece that is not."""
         pins = self._pins
         pins.behind[pieces.pin_before[done & (pieces.pin_before >= 0)]] = True
@@ -532,10 +538,10 @@ class TrajectoryCosts:
         for key, over in zip((pins.truth, pins.track), self._over, strict=True):
             for own in pins.by(key).values():
                 needed[own[-1]] |= not over[key[own[-1]]]
-        self._pins = Pins._make(column[needed] for column in pins)
+        self._pins = FixedPairs._make(column[needed] for column in pins)
 
 
-def trajectory_gospa(frames: Frames, cutoff: float, switch: float, p: float = 2.0) -> TrajectoryGospa:
+def trajectory_gospa(frames: MatchedFrames, cutoff: float, switch: float, p: float = 2.0) -> TrajectoryGospa:
     """Compute trajectory GOSPA of all frames.
 
     With W_t(i, j) >= 0 the weight with which target i has track j in frame t, sums over j and over i at most 1, it is
@@ -564,7 +570,7 @@ def trajectory_gospa(frames: Frames, cutoff: float, switch: float, p: float = 2.
     return sums.result()
 
 
-def meetings(frames: Frames, cutoff: float, p: float, first: int = 0) -> Pairs:
+def rows_within_cutoff(frames: MatchedFrames, cutoff: float, p: float, first: int = 0) -> TrajectoryPairs:
     """Rows that are nearer than the cutoff; `first` is the number of frames before these."""
     none = np.zeros(0, dtype=np.int64)
     found = [(none, none, none, np.zeros(0))]
@@ -576,8 +582,8 @@ def meetings(frames: Frames, cutoff: float, p: float, first: int = 0) -> Pairs:
         found.append((frames.truth[left][i], frames.track[right][j], at, distance[i, j] ** p))
     truth, track, time, cost = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.lexsort((time, track, truth))
-    return Pairs(truth[order], track[order], time[order], cost[order])
+    return TrajectoryPairs(truth[order], track[order], time[order], cost[order])
 
 
 _NONE = np.zeros(0, dtype=np.int64)
-_NO_PAIRS = Pairs(_NONE, _NONE, _NONE, np.zeros(0))
+_NO_PAIRS = TrajectoryPairs(_NONE, _NONE, _NONE, np.zeros(0))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.camera import seems_upright
+from occlog.core.sight.camera import is_upright
 from occlog.errors import InputError, UsageError
 from occlog.measure.clusters.crowds import SeenApart
 from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
@@ -296,7 +296,7 @@ def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: Det
 
 def upright(scene: Scene) -> bool:
     """Whether the scene's world seems to be upright, so that poses of cameras tell how large people are."""
-    return seems_upright(np.array([c.rotation for c in scene.cameras if c.placed]).reshape(-1, 3, 3))
+    return is_upright(np.array([c.rotation for c in scene.cameras if c.placed]).reshape(-1, 3, 3))
 
 
 def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> int:

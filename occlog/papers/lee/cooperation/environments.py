@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.numerics.interpolate import Grid
+from occlog.core.numerics.interpolate import TimeGrid
 from occlog.core.plane import inside_polygon
 from occlog.io.formats.scenes.paths import paths_from_yaml
 from occlog.io.formats.scenes.scene import scene_from_yaml
@@ -140,7 +140,7 @@ class Environment(NamedTuple):
     """A scene, the true paths of A arrays' K targets at T times, and all bearings."""
 
     scene: Scene
-    truth: Grid
+    truth: TimeGrid
     bearings: Bearings
     heard: Floats  # (A, T, K) 1 where array a can hear target k: it is there, sounds, and is in range
 
@@ -168,7 +168,7 @@ def environment(name: str, seed: int, run: int, variance: float | None = None) -
         places = np.concatenate([g.xyz for g in grids])
         if paths or _within(scene, places):
             break
-    truth = Grid(np.concatenate([g.t_ns for g in grids]), grids[0].ids, grids[0].target, places)
+    truth = TimeGrid(np.concatenate([g.t_ns for g in grids]), grids[0].ids, grids[0].target, places)
     silent = silences(script, 0)
     looks = ObserveConfig(diameter=0.0)
     cameras, sounds = observe(scene, grids, looks, own), observe_arrays(scene, grids, looks, own, silent=silent)
@@ -204,7 +204,7 @@ def _within(scene: Scene, places: Floats) -> bool:
     return bool(inside_polygon(flat, scene.surroundings).all())
 
 
-def _heard(scene: Scene, truth: Grid, silent: dict[int, Ints]) -> Floats:
+def _heard(scene: Scene, truth: TimeGrid, silent: dict[int, Ints]) -> Floats:
     out = np.zeros((len(scene.arrays), *truth.xyz.shape[:2]))
     for a, array in enumerate(scene.arrays):
         away = truth.xyz - array.position

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.sight.triangulate import MET, sight_lines_meet
+from occlog.core.sight.triangulate import TRIANGULATED, triangulate
 from occlog.records.scene import Camera, Scene
 from occlog.track.methods.imm.ask_cameras import CameraRequest
 from occlog.track.methods.readers.refine import PARALLEL, PRINTED, Sights, refine
@@ -50,8 +50,8 @@ def crossed(sights: Sights) -> tuple[Floats, Bools]:
     """Return the places (N, 2) where the lines of two cameras cross, and whether they do (N,)."""
     n = len(sights.bearing)
     origins = np.tile(sights.place, (n, 1))
-    met = sight_lines_meet(origins, sights.bearing.ravel(), sights.sigma.ravel(), 2 * np.arange(n + 1))
-    return met.xy, met.status == MET
+    met = triangulate(origins, sights.bearing.ravel(), sights.sigma.ravel(), 2 * np.arange(n + 1))
+    return met.xy, met.status == TRIANGULATED
 
 
 def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> Sights:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec
 from occlog.scans.grouping import Rows, scans_of
@@ -148,8 +148,8 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
     scene, array = made.scene, spec["array"]
     use = Rows(frozenset({scene.arrays[array].name, *(c.name for c in scene.cameras)}))
     rng, helping = (
-        generator(spec["seed"], Stage.TRACK, array, run=spec["run"]),
-        generator(spec["seed"], Stage.COOPERATE, array, run=spec["run"]),
+        generator(spec["seed"], RandomStream.TRACK, array, run=spec["run"]),
+        generator(spec["seed"], RandomStream.COOPERATE, array, run=spec["run"]),
     )
     T, K = min(spec["steps"], len(made.truth.t_ns)), made.truth.xyz.shape[1]
     out = FilterOutput(np.full((T, K, 2), np.nan), np.zeros(T), [])

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from occlog.core.metrics.errors import ratio
+from occlog.core.metrics.errors import ratio_or_nan
 from occlog.evaluate.bearings.detections import Counts, add_counts, count, looks_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.io.formats.scenes.scene import scene_from_yaml
@@ -66,7 +66,7 @@ def fusion_trial(spec: Spec) -> dict[str, float]:
     fused = Bearings.concat([p.bearings for p in parts])
     figures = _rates(_counts(raw, truth, scene), "before") | _rates(_counts(fused, truth, scene), "after")
     recovered = _counts(fused.take(fused.cause == "recovered"), truth, scene)
-    figures["nees_recovered"] = ratio(recovered.square_normalised, recovered.detected)
+    figures["nees_recovered"] = ratio_or_nan(recovered.square_normalised, recovered.detected)
     if spec.get("track"):
         inputs = {"raw": [raw], "ignore": only_measured([fused]), "use": [fused]}
         figures |= {f"rmse_{name}": _rmse(rows, truth, scene, seed) for name, rows in inputs.items()}
@@ -81,9 +81,9 @@ def _counts(bearings: Bearings, truth: Truth, scene: Scene) -> Counts:
 def _rates(c: Counts, when: str) -> dict[str, float]:
     hidden = c.looks - c.visible
     return {
-        f"detection_{when}": ratio(c.detected, c.visible),
-        f"false_{when}": ratio(c.false_alarms, c.frames),
-        f"hidden_{when}": ratio(c.detected_hidden, hidden),
+        f"detection_{when}": ratio_or_nan(c.detected, c.visible),
+        f"false_{when}": ratio_or_nan(c.false_alarms, c.frames),
+        f"hidden_{when}": ratio_or_nan(c.detected_hidden, hidden),
     }
 
 

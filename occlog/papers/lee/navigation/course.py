@@ -11,8 +11,8 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.navigation.forces import ROUNDING, distance
 from occlog.core.navigation.obstacles import (
-    Moment,
-    Moving,
+    MovingObstacles,
+    MovingObstacleTracks,
     edges,
     least_to_points,
     least_to_segments,
@@ -20,7 +20,7 @@ from occlog.core.navigation.obstacles import (
     nearest_on_polygons,
     nearest_on_segments,
 )
-from occlog.core.navigation.steering import Around
+from occlog.core.navigation.steering import NearbyObstacles
 from occlog.core.plane import inside_polygon, pack_polygons
 from occlog.errors import InputError
 from occlog.records.scene import Scene
@@ -59,20 +59,20 @@ class Course:
     circles: Floats
     walls: Floats
     names: tuple[str, ...]
-    moving: Moving | None
+    moving: MovingObstacleTracks | None
     repelling: bool
     round_shapes: bool
     bordered: bool
     ahead: float
 
-    def moment(self, step: int) -> Moment:
+    def moment(self, step: int) -> MovingObstacles:
         """Moving obstacles at a step; none if nobody moves."""
         if self.moving is None:
             none, flat = np.empty((0, 2)), np.empty(0)
-            return Moment(none, flat, after=none, radius_after=flat, move=none)
+            return MovingObstacles(none, flat, after=none, radius_after=flat, move=none)
         return self.moving.at(step)
 
-    def around(self, xy: Floats, moment: Moment) -> Around:
+    def around(self, xy: Floats, moment: MovingObstacles) -> NearbyObstacles:
         """Obstacles as robots at (N, 2) places meet them."""
         there = np.isfinite(moment.xy[:, 0])
         # People are where they come nearest within the time ahead, on the way they have taken in the last step
@@ -91,14 +91,14 @@ class Course:
         walls = np.zeros(nearest[2].shape[1])
         fixed = np.zeros(nearest[0].shape[1] + nearest[1].shape[1] + len(walls))
         way = np.hypot(moment.move[there, 0], moment.move[there, 1])
-        return Around(
+        return NearbyObstacles(
             nearest=np.concatenate(nearest, axis=1),
             radius=np.concatenate([self.discs[:, 2] - core[0], np.zeros(len(circles)), walls, own - core[1]]),
             size=np.concatenate([self.discs[:, 2], circles[:, 2], walls, own]),
             way=np.concatenate([fixed, way]),
         )
 
-    def clearance(self, start: Floats, end: Floats, radius: float, moment: Moment) -> Floats:
+    def clearance(self, start: Floats, end: Floats, radius: float, moment: MovingObstacles) -> Floats:
         """(N, K) least distance, border to border, of robots from each obstacle in `names` during a step.
 
         A robot that runs into a polygon or a wall has minus its radius; infinite where a person is not there.
@@ -159,7 +159,9 @@ def people_of(config: NavigateConfig) -> People:
     )
 
 
-def course_of(scene: Scene, discs: Sequence[Disc], moving: Moving | None, config: NavigateConfig) -> Course:
+def course_of(
+    scene: Scene, discs: Sequence[Disc], moving: MovingObstacleTracks | None, config: NavigateConfig
+) -> Course:
     """The course of a scene with further round obstacles and people."""
     polygons = tuple(o.polygon for o in scene.occluders)
     walls = np.empty((0, 2, 2)) if scene.room is None else edges(scene.room)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from occlog.core.navigation.forces import distance
-from occlog.core.navigation.steering import State, angle_at, angle_inside, angle_outside, distance_outside
+from occlog.core.navigation.steering import SteeringState, angle_at, angle_inside, angle_outside, distance_outside
 from occlog.papers import verdicts as v
 from occlog.papers.lee.navigation.config import NavigateConfig
 from occlog.papers.lee.navigation.course import Disc
@@ -92,13 +92,13 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         disc = Disc(0.0, 0.0, radius)
         for name, config in STEPS.items():
             robots = driven(lines.starts, lines.goals, disc, replace(config, radius=radius))[1]
-            turned = robots.states[:, State.ESCAPING] > 0
+            turned = robots.states[:, SteeringState.ESCAPING] > 0
             hits[name] += int(collided(robots)[turned].sum())
             escaped[name] += int(turned.sum())
         still = NavigateConfig(escape="none", radius=radius, steps=MOST)
         far = distance_outside(WAY, 2.0 * radius)
         steps, robots = driven(lines.starts, lines.goals, disc, still)
-        prevented = robots.states[:, State.PREVENT] > 0
+        prevented = robots.states[:, SteeringState.PREVENT] > 0
         for step in steps:
             if step.steering is not None:
                 rows = step.steering.recognised & prevented[step.active]

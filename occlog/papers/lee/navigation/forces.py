@@ -22,7 +22,7 @@ from occlog.core.navigation.forces import (
     within_reach,
     zero_force_distance,
 )
-from occlog.core.navigation.steering import Around, State, Steps, steer
+from occlog.core.navigation.steering import NearbyObstacles, SteeringState, StepRules, steer
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, estimate, mean_of
 from occlog.records.scene import Scene
@@ -122,9 +122,9 @@ def diagonal(at: Floats) -> dict[str, Floats]:
     """Signed forces at (N,) points (at, at) of the printed example."""
     p, goal, obstacle = np.column_stack([at, at]), np.array(GOAL), np.array(OBSTACLE)
     pull, push = signed(attractive_force(p, goal, FIELD)), signed(repulsive_force(p, obstacle, FIELD))
-    rule = Steps(way=WAY, radius=0.0, prevent=True, escape="none", side="left", aligned=0.1, opposite=0.05)
+    rule = StepRules(way=WAY, radius=0.0, prevent=True, escape="none", side="left", aligned=0.1, opposite=0.05)
     flat = np.zeros(1)
-    around = Around(nearest=np.tile(obstacle, (len(p), 1, 1)), radius=flat, size=flat, way=flat)
+    around = NearbyObstacles(nearest=np.tile(obstacle, (len(p), 1, 1)), radius=flat, size=flat, way=flat)
     goals, before = np.tile(goal, (len(p), 1)), np.full_like(p, np.nan)
     prevented = signed(steer(p, goals, around, FIELD, rule, before).total)
     return {ATTRACTION: pull, REPULSION: push, TOTAL: pull + push, PREVENTED: prevented}
@@ -274,7 +274,7 @@ def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         apart = distance(lines.starts, np.zeros(2)) > 2.0 * radius
         wide = driven(lines.starts[apart], lines.goals[apart], Disc(0.0, 0.0, radius), config)[1]
         hits, tried = hits + int(collided(wide).sum()), tried + int(apart.sum())
-        prevented = wide.states[:, State.PREVENT] > 0
+        prevented = wide.states[:, SteeringState.PREVENT] > 0
         endless, held = endless + int((wide.end[prevented] == End.ENDLESS).sum()), held + int(prevented.sum())
     exact = aligned(lines.starts, np.zeros(2), lines.goals, 0.0)
     return {

@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.navigation.forces import distance
-from occlog.core.navigation.steering import STATES, State
+from occlog.core.navigation.steering import STATES, SteeringState
 from occlog.errors import UsageError, option
 from occlog.io.open import load_scene, open_input
 from occlog.records.tables import RobotPath, Tracks, Truth
@@ -74,7 +74,7 @@ class Verdict:
             return "goal reached"
         if self.end == End.COLLIDED:
             return f"collided with {self._nearest} in step {self._steps}"
-        if self._stays and self._states[State.GUARDED]:
+        if self._stays and self._states[SteeringState.GUARDED]:
             return f"caught at {self._at} before {self._nearest}, where the guard holds it back"
         if self.trap:
             return f"caught at {self._at}, where goal and obstacles pull and push alike (a local minimum)"

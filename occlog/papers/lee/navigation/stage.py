@@ -18,8 +18,8 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.navigation.forces import ROUNDING, distance
-from occlog.core.navigation.obstacles import Moment
-from occlog.core.navigation.steering import STATES, State, Steering, field_of, steer, steps_of, turned
+from occlog.core.navigation.obstacles import MovingObstacles
+from occlog.core.navigation.steering import STATES, Steering, SteeringState, field_of, steer, steps_of, turned
 from occlog.records.declared.world import PATH_STATES
 from occlog.records.tables import RobotPath
 
@@ -68,7 +68,7 @@ class Drive:
         length: (N,) of the paths; steps that the guard left out have none.
         clearance: (N,) least distance from obstacles, border to border, between steps, too.
         nearest: (N,) which obstacle that was; -1: there are none.
-        states: (N, 4) steps in each `State`.
+        states: (N, 4) steps in each `SteeringState`.
         recognised: (N,) steps at which oscillation was recognised.
         caught: (N,) whether a robot whose steps ran out stayed at one place in the end.
         prevented: (N,) whether the endless part of a path, or its last window, has steps of the prevention.
@@ -155,12 +155,18 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
         robots.states[active, moved.state] += 1
         robots.recognised[active] += moved.recognised
         total[active] = moved.total
-        watch.see(robots.xy, active, moved.state == State.PREVENT)
+        watch.see(robots.xy, active, moved.state == SteeringState.PREVENT)
         gaps = course.clearance(before, robots.xy[active], config.radius, moment)
 
 
 def _guarded(
-    xy: Floats, move: Floats, state: Ints, goals: Floats, course: Course, moment: Moment, config: NavigateConfig
+    xy: Floats,
+    move: Floats,
+    state: Ints,
+    goals: Floats,
+    course: Course,
+    moment: MovingObstacles,
+    config: NavigateConfig,
 ) -> tuple[Floats, Ints]:
     """Steps (A, 2) of robots at (A, 2) places that do not collide if people go on as they did, and their states.
 
@@ -189,11 +195,11 @@ def _guarded(
     best = np.where(free.any(axis=0), order[0], np.argmax(gaps, axis=0))
     move, state = move.copy(), state.copy()
     move[rows] = tried[best, np.arange(len(rows))]
-    state[rows] = State.GUARDED
+    state[rows] = SteeringState.GUARDED
     return move, state
 
 
-def _standing(moment: Moment) -> Moment:
+def _standing(moment: MovingObstacles) -> MovingObstacles:
     """The moving obstacles as if they stood where they are at the start."""
     return moment._replace(after=moment.xy, radius_after=moment.radius)
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.metrics.mot.clear_mot import ClearRule, Matches, match
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
+from occlog.core.metrics.mot.clear_mot import ClearRule, MatchedPairs, match
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_points
 from occlog.core.metrics.mot.hota import identity
 from occlog.errors import InputError
 from occlog.evaluate.matching.paths import Path as Way
@@ -226,7 +226,7 @@ class Followed(NamedTuple):
         return tuple(piece for piece in self.pieces if piece.who == who)
 
 
-def by_truth(frames: Frames, made: Matches, times: Ints, lasting_ns: int) -> Followed:
+def by_truth(frames: MatchedFrames, made: MatchedPairs, times: Ints, lasting_ns: int) -> Followed:
     """Tracks of a run that follow each true target.
 
     Args:

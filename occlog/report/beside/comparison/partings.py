@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.metrics.mot.clear_mot import Matches
-from occlog.core.metrics.mot.frame_pairs import Frames
+from occlog.core.metrics.mot.clear_mot import MatchedPairs
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames
 
 from .pairs import Followed, Laid, Pairs
 
@@ -176,7 +176,7 @@ def _stretch(a: Laid, b: Laid, pairs: Pairs, times: Ints, frames: tuple[int, int
     return Stretch(*ends, _of_pair(a, b, pairs, times, worst))
 
 
-Paired = tuple[Frames, Matches]
+Paired = tuple[MatchedFrames, MatchedPairs]
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from occlog.array_types import NS, Floats
 from occlog.core.plane import inside_polygon
 from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
 from occlog.core.sight.visibility import Sensors
-from occlog.filtering.likelihood.directions import Noise, PackedScan
+from occlog.filtering.likelihood.directions import MeasurementNoise, PackedScan
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Camera, Scene
 from occlog.scans.grouping import Scan
@@ -59,7 +59,7 @@ class Stated(NamedTuple):
 
     scene: Scene
     sensors: Sensors
-    noise: Noise
+    noise: MeasurementNoise
     places: Floats  # (S, 2)
     yaw: Floats  # (S,)
     focal_px: Floats  # (S,) 0: not a camera
@@ -91,7 +91,7 @@ class Calibration(NamedTuple):
         return self.phase is None and self.belief.log_odds > CONVINCED
 
 
-def begin(scene: Scene, noise: Noise, read_px: Floats, sensors: Sensors, mode: str) -> Calibration | None:
+def begin(scene: Scene, noise: MeasurementNoise, read_px: Floats, sensors: Sensors, mode: str) -> Calibration | None:
     """Nothing learned yet; None in mode `none`.
 
     Args:
@@ -110,7 +110,7 @@ def begin(scene: Scene, noise: Noise, read_px: Floats, sensors: Sensors, mode: s
     return Calibration(stated, belief, sensors, belief.mean, phase, False, np.zeros((2, belief.mean.size)))
 
 
-def corrected(calibration: Calibration, xy: Floats, weights: Floats) -> tuple[Sensors, Noise]:
+def corrected(calibration: Calibration, xy: Floats, weights: Floats) -> tuple[Sensors, MeasurementNoise]:
     """Sensors where they are thought to be, and the noise that is left of their errors.
 
     Where the (L, 2) particles are near together, the variance of a bearing to them goes into

@@ -26,12 +26,12 @@ from occlog.array_types import NS, Bools, Floats
 from occlog.consistency.estimates import FEW
 from occlog.core.occlusion.priors import Priors, without_own
 from occlog.errors import InputError
-from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
-from occlog.filtering.likelihood.directions import PackedScan, agreement
-from occlog.filtering.likelihood.distances import direct, residuals
+from occlog.filtering.lifecycle import advance, elapsed, is_lost, track_loss_count
+from occlog.filtering.likelihood.directions import PackedScan, likely_inliers
+from occlog.filtering.likelihood.distances import inlier_probability, residuals
 from occlog.filtering.motion import waypoint
-from occlog.filtering.motion.waypoint import Particles
-from occlog.filtering.particles import effective_size, mean_and_covariance
+from occlog.filtering.motion.waypoint import WaypointParticles
+from occlog.filtering.particles import effective_sample_size, mean_and_covariance
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction, Smoothing
@@ -47,7 +47,7 @@ class ApfState(NamedTuple):
     """Weighted particles at the time of the last scan; `t_ns` is None before the first."""
 
     model: Model
-    particles: Particles
+    particles: WaypointParticles
     weights: Floats  # (L,)
     t_ns: int | None
     astray: int  # reports against the likeliest place more than for it, see `_track_loss`
@@ -182,23 +182,25 @@ def _track_loss(state: ApfState, draw: Draw, looks: PackedScan) -> tuple[int, bo
         return state.astray, False
     best = int(np.argmax(draw.weights))
     here = draw.particles.xy[best : best + 1]
-    agree = agreement(here, looks, model.sensors, model.noise, model.detection)
+    agree = likely_inliers(here, looks, model.sensors, model.noise, model.detection)
     against = int(np.count_nonzero(reports & ~agree))
     if model.measured is not None:
-        against += int(np.count_nonzero(direct(residuals(model.measured, here)[0], model.measured.errors) < 0.5))
-    after = loss_count(state.astray, against, count)
+        against += int(
+            np.count_nonzero(inlier_probability(residuals(model.measured, here)[0], model.measured.errors) < 0.5)
+        )
+    after = track_loss_count(state.astray, against, count)
     return (0, True) if is_lost(after, model.config.lost_after) else (after, False)
 
 
 def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
-    size, fallback = min(effective_size(draw.weights), draw.effective), draw.fallback
+    size, fallback = min(effective_sample_size(draw.weights), draw.effective), draw.fallback
     if size < FEW:
         # A few particles look more certain than they are: at least what they were drawn from is open, too
         covariance = covariance * (size / (size - 1.0) if size > 1.5 else 3.0) + draw.sharpness * np.eye(2)
         fallback = fallback or "depleted"
     seen = np.diff(looks.first) > 0
-    seen &= looks.labelled | agreement(mean[None], looks, model.sensors, model.noise, model.detection)
+    seen &= looks.labelled | likely_inliers(mean[None], looks, model.sensors, model.noise, model.detection)
     estimate = _as_estimate(draw, mean, covariance, size, fallback, looks, seen)
     return estimate if model.measured is None else with_distances(estimate, model.measured)
 

@@ -19,20 +19,20 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.occlusion.priors import Priors
 from occlog.core.plane import Floor, make_floor, on_floor
-from occlog.core.sight.visibility import Sensors, SightLines, ViewPrior, make_sensors
+from occlog.core.sight.visibility import ScanDirectionsInPlane, Sensors, ViewPrior, make_sensors
 from occlog.filtering.likelihood import distances
 from occlog.filtering.likelihood.directions import (
     EXACT,
     INDEPENDENT,
     RECURSION,
-    Detection,
-    Noise,
+    DetectionModel,
+    MeasurementNoise,
     Occlusion,
     PackedScan,
     log_likelihood,
     log_likelihood_among,
 )
-from occlog.filtering.likelihood.distances import Distances, direct, linearise
+from occlog.filtering.likelihood.distances import RangeMeasurements, inlier_probability, linearise
 from occlog.filtering.motion.waypoint import WaypointModel
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
@@ -67,7 +67,7 @@ def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) 
     )
 
 
-def pack_noise(scene: Scene) -> Noise:
+def pack_noise(scene: Scene) -> MeasurementNoise:
     """Calibration noise and image widths of all sensors."""
     cameras, none = scene.cameras, [0.0] * len(scene.arrays)
     focal = [float(c.focal_px[0]) for c in cameras]
@@ -80,7 +80,7 @@ def pack_noise(scene: Scene) -> Noise:
         width_px + [1.0] * len(none),
         fov + [2.0 * math.pi] * len(none),
     )
-    return Noise(*(np.array(c, dtype=np.float64) for c in columns))
+    return MeasurementNoise(*(np.array(c, dtype=np.float64) for c in columns))
 
 
 def read_noise(scene: Scene) -> Floats:
@@ -117,7 +117,7 @@ def pack_scan(scan: Scan, read_px: Floats, use_score: bool) -> PackedScan:
     )
 
 
-def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detection:
+def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> DetectionModel:
     """Probabilities of detection and of false reports of all sensors.
 
     Args:
@@ -134,7 +134,7 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
         miss.append((0.0 if informed else 1.0) if found is None else 1.0 - found)
         candidate.append(config.candidate if found is None else found)
         false.append(config.false if false_alarm is None else false_alarm)
-    return Detection(
+    return DetectionModel(
         np.array(hit, dtype=np.float64),
         np.array(miss, dtype=np.float64),
         np.array(false, dtype=np.float64),
@@ -144,12 +144,12 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
     )
 
 
-def with_distances(estimate: Estimate, measured: Distances) -> Estimate:
+def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
     """The estimate with what it says of measurements of distances."""
     told = linearise(measured, estimate.xy[None])
     residual, gradient = told.residual[0], told.gradient[0]
     spread = np.einsum("ni,ij,nj->n", gradient, estimate.covariance, gradient)
-    believed = direct(residual / np.sqrt(1.0 + spread), measured.errors.widened(1.0 + spread))
+    believed = inlier_probability(residual / np.sqrt(1.0 + spread), measured.errors.widened(1.0 + spread))
     looked = np.unique([*estimate.used, *measured.station.tolist()])
     saw = np.unique([*(estimate.seen_by or ()), *measured.station[believed >= 0.5].tolist()])
     return estimate._replace(
@@ -180,13 +180,15 @@ def wander(scene: Scene, speed: float) -> float:
     return max(0.5 * float(np.hypot(*np.ptp(scene.surroundings, axis=0))), WANDER_S * speed)
 
 
-def sight_lines(looks: PackedScan, sensors: Sensors, noise: Noise, prior: ViewPrior) -> SightLines:
+def sight_lines(
+    looks: PackedScan, sensors: Sensors, noise: MeasurementNoise, prior: ViewPrior
+) -> ScanDirectionsInPlane:
     """The directions of a scan's measurements, with the errors of reading, yaw and place ([Ercan] Eq. 2)."""
     i = np.repeat(looks.sensor, np.diff(looks.first))
     f, yaw = np.where(looks.pixel, noise.focal_px[i], 1.0), np.arctan2(sensors.axis[i, 1], sensors.axis[i, 0])
     reading = np.sqrt(looks.variance)
     sigma = np.where(looks.pixel, np.hypot(reading * f / (f**2 + looks.value**2), noise.sigma_yaw[i]), reading)
-    return SightLines(
+    return ScanDirectionsInPlane(
         origin=sensors.xy[i],
         azimuth=np.where(looks.pixel, yaw + np.arctan2(looks.value, f), looks.value),
         sigma=sigma,
@@ -206,16 +208,16 @@ class Model(NamedTuple):
     config: ApfConfig
     floor: Floor
     sensors: Sensors
-    noise: Noise
+    noise: MeasurementNoise
     read_px: Floats
     motion: WaypointModel
-    detection: Detection
-    informed: Detection  # the same where there are priors of the moving occluders
+    detection: DetectionModel
+    informed: DetectionModel  # the same where there are priors of the moving occluders
     occlusion: Occlusion  # how priors of the moving occluders count
     views: ViewPrior | None = None  # where a target can be without a room; None: all over the floor
     wander: float = math.inf  # how far a new destination is, without a room
     priors: Priors | None = None  # those at the time of the scan
-    measured: Distances | None = None  # ranges and their like at the time of the scan
+    measured: RangeMeasurements | None = None  # ranges and their like at the time of the scan
 
 
 def make_model(scene: Scene, config: ApfConfig) -> Model:

@@ -26,11 +26,11 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane import sample_floor, sample_near, signed_area
 from occlog.core.sight.visibility import draw as draw_places
-from occlog.core.sight.visibility import first_places
+from occlog.core.sight.visibility import initial_positions
 from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.motion import waypoint
-from occlog.filtering.motion.waypoint import Particles
-from occlog.filtering.particles import effective_size, log_of, normalise, systematic_ancestors
+from occlog.filtering.motion.waypoint import WaypointParticles
+from occlog.filtering.particles import effective_sample_size, log_of, normalise_log_weights, systematic_ancestors
 
 from .kernels import importance
 from .model import ROUGH, Model, evidence, likelihood, sight_lines
@@ -49,7 +49,7 @@ effective number falls by a tenth in such a step.
 class Draw(NamedTuple):
     """Particles at the time of a scan, and how they came to be."""
 
-    particles: Particles
+    particles: WaypointParticles
     weights: Floats  # (L,) sum 1
     log_likelihood: float  # of the scan given those before; -inf if no particle agrees with it
     fallback: str
@@ -59,7 +59,7 @@ class Draw(NamedTuple):
 
 
 def auxiliary_step(
-    model: Model, particles: Particles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+    model: Model, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
 ) -> Draw:
     """One step of the filter over a time of at most one reference step.
 
@@ -79,7 +79,9 @@ def auxiliary_step(
     return _blind(model, particles, weights, looks, dt, rng)
 
 
-def _blind(model: Model, particles: Particles, weights: Floats, looks: PackedScan, dt: float, rng: Generator) -> Draw:
+def _blind(
+    model: Model, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+) -> Draw:
     """[Ercan] Alg. 1 as it is printed, but for the parent's weight in stage 2."""
     config = model.config
     # Stage 1, weigh the expected states kappa: w_l f(Z|kappa_l)
@@ -88,18 +90,20 @@ def _blind(model: Model, particles: Particles, weights: Floats, looks: PackedSca
     first, fallback = _stage_1(log_of(weights) + likelihood(model, kappa, looks, ROUGH), weights, config.defensive)
     # Resample: systematic; pi_l is the parent of particle l
     parents, ratio = np.arange(len(weights)), weights
-    if effective_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
+    if effective_sample_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
         parents = systematic_ancestors(first, config.particles, rng.random())
-        particles, arrived = waypoint.take(particles, parents), arrived[parents]
+        particles, arrived = waypoint.select(particles, parents), arrived[parents]
         ratio = weights[parents] / first[parents] / config.particles
     # Propose: draw from the importance density f(u(t)|u_pi(t-1)) ([Ercan] Sec. 4.1)
     particles = move(model, particles, arrived, dt, rng)
     # Stage 2, weigh: f(Z|u_l) over the stage-1 weight of the parent
-    weights, log_sum = normalise(log_of(ratio) + likelihood(model, particles.xy, looks))
+    weights, log_sum = normalise_log_weights(log_of(ratio) + likelihood(model, particles.xy, looks))
     return Draw(particles, weights, log_sum, fallback, parents)
 
 
-def _looking(model: Model, particles: Particles, weights: Floats, looks: PackedScan, dt: float, rng: Generator) -> Draw:
+def _looking(
+    model: Model, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+) -> Draw:
     """[Ercan] Alg. 1 with hypotheses of the motion and the Laplace approximation of each."""
     config, L, n = model.config, len(weights), model.config.particles
     # Hypotheses: go on (MTD), change the destination (CD), wait (W)
@@ -134,7 +138,7 @@ def _looking(model: Model, particles: Particles, weights: Floats, looks: PackedS
         rng.standard_normal((n, 2)),
     )
     moved = waypoint.arrive(
-        waypoint.take(particles, parents),
+        waypoint.select(particles, parents),
         regime,
         places[parents],
         expected,
@@ -145,14 +149,14 @@ def _looking(model: Model, particles: Particles, weights: Floats, looks: PackedS
     )
     # Stage 2, weigh: prior and likelihood over stage 1 and the importance density
     log_ratio += log_of(prior[chosen]) - np.log(first[chosen]) - math.log(n)
-    weights, log_sum = normalise(log_ratio + likelihood(model, xy, looks))
+    weights, log_sum = normalise_log_weights(log_ratio + likelihood(model, xy, looks))
     sharpness = float(0.5 * np.mean(np.sum(near.root[chosen] ** 2, axis=1)))
     return Draw(moved, weights, log_sum, fallback, parents, sharpness)
 
 
 def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floats, str]:
     """Weights of stage 1, a share of which does not look at the scan; `sir` where no expected state agrees with it."""
-    first, log_sum = normalise(log_weights)
+    first, log_sum = normalise_log_weights(log_weights)
     fallback = "" if math.isfinite(log_sum) else "sir"
     if fallback:  # stage 1 is skipped: plain sampling importance resampling
         first = prior
@@ -165,7 +169,7 @@ def _evenly(weights: Floats, chance: Floats) -> Floats:
     return np.where(possible, weights / possible.sum(axis=0), 0.0).reshape(-1)
 
 
-def drift(model: Model, particles: Particles, dt: float, rng: Generator) -> Particles:
+def drift(model: Model, particles: WaypointParticles, dt: float, rng: Generator) -> WaypointParticles:
     """Particles a time dt > 0 later, by steps no longer than the reference step."""
     parts = parts_of(dt, model)
     for _ in range(parts):
@@ -179,7 +183,7 @@ def parts_of(dt: float, model: Model) -> int:
     return max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
 
 
-def move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Generator) -> Particles:
+def move(model: Model, particles: WaypointParticles, arrived: Bools, dt: float, rng: Generator) -> WaypointParticles:
     """Draw from the importance density of [Ercan] Sec. 4.1; `arrived` is from `waypoint.reached`."""
     L = len(particles.speed)
     regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
@@ -194,7 +198,7 @@ def destinations(model: Model, xy: Floats, rng: Generator) -> Floats:
     return sample_near(xy, model.wander, model.floor, rng)
 
 
-def fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> Particles:
+def fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> WaypointParticles:
     """Many particles, anywhere on the floor or around a start."""
     config = model.config
     n = config.particles * config.start_factor
@@ -208,7 +212,7 @@ def fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> Part
     return _setting_out(model, xy, rng)
 
 
-def _setting_out(model: Model, xy: Floats, rng: Generator) -> Particles:
+def _setting_out(model: Model, xy: Floats, rng: Generator) -> WaypointParticles:
     """Particles at (L, 2) places, on their way to anywhere at the usual speeds."""
     particles = waypoint.start_particles(xy, model.floor, model.config.speed, model.config.speed_spread, rng)
     return particles if model.views is None else particles._replace(destination=destinations(model, xy, rng))
@@ -220,11 +224,13 @@ def begin_anew(model: Model, looks: PackedScan, rng: Generator) -> Draw:
         return weigh_start(model, fresh(model, None, rng), None, looks, rng)
     n = model.config.particles * model.config.start_factor
     lines = sight_lines(looks, model.sensors, model.noise, model.views)
-    xy, log_ratio = first_places(n, lines, model.views, rng)
+    xy, log_ratio = initial_positions(n, lines, model.views, rng)
     return _chosen(model, _setting_out(model, xy, rng), log_ratio - math.log(n), 0.0, looks, rng)
 
 
-def weigh_start(model: Model, particles: Particles, sigma: float | None, looks: PackedScan, rng: Generator) -> Draw:
+def weigh_start(
+    model: Model, particles: WaypointParticles, sigma: float | None, looks: PackedScan, rng: Generator
+) -> Draw:
     """As many of fresh particles as the filter has, drawn by how well they agree with the scan.
 
     With the density `scan` each of them stands for a kernel about its place, which looks at the scan as in a step.
@@ -259,13 +265,18 @@ def weigh_start(model: Model, particles: Particles, sigma: float | None, looks: 
 
 
 def _chosen(
-    model: Model, particles: Particles, log_prior: Floats, sharpness: float, looks: PackedScan, rng: Generator
+    model: Model, particles: WaypointParticles, log_prior: Floats, sharpness: float, looks: PackedScan, rng: Generator
 ) -> Draw:
     """As many of the particles as the filter has, drawn by their weights (L,) and the likelihood of a scan."""
-    weights, log_sum = normalise(log_prior + likelihood(model, particles.xy, looks))
+    weights, log_sum = normalise_log_weights(log_prior + likelihood(model, particles.xy, looks))
     n = model.config.particles
     drawn = systematic_ancestors(weights, n, rng.random())
     even = np.full(n, 1.0 / n)
     return Draw(
-        waypoint.take(particles, drawn), even, log_sum, "", sharpness=sharpness, effective=effective_size(weights)
+        waypoint.select(particles, drawn),
+        even,
+        log_sum,
+        "",
+        sharpness=sharpness,
+        effective=effective_sample_size(weights),
     )

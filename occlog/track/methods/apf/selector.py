@@ -24,7 +24,7 @@ from occlog.core.occlusion.hidden import IMPROVED
 from occlog.core.occlusion.priors import Priors, no_priors
 from occlog.core.sight.visibility import Sensors
 from occlog.errors import UsageError
-from occlog.filtering.likelihood.directions import Noise
+from occlog.filtering.likelihood.directions import MeasurementNoise
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
@@ -53,7 +53,7 @@ class Network(NamedTuple):
     cameras: tuple[int, ...]  # rows of the sensors
     order: tuple[int, ...]  # the same in the order of use for `fixed`
     sensors: Sensors
-    noise: Noise
+    noise: MeasurementNoise
     read_px: Floats
     hit: Floats  # (N,) probability that a camera detects a target in plain view
     hiding: int  # form of the probability that a moving occluder hides the target

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 from occlog.filtering.motion import waypoint
-from occlog.filtering.motion.waypoint import Particles, WaypointModel
+from occlog.filtering.motion.waypoint import WaypointModel, WaypointParticles
 from occlog.filtering.particles import systematic_ancestors
 from occlog.track.interface import Past
 
@@ -43,7 +43,7 @@ Trace = tuple[Link, ...]
 
 
 def link(
-    particles: Particles, weights: Floats, parents: Ints | None, dt: float, model: Model, sharpness: float = 0.0
+    particles: WaypointParticles, weights: Floats, parents: Ints | None, dt: float, model: Model, sharpness: float = 0.0
 ) -> Link:
     """The link of particles after a step."""
     arrived = waypoint.reached(particles, model.motion, model.floor)
@@ -89,7 +89,7 @@ def _parents(now: Link, later: Link, chosen: Ints, motion: WaypointModel, rng: G
         own,
         now.states,
         now.regime,
-        waypoint.chances(now.regime, now.arrived, later.dt, motion),
+        waypoint.regime_probabilities(now.regime, now.arrived, later.dt, motion),
         systematic_ancestors(now.weights, count, rng.random()),
         later.dt,
         motion,

@@ -17,7 +17,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import UsageError
-from occlog.filtering.likelihood.distances import Distances
+from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.track.interface import Estimate, Fit, Online
@@ -91,7 +91,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
     )
 
 
-def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Estimate | None:
+def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements) -> Estimate | None:
     """The position by bearings and measurements of distances; None where they do not tell one.
 
     UsageError for an estimator of bearings alone.

@@ -1,8 +1,8 @@
 """A position from one moment's bearings, ranges, signal strengths and differences, of which some may be false.
 
 The same as `occlog.track.methods.fix.estimators`, with measurements of distances beside the lines of sight.  Starts
-are where each two lines cross, where a line leaves a circle of a range, where circles meet, where on a grid about the sensors a
-difference meets another measurement, and the best places of that grid; from there Gauss and Newton climb with
+are where each two lines cross, where a line leaves a circle of a range, where circles meet, where on a grid about the
+sensors a difference meets another measurement, and the best places of that grid; from there Gauss and Newton climb with
 reweighting.  Several modes are usual: circles of two ranges meet twice, and sensors on a line do not tell one side from
 the other.  A room speaks against modes outside of it, as one measurement more.
 
@@ -23,13 +23,13 @@ from occlog.core.plane import distance_to_boundary, inside_polygon
 from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
-    MOST,
+    MAX_EXPONENT,
     RANGE,
-    Distances,
-    Errors,
+    DistanceErrors,
+    RangeMeasurements,
     linearise,
     log_density,
-    pull,
+    score_and_information,
     without_detours,
 )
 
@@ -69,7 +69,7 @@ class Both(NamedTuple):
     gradient: Floats
 
 
-def modes_of(lines: Lines, distances: Distances, room: Floats | None = None) -> Modes | None:
+def modes_of(lines: Lines, distances: RangeMeasurements, room: Floats | None = None) -> Modes | None:
     """The modes of the likelihood of a position; None where the measurements do not tell one.
 
     Args:
@@ -78,7 +78,7 @@ def modes_of(lines: Lines, distances: Distances, room: Floats | None = None) -> 
         room: (K, 2) corners of the room that the target is in; None: it may be anywhere.
     """
     sights = without_detours(np.full(len(lines.sigma), lines.bend))
-    errors = Errors(*(np.concatenate(both) for both in zip(sights, distances.errors, strict=True)))
+    errors = DistanceErrors(*(np.concatenate(both) for both in zip(sights, distances.errors, strict=True)))
     scale = _extent(lines, distances)
     exact, grid, cell, own = _starts(lines, distances, errors, scale)
     for share in COARSE:
@@ -86,7 +86,7 @@ def modes_of(lines: Lines, distances: Distances, room: Floats | None = None) -> 
         grid = _climbed(grid, lines, distances, errors, scale, share * cell, own)
     xy = _climbed(np.concatenate([exact, grid]), lines, distances, errors, scale)
     at = measured_at(lines, distances, xy)
-    there = pull(at.residual, errors)
+    there = score_and_information(at.residual, errors)
     believed = there.direct
     information = np.einsum("mn,mni,mnj->mij", there.weight, at.gradient, at.gradient)
     size = np.linalg.eigvalsh(information)
@@ -105,7 +105,7 @@ def modes_of(lines: Lines, distances: Distances, room: Floats | None = None) -> 
     weight = weight[: len(chosen)]
     narrow = np.linalg.inv(information[chosen])
     volume = log[kept] - 0.5 * np.linalg.slogdet(information[kept])[1]
-    elsewhere = 1.0 - 1.0 / float(np.exp(np.minimum(volume - volume[0], MOST)).sum())
+    elsewhere = 1.0 - 1.0 / float(np.exp(np.minimum(volume - volume[0], MAX_EXPONENT)).sum())
     moments = zip(xy[chosen], narrow, strict=True)
     covariance = np.array([_moment(lines, distances, errors, place, c) for place, c in moments])
     return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum(), elsewhere)
@@ -124,7 +124,7 @@ def contested(found: Modes) -> bool:
     return found.elsewhere >= most or (spare > 0 and float(chdtrc(spare, squares)) < SCATTERED)
 
 
-def measured_at(lines: Lines, distances: Distances, xy: Floats) -> Both:
+def measured_at(lines: Lines, distances: RangeMeasurements, xy: Floats) -> Both:
     """Residuals and gradients of lines, then of distances, at (M, 2) places."""
     away = xy[:, None, :] - lines.places[None]
     off = lines.bearings - np.arctan2(away[..., 1], away[..., 0])
@@ -135,7 +135,7 @@ def measured_at(lines: Lines, distances: Distances, xy: Floats) -> Both:
     return Both(np.concatenate([turned, told.residual], axis=1), np.concatenate([across, told.gradient], axis=1))
 
 
-def _moment(lines: Lines, distances: Distances, errors: Errors, xy: Floats, narrow: Floats) -> Floats:
+def _moment(lines: Lines, distances: RangeMeasurements, errors: DistanceErrors, xy: Floats, narrow: Floats) -> Floats:
     """(2, 2) second moment about a mode of the likelihood of what is not false there, by a grid.
 
     The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.  Where circles touch,
@@ -160,7 +160,9 @@ def _moment(lines: Lines, distances: Distances, errors: Errors, xy: Floats, narr
     return np.asarray((away * weight[:, None]).T @ away)
 
 
-def _starts(lines: Lines, distances: Distances, errors: Errors, scale: float) -> tuple[Floats, Floats, float, Bools]:
+def _starts(
+    lines: Lines, distances: RangeMeasurements, errors: DistanceErrors, scale: float
+) -> tuple[Floats, Floats, float, Bools]:
     """Where to begin.
 
     Returns:
@@ -261,8 +263,8 @@ def _leaving(lines: Lines, centre: Floats, radius: Floats) -> Floats:
 def _climbed(
     xy: Floats,
     lines: Lines,
-    distances: Distances,
-    errors: Errors,
+    distances: RangeMeasurements,
+    errors: DistanceErrors,
     scale: float,
     wide: float = 0.0,
     own: Bools | None = None,
@@ -285,7 +287,7 @@ def _climbed(
         soft = 1.0 / np.sqrt(variance) if own is None else own / np.sqrt(variance)
         blunt = errors.widened(variance)
         at = Both(at.residual * soft, at.gradient * soft[..., None])
-        pulled = pull(at.residual, blunt)
+        pulled = score_and_information(at.residual, blunt)
         information = np.einsum("mn,mni,mnj->mij", pulled.weight, at.gradient, at.gradient)
         ridge = 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
         slope = np.einsum("mn,mni->mi", pulled.slope, at.gradient)
@@ -310,7 +312,7 @@ def _climbed(
     return xy
 
 
-def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: Errors) -> Floats:
+def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: DistanceErrors) -> Floats:
     """(M,) log of how well places fit a room, which counts as one measurement more: it may be false, too.
 
     Its residual is the distance from the room over the largest standard deviation of the place.
@@ -326,21 +328,21 @@ def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: Er
     return np.asarray(np.logaddexp(-0.5 * np.minimum(beyond * narrow, 1e6) ** 2, -0.5 * most**2))
 
 
-def _cost(residual: Floats, errors: Errors) -> Floats:
+def _cost(residual: Floats, errors: DistanceErrors) -> Floats:
     """(M,) negative log likelihoods, up to a constant."""
     return np.asarray(-log_density(residual, errors).sum(axis=1))
 
 
-def _places(lines: Lines, distances: Distances) -> Floats:
+def _places(lines: Lines, distances: RangeMeasurements) -> Floats:
     return np.concatenate([lines.places, distances.place, distances.other])
 
 
-def _middle(lines: Lines, distances: Distances) -> Floats:
+def _middle(lines: Lines, distances: RangeMeasurements) -> Floats:
     places = _places(lines, distances)
     return np.asarray(0.5 * (places.min(axis=0) + places.max(axis=0)))
 
 
-def _extent(lines: Lines, distances: Distances) -> float:
+def _extent(lines: Lines, distances: RangeMeasurements) -> float:
     """Size of the place: of the sensors' box, or of the largest circle if that is more."""
     places = _places(lines, distances)
     size = float(np.ptp(places, axis=0).max())

@@ -33,7 +33,7 @@ from numpy.random import Generator
 from occlog.array_types import NS, Floats, Ints32
 from occlog.core.numerics.assignment import assign
 from occlog.core.plane import inside_polygon
-from occlog.core.sight.triangulate import MET, distance2, sight_lines_meet
+from occlog.core.sight.triangulate import TRIANGULATED, distance2, triangulate
 from occlog.core.sight.visibility import Sensors, seen_from
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED
@@ -433,8 +433,8 @@ class CameraRequests:
         origins = np.tile(np.array([self._cameras[c].position[:2] for c in pair]), (len(i), 1))
         azimuths = np.column_stack([one.bearing[i], other.bearing[j]]).ravel()
         sigmas = np.maximum(np.column_stack([one.sigma[i], other.sigma[j]]).ravel(), 1e-9)
-        met = sight_lines_meet(origins, azimuths, sigmas, 2 * np.arange(len(i) + 1))
-        good = met.status == MET
+        met = triangulate(origins, azimuths, sigmas, 2 * np.arange(len(i) + 1))
+        good = met.status == TRIANGULATED
         if self._room is not None:
             inside = inside_polygon(np.where(good[:, None], met.xy, 0.0), self._room)
             good &= inside | (label != UNLABELLED)

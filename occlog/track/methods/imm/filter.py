@@ -26,7 +26,7 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.consistency.estimates import FEW
-from occlog.filtering.particles import effective_size
+from occlog.filtering.particles import effective_sample_size
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED
 from occlog.scans.grouping import Scan, concat, in_vain
@@ -139,7 +139,7 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, Report]
         if track.lineage is not None:
             estimate = imm.moments(m.predicted, m.weights)
             track, size = _rests_on(track, track.lineage, estimate, world.config)
-            beliefs.append(Belief(track.number, m, estimate, min(size, effective_size(m.weights.ravel()))))
+            beliefs.append(Belief(track.number, m, estimate, min(size, effective_sample_size(m.weights.ravel()))))
         tracks.append(track)
     return ImmState(world, tuple(tracks), t_ns, least), Report(tuple(beliefs), tuple(counts), scan, evidence)
 

@@ -24,7 +24,7 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.plane import inside_polygon
-from occlog.filtering.kernel_density import Knot, knot, last_states, spread_of, states_before
+from occlog.filtering.kernel_density import KernelDensity, kernel_density, last_states, spread_of, states_before
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move, move_under_all, three_models
 from occlog.records.scene import Scene
 from occlog.track.interface import Past
@@ -287,13 +287,15 @@ class TrackTrace(NamedTuple):
     """A target's particles after a scan, for the way back."""
 
     t_ns: int
-    knot: Knot  # rows x, vx, y, vy; kinds are motion models
+    knot: KernelDensity  # rows x, vx, y, vy; kinds are motion models
 
 
 def trace_of(track: Track, t_ns: int) -> TrackTrace:
     """What a step leaves of a target for the way back."""
     states, models = track.cloud
-    return TrackTrace(t_ns, knot(np.ascontiguousarray(states.T), np.full(len(states), 1.0 / len(states)), models))
+    return TrackTrace(
+        t_ns, kernel_density(np.ascontiguousarray(states.T), np.full(len(states), 1.0 / len(states)), models)
+    )
 
 
 def back(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> list[Past]:

@@ -7,7 +7,7 @@ the thesis, each with its reason:
   density (`occlog.filtering.kernel_density`) that leaves mean and covariance as they are: without
   process noise mere copies would become one place;
 * where nearly no particle agrees with a scan its likelihood is flattened
-  (`occlog.filtering.kernel_density.weigh`), since the spread of one or two particles
+  (`occlog.filtering.kernel_density.update_weights`), since the spread of one or two particles
   would be taken for certainty;
 * a labelled report may be false with a small probability, so that one outlier does not end a track;
 * a filter that a sensor contradicts for some scans starts anew from the scan (`restart`).
@@ -22,10 +22,10 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.filtering.kernel_density import best_width, knot, moments, redraw
+from occlog.filtering.kernel_density import kernel_density, moments, resample_with_kernel, silverman_bandwidth
 from occlog.filtering.lifecycle import advance, elapsed, is_lost
 from occlog.filtering.motion.white_acceleration import moved
-from occlog.filtering.particles import effective_size, log_of, normalise
+from occlog.filtering.particles import effective_sample_size, log_of, normalise_log_weights
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
@@ -114,7 +114,9 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
     few = config.proposal == "motion" and estimate.ess < config.resample_below * config.particles
     if few or cloud.shape[1] != config.particles:
         n = config.particles
-        cloud = redraw(cloud, weights, mean, covariance, n, config.kernel * best_width(n, 6), rng)
+        cloud = resample_with_kernel(
+            cloud, weights, mean, covariance, n, config.kernel * silverman_bandwidth(n, 6), rng
+        )
         weights = np.full(n, 1.0 / n)
     begun = state.t_ns is None or draw.fallback != ""
     return Direct3dState(space, cloud, log_of(weights), mean[:2], scan.t_ns, astray, begun), estimate
@@ -124,7 +126,7 @@ def trace(state: Direct3dState) -> CloudTrace:
     """What the last step leaves for the way back."""
     assert state.t_ns is not None
     weights = np.exp(state.log_weights)
-    return CloudTrace(state.t_ns, knot(state.cloud, weights / weights.sum()), state.begun)
+    return CloudTrace(state.t_ns, kernel_density(state.cloud, weights / weights.sum()), state.begun)
 
 
 def predict(state: Direct3dState, t_ns: int, rng: Generator) -> Cloud:
@@ -158,7 +160,7 @@ def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Genera
 def begin(space: Space[C], heard: ScanDirections, reason: str, rng: Generator) -> Draw:
     """Many particles where the scan says."""
     cloud, log_weights = found(space, heard, space.config.particles * space.config.start_factor, rng)
-    weights, log_sum = normalise(log_weights)
+    weights, log_sum = normalise_log_weights(log_weights)
     return Draw(cloud, weights, log_sum - math.log(len(weights)), reason)
 
 
@@ -195,7 +197,7 @@ def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: ScanDirecti
         xy=mean[:2],
         velocity=mean[3:5],
         covariance=covariance[:2, :2],
-        ess=effective_size(draw.weights),
+        ess=effective_sample_size(draw.weights),
         log_likelihood=draw.log_likelihood if math.isfinite(draw.log_likelihood) else math.nan,
         n_looked=len(heard.sensor),
         n_seen=int(np.count_nonzero(seen)),

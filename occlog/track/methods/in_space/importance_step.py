@@ -9,8 +9,8 @@ that of the kernel as it moves plus the noise of the motion.  So a target withou
 has one to draw from as well, and one form serves both.  A step is that of the auxiliary particle filter (Pitt and
 Shephard 1999) with the optimal importance density (Doucet, Godsill and Andrieu 2000), approximated
 (`occlog.track.methods.in_space.kernels.importance`): parents are drawn by their weights times the predictive
-likelihood of the scan, places from the posterior of each, velocities given the place from the motion; the weights put right
-what is only approximate.
+likelihood of the scan, places from the posterior of each, velocities given the place from the motion; the weights put
+right what is only approximate.
 
 Smoothing of tracks in space: what was seen afterwards tells of a state as well.
 
@@ -32,18 +32,18 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.filtering.kernel_density import (
-    Knot,
-    best_width,
+    KernelDensity,
     last_states,
     moments,
     root_of,
+    silverman_bandwidth,
     spread_of,
     states_before,
-    weigh,
+    update_weights,
 )
 from occlog.filtering.motion.coordinated_turn import acceleration_root
 from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, moved_back
-from occlog.filtering.particles import effective_size, log_of, normalise, systematic_ancestors
+from occlog.filtering.particles import effective_sample_size, log_of, normalise_log_weights, systematic_ancestors
 from occlog.track.interface import Height, Past
 
 from .config import SpaceConfig
@@ -88,7 +88,7 @@ def taken_in(
 
     Particles move without a look at the scan as long as that leaves `config.resample_below` of them effective,
     and else are drawn anew by `propose`.  Where nearly none agrees with the scan even then, its likelihood
-    is flattened (`occlog.filtering.kernel_density.weigh`).
+    is flattened (`occlog.filtering.kernel_density.update_weights`).
 
     Args:
         cloud: (2d, L) before the step.
@@ -105,8 +105,8 @@ def taken_in(
     ahead = moved(cloud, way.motion, way.dt, rng, way.jump) if way.dt > 0.0 else cloud
     before = log_weights if log_going is None else log_weights + log_going(cloud[:d], ahead[:d])
     told = log_likelihood(ahead[:d])
-    weights, log_sum = normalise(before + told)
-    if effective_size(weights) >= config.resample_below * len(weights) and math.isfinite(log_sum):
+    weights, log_sum = normalise_log_weights(before + told)
+    if effective_sample_size(weights) >= config.resample_below * len(weights) and math.isfinite(log_sum):
         return ahead, weights, log_sum
     if config.proposal == "scan":
         found = propose(
@@ -120,10 +120,10 @@ def taken_in(
             rng=rng,
             log_going=log_going,
         )
-        weights, log_sum = weigh(found.log_prior, found.log_likelihood, least)
+        weights, log_sum = update_weights(found.log_prior, found.log_likelihood, least)
         if math.isfinite(log_sum):
             return found.cloud, weights, log_sum
-    return ahead, *weigh(before, told, least)
+    return ahead, *update_weights(before, told, least)
 
 
 def process_noise(motion: AccelerationModel, dt: float) -> Floats:
@@ -145,7 +145,7 @@ def drift_matrix(d: int, dt: float) -> Floats:
 def kernel_density(cloud: Floats, weights: Floats, kernel: float) -> tuple[Floats, Floats, float]:
     """The (2d, L) centres of the Gaussians, the covariance (2d, 2d) of the cloud and the width h."""
     mean, covariance = moments(cloud, weights)
-    h = min(kernel * best_width(cloud.shape[1], len(cloud)), 0.999)
+    h = min(kernel * silverman_bandwidth(cloud.shape[1], len(cloud)), 0.999)
     a = math.sqrt(1.0 - h * h)
     return a * cloud + (1.0 - a) * mean[:, None], covariance, h
 
@@ -188,7 +188,7 @@ def propose(
     at_modes = centres[:d] + root[:d, :d] @ modes[:d]
     prior = log_of(weights)
     going = 0.0 if log_going is None else log_going(cloud[:d], np.ascontiguousarray(at_modes))
-    first, log_sum = normalise(prior + going + volume + log_likelihood(np.ascontiguousarray(at_modes)))
+    first, log_sum = normalise_log_weights(prior + going + volume + log_likelihood(np.ascontiguousarray(at_modes)))
     first = weights if not math.isfinite(log_sum) else (1.0 - DEFENSIVE) * first + DEFENSIVE * weights
     # Resample: systematic
     parents = systematic_ancestors(first, n, rng.random())
@@ -244,7 +244,7 @@ class CloudTrace(NamedTuple):
     """Particles after a scan, for the way back."""
 
     t_ns: int
-    knot: Knot
+    knot: KernelDensity
     begun: bool  # anew: they do not come from the particles before
 
 

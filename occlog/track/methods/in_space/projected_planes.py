@@ -26,10 +26,10 @@ from numpy.random import Generator
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
-from occlog.filtering.kernel_density import best_width, moments, redraw, root_of
+from occlog.filtering.kernel_density import moments, resample_with_kernel, root_of, silverman_bandwidth
 from occlog.filtering.lifecycle import advance, elapsed
 from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, turn_jump
-from occlog.filtering.particles import effective_size, log_of
+from occlog.filtering.particles import effective_sample_size, log_of
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
@@ -215,8 +215,10 @@ def _started(
     for p in ALL:
         rows = plane_axes(p)
         part = covariance[np.ix_(rows, rows)]
-        width = config.kernel * best_width(n, 4)
-        cloud = redraw(np.ascontiguousarray(draw.cloud[rows]), draw.weights, mean[rows], part, n, width, rng)
+        width = config.kernel * silverman_bandwidth(n, 4)
+        cloud = resample_with_kernel(
+            np.ascontiguousarray(draw.cloud[rows]), draw.weights, mean[rows], part, n, width, rng
+        )
         clouds.append((cloud, np.full(n, -math.log(n))))
     pair = choose_pair(config.selection, heard, angles, mean[:3], state.pair)
     planes = (pair[0][1], pair[1][1])
@@ -224,7 +226,7 @@ def _started(
     after = state._replace(
         clouds=tuple(clouds), errors=begun(covariance), joined=joined, pair=pair, t_ns=t_ns, begun=True
     )
-    ess = effective_size(draw.weights)
+    ess = effective_sample_size(draw.weights)
     return after, _estimate(joined, heard, config, ess, draw.log_likelihood, draw.fallback, pair)
 
 
@@ -287,9 +289,11 @@ def _taken_in(
             rng=rng,
         )
         mean, covariance = moments(cloud, weights)
-        flats[p], told[p] = Flat(mean, covariance, log_sum, effective_size(weights)), own
+        flats[p], told[p] = Flat(mean, covariance, log_sum, effective_sample_size(weights)), own
         if config.proposal == "motion" and flats[p].ess < config.resample_below * n:
-            cloud = redraw(cloud, weights, mean, covariance, n, config.kernel * best_width(n, 4), rng)
+            cloud = resample_with_kernel(
+                cloud, weights, mean, covariance, n, config.kernel * silverman_bandwidth(n, 4), rng
+            )
             weights = np.full(n, 1.0 / n)
         new[p] = (cloud, log_of(weights))
     return tuple(new), flats, told

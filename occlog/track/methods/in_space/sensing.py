@@ -14,7 +14,7 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane import Floor, make_floor, on_floor
 from occlog.core.sight.projected_planes import AXES, direction, direction_angles, polar_from_elevation
-from occlog.core.sight.visibility import NEAREST
+from occlog.core.sight.visibility import MIN_RELATIVE_DISTANCE
 from occlog.filtering.motion.white_acceleration import AccelerationModel
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
@@ -273,7 +273,7 @@ def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tup
 def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
     """(n,) log density of a target that is at any distance from one of (S, 3) sensors, in any direction, at (3, n)."""
     r = np.sqrt(np.sum((xyz.T[:, None] - position) ** 2, axis=2))
-    each = np.where(r <= far, 1.0 / (4.0 * math.pi * far * np.maximum(r, NEAREST * far) ** 2), 0.0)
+    each = np.where(r <= far, 1.0 / (4.0 * math.pi * far * np.maximum(r, MIN_RELATIVE_DISTANCE * far) ** 2), 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(each.mean(axis=1)))
 

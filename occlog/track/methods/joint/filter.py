@@ -21,10 +21,22 @@ from occlog.array_types import Bools, Floats
 from occlog.consistency.estimates import FEW
 from occlog.core.sight.visibility import seen_from
 from occlog.filtering.gaussian import Gaussian, predicted
-from occlog.filtering.lifecycle import elapsed, is_lost, loss_count
+from occlog.filtering.lifecycle import elapsed, is_lost, track_loss_count
 from occlog.filtering.likelihood.directions import PackedScan
-from occlog.filtering.likelihood.measurement_model import Rows, World, linearised, measured, residuals, rows_of
-from occlog.filtering.particles import effective_size, mean_and_covariance, normalise, systematic_ancestors
+from occlog.filtering.likelihood.measurement_model import (
+    LinearisedRows,
+    MeasurementWorld,
+    linearised,
+    measured,
+    residuals,
+    rows_of,
+)
+from occlog.filtering.particles import (
+    effective_sample_size,
+    mean_and_covariance,
+    normalise_log_weights,
+    systematic_ancestors,
+)
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.track.interface import Estimate, Together
@@ -51,7 +63,7 @@ class JointState(NamedTuple):
     """Particles at the time of the last scan."""
 
     config: JointConfig
-    world: World
+    world: MeasurementWorld
     chances: Chances
     read_px: Floats
     anywhere: Gaussian
@@ -65,7 +77,7 @@ class Look(NamedTuple):
     """What the sensors say of one object."""
 
     packed: PackedScan
-    rows: Rows
+    rows: LinearisedRows
 
 
 def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
@@ -125,14 +137,14 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         before = state.particles[:, j]
         known = Gaussian(*mean_and_covariance(np.full(L, 1.0 / L), before))
         inside = agreeing(predicted(known, *motion_of(config).transition(dt)), rows, state.world, config.gate)
-        astray[target] = loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
+        astray[target] = track_loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
         particles[:, j], corrected = _proposed(before, rows.take(inside), dt, state, rng)
         log_weights += corrected
     # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
     log_weights += log_factors(particles[:, :, :2], [looks[t] for t in objects], state.world, state.chances, config)
     if not objects:
         return state._replace(t_ns=scan.t_ns), []
-    weights, log_likelihood = normalise(log_weights)
+    weights, log_likelihood = normalise_log_weights(log_weights)
     estimates = [
         (t, _estimate(particles[:, j], weights, looks[t], anew.get(t, ""), log_likelihood))
         for j, t in enumerate(objects)
@@ -145,7 +157,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     return after, estimates
 
 
-def _placed(rows: Rows, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
+def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
     """(L, 4) states of an object drawn where its first rows say, and (L,) logarithms of anywhere over proposal."""
     first, _ = first_place(state.anywhere, rows, state.world, state.config.gate)
     drawn = Gaussian(first.state.mean, WIDER**2 * first.state.covariance)
@@ -160,7 +172,9 @@ def _log_density(states: Floats, of: Gaussian) -> Floats:
     return np.asarray(-0.5 * (square + np.linalg.slogdet(of.covariance)[1]))
 
 
-def _proposed(before: Floats, rows: Rows, dt: float, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
+def _proposed(
+    before: Floats, rows: LinearisedRows, dt: float, state: JointState, rng: Generator
+) -> tuple[Floats, Floats]:
     """(L, 4) states of an object drawn by the motion and its rows, and (L,) logarithms of motion over proposal.
 
     Args:
@@ -212,7 +226,9 @@ def hidden_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
     return np.asarray(inside.any(axis=2))
 
 
-def log_factors(xy: Floats, looks: list[Look], world: World, chances: Chances, config: JointConfig) -> Floats:
+def log_factors(
+    xy: Floats, looks: list[Look], world: MeasurementWorld, chances: Chances, config: JointConfig
+) -> Floats:
     """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places; nobody hides sounds from arrays.
 
     A report z of an object in plain view has the density P_D N(z) + (1 - P_D) P_F / W, of one that is hidden P_F / W;
@@ -246,7 +262,7 @@ def log_factors(xy: Floats, looks: list[Look], world: World, chances: Chances, c
 
 def _estimate(own: Floats, weights: Floats, look: Look, fallback: str, log_likelihood: float) -> Estimate:
     mean, covariance = mean_and_covariance(weights, own)
-    size = effective_size(weights)
+    size = effective_sample_size(weights)
     seen = np.diff(look.packed.first) > 0
     return Estimate(
         xy=mean[:2],

@@ -17,12 +17,12 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane import make_floor, sample_floor
 from occlog.core.sight.visibility import draw
 from occlog.errors import InputError
-from occlog.filtering.gaussian import Gaussian, Link, predicted, rts_smooth
-from occlog.filtering.lifecycle import advance, elapsed, is_lost, loss_count
+from occlog.filtering.gaussian import Gaussian, PosteriorRecord, predicted, rts_smooth
+from occlog.filtering.lifecycle import advance, elapsed, is_lost, track_loss_count
 from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.likelihood.measurement_model import (
-    Rows,
-    World,
+    LinearisedRows,
+    MeasurementWorld,
     azimuths,
     linearised,
     measured,
@@ -57,13 +57,13 @@ class KalmanState(NamedTuple, Generic[K]):
     """What is known at the time of the last scan; `t_ns` is None before the first."""
 
     config: K
-    world: World
+    world: MeasurementWorld
     read_px: Floats
     anywhere: Gaussian  # before anything was seen
     known: Gaussian
     t_ns: int | None
     astray: int  # reports outside the gate more than inside, since they last were even
-    link: Link | None = None  # what the last step leaves for the way back
+    link: PosteriorRecord | None = None  # what the last step leaves for the way back
 
 
 def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:
@@ -76,12 +76,14 @@ def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:
     return KalmanState(config, world, read_noise(scene), anywhere, known, None, 0)
 
 
-def world_of(scene: Scene) -> World:
+def world_of(scene: Scene) -> MeasurementWorld:
     """The sensors and the floor of a scene."""
-    return World(pack_sensors(scene), pack_noise(scene), make_floor(scene.region, [o.polygon for o in scene.occluders]))
+    return MeasurementWorld(
+        pack_sensors(scene), pack_noise(scene), make_floor(scene.region, [o.polygon for o in scene.occluders])
+    )
 
 
-def anywhere_of(scene: Scene, world: World, config: WalkConfig, rng: Generator) -> Gaussian:
+def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig, rng: Generator) -> Gaussian:
     """Mean and covariance of where a target can be before anything was seen; InputError without free floor."""
     try:
         places = sample_floor(DRAWS, world.floor, rng) if scene.views is None else draw(DRAWS, scene.views, rng)
@@ -102,7 +104,7 @@ def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
     return Gaussian(np.array([*xy, 0.0, 0.0]), whole)
 
 
-Update = Callable[[Gaussian, Rows, World, K], Updated]
+Update = Callable[[Gaussian, LinearisedRows, MeasurementWorld, K], Updated]
 
 
 def stepper(
@@ -155,7 +157,7 @@ def stepper(
         (done, used, begun, anew, _), astray = advance(
             dt, config.max_gap_s, known=known, initiate=initiate, update=predict_and_update, loss=loss
         )
-        link = Link(done.state, 0.0 if anew else dt, begun=begun)
+        link = PosteriorRecord(done.state, 0.0 if anew else dt, begun=begun)
         state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
         estimate = _estimate(done, looks, used)
         return state, estimate if distances is None else with_distances(estimate, distances)
@@ -173,7 +175,7 @@ class Taken(NamedTuple):
     against: int = 0  # measurements of stations outside the gate
 
 
-def _outvoted(rows: Rows, inside: Bools) -> bool:
+def _outvoted(rows: LinearisedRows, inside: Bools) -> bool:
     """Whether at least two labelled rows are outside the gate, and more than inside."""
     against = int(np.count_nonzero(rows.labelled & ~inside))
     return against >= 2 and against > int(np.count_nonzero(rows.labelled & inside))
@@ -185,14 +187,14 @@ def _widened(known: Gaussian, config: KalmanConfig) -> Gaussian:
     return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 
 
-def left_scene(known: Gaussian, world: World) -> bool:
+def left_scene(known: Gaussian, world: MeasurementWorld) -> bool:
     """Whether a target is far outside of the region: by more than its extent."""
     low, high = world.floor.room.min(axis=0), world.floor.room.max(axis=0)
     xy = known.mean[:2]
     return not bool(np.all((xy >= 2.0 * low - high) & (xy <= 2.0 * high - low)))
 
 
-def first_place(anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Updated, Ints]:
+def first_place(anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> tuple[Updated, Ints]:
     """The most probable place by the rows of one scan, and the sensors that it is from.
 
     Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.
@@ -208,7 +210,9 @@ def first_place(anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tu
     return linear(anywhere, place, rows, world), rows.sensor
 
 
-def _agreed(place: Floats, anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Ints, float]:
+def _agreed(
+    place: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
+) -> tuple[Ints, float]:
     """Rows that agree with a place, one a sensor, and the cost of the place; a sensor that disagrees costs the gate."""
     expected, ahead = measured(place[None], rows, world)
     _, variance = linearised(place, rows, world)
@@ -221,7 +225,7 @@ def _agreed(place: Floats, anywhere: Gaussian, rows: Rows, world: World, gate: f
     return chosen[off[chosen] <= gate**2], cost
 
 
-def crossings(rows: Rows, world: World) -> Floats:
+def crossings(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
     """(K, 2) places where sight lines of two sensors cross ahead of both."""
     azimuth = azimuths(rows, world)
     e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
@@ -239,7 +243,7 @@ def _track_loss(before: int, looks: PackedScan, taken: Taken, measured: int) -> 
     """The track-loss counter after a scan with so many measurements of stations besides its labelled reports."""
     reports = looks.sensor[looks.labelled & (np.diff(looks.first) > 0)]
     against = int(np.count_nonzero(~np.isin(reports, taken.used))) + taken.against
-    return loss_count(before, against, len(reports) + measured)
+    return track_loss_count(before, against, len(reports) + measured)
 
 
 def _estimate(done: Updated, looks: PackedScan, agree: Ints) -> Estimate:
@@ -259,12 +263,12 @@ def _estimate(done: Updated, looks: PackedScan, agree: Ints) -> Estimate:
     )
 
 
-def _trace(state: KalmanState[K]) -> Link:
+def _trace(state: KalmanState[K]) -> PosteriorRecord:
     assert state.link is not None, "a trace is asked for after a step"
     return state.link
 
 
-def _smoothed(traces: Sequence[Link], config: K) -> list[Past]:
+def _smoothed(traces: Sequence[PosteriorRecord], config: K) -> list[Past]:
     found = rts_smooth(traces, motion_of(config).transition)
     return [Past(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
 

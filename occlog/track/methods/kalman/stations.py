@@ -12,8 +12,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.filtering.gaussian import Gaussian, updated
-from occlog.filtering.likelihood.distances import Distances, linearise, residuals
-from occlog.filtering.likelihood.measurement_model import Rows, World
+from occlog.filtering.likelihood.distances import RangeMeasurements, linearise, residuals
+from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld
 from occlog.filtering.likelihood.measurement_model import linearised as of_directions
 from occlog.filtering.likelihood.measurement_model import measured as expected_of
 from occlog.filtering.likelihood.measurement_model import residuals as off_directions
@@ -25,25 +25,25 @@ GRID = 32
 STEPS, HALVINGS, CLOSE = 30, 12, 1e-9
 """Of the Gauss-Newton search: most steps, most halvings of a step, squared length of the last one in variances."""
 
-StationUpdate = Callable[[Gaussian, Distances], tuple[Gaussian, float]]
+StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 """State and log-likelihood after measurements of stations that are within the gate."""
 
 
-def inside_gate(state: Gaussian, rows: Distances, gate: float) -> Bools:
+def inside_gate(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
     """(m,) measurements whose innovation is within the gate of the state."""
     found = linearise(rows, state.mean[None, :2])
     H, off = found.gradient[0], found.residual[0]
     return np.asarray(off**2 <= gate**2 * (np.einsum("mi,ij,mj->m", H, state.covariance[:2, :2], H) + 1.0))
 
 
-def extended(state: Gaussian, rows: Distances) -> tuple[Gaussian, float]:
+def extended(state: Gaussian, rows: RangeMeasurements) -> tuple[Gaussian, float]:
     """Update by measurements linearised at the mean."""
     found = linearise(rows, state.mean[None, :2])
     after, score = updated(state, _whole(found.gradient[0]), found.residual[0], np.ones(len(rows.kind)))
     return after, score - float(np.log(rows.sigma).sum())
 
 
-def unscented(state: Gaussian, rows: Distances) -> tuple[Gaussian, float]:
+def unscented(state: Gaussian, rows: RangeMeasurements) -> tuple[Gaussian, float]:
     """Update by sigma points, one measurement after the other."""
     score = -float(np.log(rows.sigma).sum())
     for m in range(len(rows.kind)):
@@ -55,7 +55,7 @@ def unscented(state: Gaussian, rows: Distances) -> tuple[Gaussian, float]:
 
 
 def first_position(
-    anywhere: Gaussian, rows: Rows, distances: Distances, world: World, gate: float
+    anywhere: Gaussian, rows: LinearisedRows, distances: RangeMeasurements, world: MeasurementWorld, gate: float
 ) -> tuple[Gaussian, Ints]:
     """Most probable state by the measurements of one scan alone, and the sensors of the readings and bearings used.
 

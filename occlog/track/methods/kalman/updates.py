@@ -22,10 +22,10 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.sight.camera import wrap_angle
 from occlog.filtering.gaussian import Gaussian, log_normal, symmetric, updated
-from occlog.filtering.likelihood.directions import NEAREST
+from occlog.filtering.likelihood.directions import MIN_DEPTH
 from occlog.filtering.likelihood.measurement_model import (
-    Rows,
-    World,
+    LinearisedRows,
+    MeasurementWorld,
     azimuths,
     linearised,
     measured,
@@ -36,7 +36,7 @@ from occlog.filtering.likelihood.measurement_model import (
 from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
 
 
-def along_the_ray(state: Gaussian, rows: Rows, world: World) -> Gaussian | None:
+def along_the_ray(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Gaussian | None:
     """Return the state after rows of one sensor; None where the prediction is around the sensor.
 
     The place is Gaussian in azimuth and log distance with the moments of `state` to first order; the velocity stays
@@ -45,7 +45,7 @@ def along_the_ray(state: Gaussian, rows: Rows, world: World) -> Gaussian | None:
     sensor = world.sensors.xy[rows.sensor[0]]
     away = state.mean[:2] - sensor
     distance, azimuth = float(np.hypot(*away)), float(np.arctan2(away[1], away[0]))
-    if distance < NEAREST or distance**2 < float(np.linalg.eigvalsh(state.covariance[:2, :2])[0]):
+    if distance < MIN_DEPTH or distance**2 < float(np.linalg.eigvalsh(state.covariance[:2, :2])[0]):
         return None
     # Prediction in azimuth, log distance and velocity
     J = np.eye(4)
@@ -98,7 +98,7 @@ class Updated(NamedTuple):
     fallback: str = ""
 
 
-def agreeing(state: Gaussian, rows: Rows, world: World, gate: float) -> Bools:
+def agreeing(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> Bools:
     """(R,) rows whose innovation is within the gate; of a sensor's candidates the nearest one alone."""
     at = state.mean[:2]
     expected, ahead = measured(at[None], rows, world)
@@ -112,12 +112,12 @@ def agreeing(state: Gaussian, rows: Rows, world: World, gate: float) -> Bools:
     return inside
 
 
-def ekf(state: Gaussian, rows: Rows, world: World) -> Updated:
+def ekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
     """Update by measurements linearised at the mean (extended Kalman filter)."""
     return linear(state, state.mean[:2], rows, world)
 
 
-def linear(state: Gaussian, at: Floats, rows: Rows, world: World) -> Updated:
+def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
     """Update by measurements linearised at a place (2,); the covariance in Joseph's form."""
     expected, _ = measured(at[None], rows, world)
     H2, R = linearised(at, rows, world)
@@ -129,7 +129,7 @@ def linear(state: Gaussian, at: Floats, rows: Rows, world: World) -> Updated:
     return Updated(*(found if (wedge == 1.0).all() else updated(state, H, off, R * wedge)))
 
 
-def _wedges(at: Floats, rows: Rows, world: World, covariance: Floats) -> Floats:
+def _wedges(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
     """(R,) by how much larger variances are beside a sensor, where the place's distance is not known.
 
     A sight line's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at the
@@ -142,7 +142,7 @@ def _wedges(at: Floats, rows: Rows, world: World, covariance: Floats) -> Floats:
     return np.where(along > BESIDE**2 * r2, 1.0 + along / r2, 1.0)
 
 
-def ukf(state: Gaussian, rows: Rows, world: World, config: UkfConfig) -> Updated:
+def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: UkfConfig) -> Updated:
     """Update row by row by sigma points (unscented Kalman filter, Julier and Uhlmann 1997, kappa = 3 - n).
 
     Points of the place alone are drawn: the rest of the 2 n + 1 points of the whole state lie at its mean, and give
@@ -193,7 +193,7 @@ def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floa
     return after, log_normal(np.array([off]), np.array([[S]]))
 
 
-def iekf(state: Gaussian, rows: Rows, world: World, config: IekfConfig, starts: Floats) -> Updated:
+def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig, starts: Floats) -> Updated:
     """Update by measurements linearised at the most probable place (iterated extended Kalman filter).
 
     Bell and Cathey (1993): the iterated filter is the search of Gauss and Newton for the maximum a posteriori.  The
@@ -221,7 +221,7 @@ def iekf(state: Gaussian, rows: Rows, world: World, config: IekfConfig, starts: 
     return linear(state, best[0], rows, world)._replace(fallback=STUCK if best[2] else "")
 
 
-def map_cost(places: Floats, state: Gaussian, rows: Rows, world: World) -> Floats:
+def map_cost(places: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
     """(L,) negative log of prior times likelihood at (L, 2) places, without constants; infinite behind a camera."""
     away = places - state.mean[:2]
     cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
@@ -232,7 +232,7 @@ def map_cost(places: Floats, state: Gaussian, rows: Rows, world: World) -> Float
 
 
 def descended(
-    start: Floats, state: Gaussian, rows: Rows, world: World, config: IekfConfig
+    start: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig
 ) -> tuple[Floats, float, bool]:
     """Where a search by Gauss and Newton ends, its cost, and whether the border of the feasible set ended it."""
     at, cost = start, float(map_cost(start[None], state, rows, world)[0])

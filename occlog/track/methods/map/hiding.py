@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.occlusion.hidden import IMPROVED, unhidden
+from occlog.core.occlusion.hidden import IMPROVED, visibility_probability
 from occlog.core.sight.visibility import seen_from
 from occlog.track.methods.map.kernels.problem import Hints
 from occlog.track.methods.map.search.pending import Pending
@@ -89,7 +89,7 @@ def told_by_occluders(
         for r in own.tolist():
             i = int(rows.sensor[r])
             xy, (x0, y0) = points + pending.origin, pending.sensors.xy[i].tolist()
-            clear = unhidden(xy, np.arange(len(xy)), x0, y0, priors, IMPROVED, FAR)
+            clear = visibility_probability(xy, np.arange(len(xy)), x0, y0, priors, IMPROVED, FAR)
             if rows.seen[r]:
                 lean[line[r]] = temper * math.log(max(float(weights @ clear), FLOOR))
                 if believed[line[r]]:

@@ -3,8 +3,8 @@
 1. *Start.* Extended Kalman filters run along the record, one from each place that the first measurements fit best; they
    pass over what is false.  The most probable one is smoothed (Rauch, Tung and Striebel 1965).
 2. *Search.* Each measurement of a distance is replaced by the quadratic term of Gauss and Newton about the trajectory
-   found so far, with the slope and the weight that it has there (`occlog.filtering.likelihood.distances.pull`,
-   iteratively reweighted least squares); the search for the minimum is repeated until no position moves by a tenth of
+   found so far, with the slope and the weight that it has there
+   (`occlog.filtering.likelihood.distances.score_and_information`, iteratively reweighted least squares); the search for the minimum is repeated until no position moves by a tenth of
    its standard deviation.  Where most measurements of a while are not believed the path may be lost there: then the
    search is repeated with measurements that are blunter at first, and the better one of the two is kept.
 
@@ -17,7 +17,13 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import UsageError
-from occlog.filtering.likelihood.distances import Distances, at_own, direct, log_density, pull
+from occlog.filtering.likelihood.distances import (
+    RangeMeasurements,
+    inlier_probability,
+    log_density,
+    residuals_at_own_position,
+    score_and_information,
+)
 from occlog.track.interface import Fit, Smoothed
 from occlog.track.methods.map.kernels.detours import Detours, Obstacle
 from occlog.track.methods.map.kernels.interior_point import covariance
@@ -73,7 +79,7 @@ def mixed_search(pending: Pending, record: Record, around: tuple[Obstacle, ...],
 
 
 def _settled(
-    rows: Distances, path: Agreed, pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch
+    rows: RangeMeasurements, path: Agreed, pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch
 ) -> Sought:
     """Search from a path until nothing moves."""
     for _ in range(ROUNDS):
@@ -85,7 +91,7 @@ def _settled(
 
 
 def _once(
-    rows: Distances,
+    rows: RangeMeasurements,
     path: Agreed,
     pending: Pending,
     record: Record,
@@ -104,28 +110,28 @@ def _path(found: Sought) -> Agreed:
     return Agreed(found.mode.solution.X, found.used if found.believed is None else found.believed, 0.0)
 
 
-def _lost(rows: Distances, X: Floats) -> bool:
+def _lost(rows: RangeMeasurements, X: Floats) -> bool:
     """Whether of so many measurements in a row most are not believed, each at its own (m, 4) state."""
-    doubted = direct(at_own(rows, X[:, ::2])[0], rows.errors) < 0.5
+    doubted = inlier_probability(residuals_at_own_position(rows, X[:, ::2])[0], rows.errors) < 0.5
     several = min(IN_A_ROW, len(doubted))
     return bool(several) and bool((np.convolve(doubted, np.ones(several), "valid") > 0.5 * several).any())
 
 
-def _cost(rows: Distances, state: Ints, found: Sought) -> float:
+def _cost(rows: RangeMeasurements, state: Ints, found: Sought) -> float:
     """What a search minimises: its own cost, in which terms are replaced by what they stand for."""
     assert found.told is not None
     assert found.told.hints is not None
     X = found.mode.solution.X
-    own = log_density(at_own(rows, X[state][:, ::2])[0], rows.errors)
+    own = log_density(residuals_at_own_position(rows, X[state][:, ::2])[0], rows.errors)
     return float(found.mode.solution.cost - hints_cost(found.told.hints, X) - own.sum())
 
 
-def local(rows: Distances, origin: Floats) -> Distances:
+def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:
     """The measurements in coordinates about an origin (2,)."""
     return rows._replace(place=rows.place - origin, other=rows.other - origin)
 
 
-def terms(rows: Distances, state: Ints, X: Floats, *, square: bool, wide: float = 0.0) -> Hints:
+def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide: float = 0.0) -> Hints:
     """The quadratic terms of Gauss and Newton about a trajectory.
 
     Args:
@@ -135,11 +141,11 @@ def terms(rows: Distances, state: Ints, X: Floats, *, square: bool, wide: float 
         square: believe all of them.
         wide: an error of the place that their standard deviations hold besides.
     """
-    r, g = at_own(rows, X[state][:, ::2])
+    r, g = residuals_at_own_position(rows, X[state][:, ::2])
     variance = 1.0 + wide**2 * (g**2).sum(axis=1)
     root = np.sqrt(variance)
     r, g = r / root, g / root[:, None]
-    slope, w = (r, np.ones(len(r))) if square else pull(r, rows.errors.widened(variance))[:2]
+    slope, w = (r, np.ones(len(r))) if square else score_and_information(r, rows.errors.widened(variance))[:2]
     bend = w[:, None] * np.column_stack([g[:, 0] ** 2, g[:, 0] * g[:, 1], g[:, 1] ** 2])
     return Hints(state, np.ascontiguousarray(X[state][:, ::2]), -slope[:, None] * g, bend)
 
@@ -157,10 +163,10 @@ def with_distances(out: Smoothed, pending: Pending, record: Record, found: Detou
     keep, X = len(out.t_ns), found.solution.X
     own = record.measured_state < keep
     rows, state = local(record.measured, pending.origin).take(own), record.measured_state[own]
-    residual, gradient = at_own(rows, X[state][:, ::2])
+    residual, gradient = residuals_at_own_position(rows, X[state][:, ::2])
     # Residuals, and their variance: 1 less the leverage
     spread = covariance(found.problem, X)[:keep][:, ::2, ::2][state]
-    believed = direct(residual, rows.errors)
+    believed = inlier_probability(residual, rows.errors)
     leverage = believed * np.einsum("ni,nij,nj->n", gradient, spread, gradient)
     fit = Fit(state, rows.station, residual, np.clip(1.0 - leverage, 0.0, 1.0), believed)
     if out.fit is not None:

@@ -11,7 +11,7 @@ from occlog.array_types import NS, Ints
 from occlog.core.occlusion.priors import Priors
 from occlog.errors import InputError
 from occlog.filtering.likelihood import distances
-from occlog.filtering.likelihood.distances import Distances
+from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.scans.grouping import Scan, concat
 
 MOST_STATES = 10_000_000
@@ -28,7 +28,7 @@ class Record(NamedTuple):
     state: Ints  # (R,) which time each row is of, rising
     rows: Scan  # R rows; the time and the occluders of this scan mean nothing
     occluders: tuple[Priors | None, ...] = ()  # of the first times, in order; None, and beyond these: nothing is known
-    measured: Distances | None = None  # ranges and their like; None: there are none at all
+    measured: RangeMeasurements | None = None  # ranges and their like; None: there are none at all
     measured_state: Ints = NO_STATES  # (m,) which time each of them is of, rising
 
     def priors(self, state: int) -> Priors | None:

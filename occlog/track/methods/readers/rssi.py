@@ -19,7 +19,13 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane import inside_polygon
 from occlog.core.sight.path_loss import received_power
 from occlog.filtering.lifecycle import advance, elapsed
-from occlog.filtering.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
+from occlog.filtering.particles import (
+    effective_sample_size,
+    log_of,
+    mean_and_covariance,
+    normalise_log_weights,
+    systematic_ancestors,
+)
 
 
 class PathLoss(NamedTuple):
@@ -164,7 +170,7 @@ def step(rules: Rules, cloud: Cloud, t_ns: int, count: Ints, rssi: Floats, rng: 
     def weighed(moved: Cloud) -> Draw:
         """Particles weighed by strengths with the shadowing integrated out, coverage, and walls."""
         shadowing, log_weights = _weigh(rules, moved, count, rssi)
-        weights, total = normalise(log_weights)
+        weights, total = normalise_log_weights(log_weights)
         return Draw(moved._replace(weights=weights, shadowing=shadowing), total)
 
     def update(dt_s: float) -> Draw | None:
@@ -183,7 +189,7 @@ def step(rules: Rules, cloud: Cloud, t_ns: int, count: Ints, rssi: Floats, rng: 
     weights = after.weights
     # Estimate
     mean, covariance = mean_and_covariance(weights, np.column_stack([after.xy, after.velocity]))
-    effective = effective_size(weights)
+    effective = effective_sample_size(weights)
     found = Located(mean[:2], mean[2:], covariance, effective, restarted)
     # Resample: systematic, where fewer than half of the particles count
     if effective < 0.5 * rules.particles:

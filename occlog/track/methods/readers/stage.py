@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.records.tables import TagTracks, VirtualSensors
 
 from .inputs import Windows
@@ -66,7 +66,7 @@ def track_rssi(windows: Iterable[Windows], rules: Rules, names: Sequence[str], s
         for row in range(len(part)):
             target, t_ns = int(part.target_id[row]), int(part.t_ns[row])
             if target not in clouds:
-                draws[target] = generator(seed, Stage.TRACK, target)
+                draws[target] = generator(seed, RandomStream.TRACK, target)
                 clouds[target] = begin(rules, t_ns, draws[target])
             clouds[target], found = step(
                 rules, clouds[target], t_ns, part.count[row], part.rssi[row], rng=draws[target]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.core.metrics.mot import frame_pairs as couples
-from occlog.core.metrics.mot.frame_pairs import Couples, Objects, of_points
+from occlog.core.metrics.mot.frame_pairs import Objects, TargetTrackSums, of_points
 from occlog.core.metrics.mot.gospa import ospa2, ospa2_over_time
 from occlog.core.metrics.mot.hota import hota, identity
 
@@ -18,7 +18,7 @@ from occlog.core.metrics.mot.hota import hota, identity
 def test_sums_are_those_of_a_dictionary(seed: int, dense: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(couples, "DENSE", dense)
     monkeypatch.setattr(couples, "PENDING", 50)
-    rng, found = np.random.default_rng(seed), Couples(7, 9, sums=2)
+    rng, found = np.random.default_rng(seed), TargetTrackSums(7, 9, sums=2)
     told: dict[tuple[int, int], list[float]] = defaultdict(lambda: [0.0, 0.0])
     for _ in range(60):
         target, track = np.divmod(rng.choice(40, rng.integers(0, 12), replace=False), 9)
@@ -37,7 +37,7 @@ def test_sums_are_those_of_a_dictionary(seed: int, dense: int, monkeypatch: pyte
 @pytest.mark.parametrize("dense", [0, couples.DENSE])
 def test_what_is_taken_away_again_is_gone(dense: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(couples, "DENSE", dense)
-    found, one = Couples(3, 3), np.ones((1, 2))
+    found, one = TargetTrackSums(3, 3), np.ones((1, 2))
     for sign in (1, -1):
         found.add(np.array([0, 2]), np.array([1, 1]), sign * one)
     found.add(np.array([2]), np.array([2]), np.array([[5.0]]))
@@ -48,8 +48,8 @@ def test_nothing_and_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     for dense in (-1, couples.DENSE):
         monkeypatch.setattr(couples, "DENSE", dense)
         for shape in ((0, 0), (0, 4), (4, 0), (4, 4)):
-            assert not Couples(*shape).all()[0].size
-        assert Couples(4, 4).at(np.array([0, 3]), np.array([3, 0])).tolist() == [[0.0, 0.0]]
+            assert not TargetTrackSums(*shape).all()[0].size
+        assert TargetTrackSums(4, 4).at(np.array([0, 3]), np.array([3, 0])).tolist() == [[0.0, 0.0]]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_points
 from occlog.core.metrics.mot.frame_sums import FIGURES, PLACE, frame_sums, hota_of, idf1
 from occlog.core.metrics.mot.hota import hota, identity
 
 
-def scene(seed: int, frames: int = 40, people: int = 5) -> Frames:
+def scene(seed: int, frames: int = 40, people: int = 5) -> MatchedFrames:
     """People on a floor, tracks that miss, invent and exchange."""
     rng = np.random.default_rng(seed)
     cell, label = np.repeat(np.arange(frames), people), np.tile(np.arange(people), frames)

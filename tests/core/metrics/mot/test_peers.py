@@ -18,7 +18,7 @@ import pytest
 from mot_environment import ask
 
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, clear_mot
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes, of_points, reaches
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_boxes, of_points, reaches
 from occlog.core.metrics.mot.hota import hota, identity
 from occlog.io.formats.boxes.mot_challenge import SequenceInfo, write_mot, write_sequence, write_sequence_list
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
@@ -32,7 +32,7 @@ SCENES = 40
 B = TypeVar("B", bound=Boxes)
 
 
-def as_frames(frames: Frames) -> list[dict[str, Any]]:
+def as_frames(frames: MatchedFrames) -> list[dict[str, Any]]:
     """Frames as the peers' script reads them."""
     out = []
     for t in range(len(frames.frame)):
@@ -44,7 +44,7 @@ def as_frames(frames: Frames) -> list[dict[str, Any]]:
     return out
 
 
-def scene(seed: int) -> Frames:
+def scene(seed: int) -> MatchedFrames:
     """Boxes or points; every other pair of scenes has no frame without truth or tracks."""
     boxes = seed % 2 == 0
     made = plain.random_scene(seed, boxes, frames=60, targets=5)
@@ -60,7 +60,7 @@ def full(seed: int) -> bool:
 
 
 @pytest.fixture(scope="session")
-def answers(peers: Path, tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Frames, dict[str, Any]]]:
+def answers(peers: Path, tmp_path_factory: pytest.TempPathFactory) -> list[tuple[MatchedFrames, dict[str, Any]]]:
     """Scenes with what both peers say of them."""
     scenes = [scene(seed) for seed in range(SCENES)]
     given = tmp_path_factory.mktemp("scenes") / "scenes.json"
@@ -68,7 +68,7 @@ def answers(peers: Path, tmp_path_factory: pytest.TempPathFactory) -> list[tuple
     return list(zip(scenes, ask(peers, given), strict=True))
 
 
-def check_trackeval(frames: Frames, theirs: dict[str, Any], whole: bool) -> None:
+def check_trackeval(frames: MatchedFrames, theirs: dict[str, Any], whole: bool) -> None:
     """`whole`: every target is in every frame and no frame lacks tracks, see below."""
     clear, who, higher = clear_mot(frames, CHALLENGE), identity(frames), hota(frames)
     counts = {"CLR_TP": clear.tp, "CLR_FP": clear.fp, "CLR_FN": clear.fn, "IDSW": clear.switches}
@@ -87,12 +87,12 @@ def check_trackeval(frames: Frames, theirs: dict[str, Any], whole: bool) -> None
         np.testing.assert_allclose(getattr(higher, own), theirs[name], rtol=1e-12, atol=1e-15, err_msg=name)
 
 
-def test_figures_are_those_of_trackeval(answers: list[tuple[Frames, dict[str, Any]]]) -> None:
+def test_figures_are_those_of_trackeval(answers: list[tuple[MatchedFrames, dict[str, Any]]]) -> None:
     for seed, (frames, theirs) in enumerate(answers):
         check_trackeval(frames, theirs["trackeval"], full(seed))
 
 
-def test_figures_are_those_of_motmetrics(answers: list[tuple[Frames, dict[str, Any]]]) -> None:
+def test_figures_are_those_of_motmetrics(answers: list[tuple[MatchedFrames, dict[str, Any]]]) -> None:
     for frames, both in answers:
         theirs, clear, who = both["motmetrics"], clear_mot(frames, CLASSIC), identity(frames)
         counts = {

@@ -9,7 +9,7 @@ import pytest
 from mot_published import PUBLISHED
 
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_boxes
 from occlog.core.metrics.mot.hota import hota, identity
 
 
@@ -18,7 +18,7 @@ def side(path: Path) -> Objects:
     return Objects(rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), rows[:, 2:6])
 
 
-def printed(frames: Frames, rule: ClearRule) -> dict[str, str]:
+def printed(frames: MatchedFrames, rule: ClearRule) -> dict[str, str]:
     """The figures as py-motmetrics prints them."""
     clear, who, higher = clear_mot(frames, rule), identity(frames), hota(frames).means()
     counts = {

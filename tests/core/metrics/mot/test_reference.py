@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
 from occlog.core.metrics.mot.failure_rates import failures
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes, of_points
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_boxes, of_points
 from occlog.core.metrics.mot.gospa import gospa
 from occlog.core.metrics.mot.hota import ALPHAS, hota, identity
 
@@ -29,7 +29,7 @@ def measures(boxes: bool) -> tuple[plain.Measure, plain.Measure]:
     return (plain.iou, overlap_distance) if boxes else (plain.closeness(LIMIT), math.dist)
 
 
-def laid(scene: plain.Scene, boxes: bool, seed: int = 1) -> Frames:
+def laid(scene: plain.Scene, boxes: bool, seed: int = 1) -> MatchedFrames:
     sides = plain.objects(scene, 0, seed=seed), plain.objects(scene, 1, seed=seed + 1)
     return of_boxes(*sides) if boxes else of_points(*sides, LIMIT)
 

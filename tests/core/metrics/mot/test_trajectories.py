@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_points
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_points
 from occlog.core.metrics.mot.gospa import Ospa2Sums, Ospa2Windows, ospa2, ospa2_over_time
 from occlog.core.metrics.mot.trajectory_gospa import (
     TrajectoryCosts,
-    meetings,
     pieces_of,
+    rows_within_cutoff,
     sure_stretches,
     trajectory_gospa,
 )
@@ -30,14 +30,14 @@ def line(label: int, frames: range, y: float = 0.0) -> list[tuple[float, ...]]:
     return [(frame, label, 0.0, y) for frame in frames]
 
 
-def swapped() -> Frames:
+def swapped() -> MatchedFrames:
     """Two targets 5 m apart for ten frames; the tracks change hands after six."""
     truth = rows(*line(1, range(10)), *line(2, range(10), 5.0))
     tracks = rows(*line(7, range(6)), *line(7, range(6, 10), 5.0), *line(8, range(6), 5.0), *line(8, range(6, 10)))
     return of_points(truth, tracks, 1.0)
 
 
-def random_frames(seed: int, targets: int, tracks: int, times: int) -> Frames:
+def random_frames(seed: int, targets: int, tracks: int, times: int) -> MatchedFrames:
     """Points of a strip in which everybody is near everybody; rows are missing at random."""
     rng = np.random.default_rng(seed)
     sides = []
@@ -48,7 +48,7 @@ def random_frames(seed: int, targets: int, tracks: int, times: int) -> Frames:
     return of_points(sides[0], sides[1], 1.0)
 
 
-def distances(frames: Frames, t: int) -> tuple[dict[int, bool], dict[int, bool], dict[tuple[int, int], float]]:
+def distances(frames: MatchedFrames, t: int) -> tuple[dict[int, bool], dict[int, bool], dict[tuple[int, int], float]]:
     left, right = frames.rows(t)
     i, j = frames.truth[left].tolist(), frames.track[right].tolist()
     d = frames.compare(t)[0]
@@ -56,7 +56,7 @@ def distances(frames: Frames, t: int) -> tuple[dict[int, bool], dict[int, bool],
     return dict.fromkeys(i, True), dict.fromkeys(j, True), pairs
 
 
-def frame_costs(frames: Frames, c: float, p: float) -> np.ndarray:
+def frame_costs(frames: MatchedFrames, c: float, p: float) -> np.ndarray:
     """(T, n + 1, m + 1) costs of the definition: pairs, targets alone in the last column, tracks in the last row."""
     n, m = len(frames.truth_key), len(frames.track_key)
     out = np.zeros((len(frames.frame), n + 1, m + 1))
@@ -71,7 +71,7 @@ def frame_costs(frames: Frames, c: float, p: float) -> np.ndarray:
     return out
 
 
-def plain_program(frames: Frames, c: float, gamma: float, p: float) -> float:
+def plain_program(frames: MatchedFrames, c: float, gamma: float, p: float) -> float:
     """The linear program as the paper writes it, with every weight of every frame."""
     cost = frame_costs(frames, c, p)
     T, n, m = cost.shape
@@ -102,7 +102,7 @@ def plain_program(frames: Frames, c: float, gamma: float, p: float) -> float:
     return float(found.fun)
 
 
-def brute_force(frames: Frames, c: float, gamma: float, p: float) -> float:
+def brute_force(frames: MatchedFrames, c: float, gamma: float, p: float) -> float:
     """The combinatorial form: every sequence of assignments."""
     cost = frame_costs(frames, c, p)
     T, n, m = cost.shape
@@ -176,7 +176,7 @@ def test_the_short_program_has_the_value_of_the_whole_one(seed: int) -> None:
         assert got.total == pytest.approx(got.localisation + got.missed + got.false + got.switch)
 
 
-def walkers(seed: int, people: int, times: int) -> Frames:
+def walkers(seed: int, people: int, times: int) -> MatchedFrames:
     """People who wander in a room, tracks that are exchanged where they meet, begin anew, and miss them at times."""
     rng = np.random.default_rng(seed)
     walked = np.cumsum(rng.normal(0, 0.25, (times, people, 2)), axis=0) + rng.uniform(0, 3, (people, 2))
@@ -203,7 +203,7 @@ def walkers(seed: int, people: int, times: int) -> Frames:
 @pytest.mark.parametrize("seed", range(5))
 def test_cut_into_pieces_of_time_it_is_that_of_the_whole_program(seed: int) -> None:
     frames = walkers(seed, 3, 60)
-    pairs = meetings(frames, 1.0, 2.0)
+    pairs = rows_within_cutoff(frames, 1.0, 2.0)
     sure = sure_stretches(pairs, 1.0, 0.25)
     assert len(sure.first) > 5
     assert len(list(pieces_of(pairs, sure.pins(pairs), 60).blocks())) > 2
@@ -214,7 +214,7 @@ def test_cut_into_pieces_of_time_it_is_that_of_the_whole_program(seed: int) -> N
 def test_a_pair_is_sure_where_both_sides_gain_three_changes(switch: float, sure: list[int]) -> None:
     """Six frames that gain 0.75 each: three of them pay three changes of 0.75, two of them three of 0.5."""
     frames = of_points(rows(*line(1, range(6))), rows(*line(7, range(6), 0.5)), 1.0)
-    found = sure_stretches(meetings(frames, 1.0, 2.0), 1.0, switch)
+    found = sure_stretches(rows_within_cutoff(frames, 1.0, 2.0), 1.0, switch)
     assert np.flatnonzero(found.rows).tolist() == list(sure)
 
 
@@ -268,7 +268,7 @@ def test_a_gap_and_a_false_track_in_ospa2() -> None:
     assert got.ospa2 == pytest.approx(got.localisation + got.cardinality)
 
 
-def plain_ospa2(frames: Frames, c: float, p: float) -> float:
+def plain_ospa2(frames: MatchedFrames, c: float, p: float) -> float:
     """OSPA(2) from its definition, over every assignment."""
     n, m = len(frames.truth_key), len(frames.track_key)
     base = np.zeros((n, m))
@@ -318,7 +318,7 @@ def test_a_window_must_have_a_frame() -> None:
     assert ospa2_over_time(swapped(), 1.0, 1.0, 1, [6])[0].ospa2 == 0.0
 
 
-def part_of(frames: Frames, first: int, stop: int) -> Frames:
+def part_of(frames: MatchedFrames, first: int, stop: int) -> MatchedFrames:
     """Some of the frames, with the numbers of targets and tracks that they have in the whole."""
     left = slice(int(frames.truth_start[first]), int(frames.truth_start[stop]))
     right = slice(int(frames.track_start[first]), int(frames.track_start[stop]))

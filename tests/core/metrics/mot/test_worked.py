@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
-from occlog.core.metrics.mot.failure_rates import NONE, failures
-from occlog.core.metrics.mot.frame_pairs import Frames, Objects, of_boxes, of_points, reaches
+from occlog.core.metrics.mot.failure_rates import NO_TARGET, failures
+from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_boxes, of_points, reaches
 from occlog.core.metrics.mot.gospa import gospa
 from occlog.core.metrics.mot.hota import hota, identity
 
@@ -25,7 +25,7 @@ def nothing(width: int = 2) -> Objects:
     return Objects(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, width)))
 
 
-def compared(frames: Frames) -> np.ndarray:
+def compared(frames: MatchedFrames) -> np.ndarray:
     """(2, T) distance and similarity of the one pair of each frame."""
     return np.array([[part.item() for part in frames.compare(t)] for t in frames.meeting()]).T
 
@@ -151,11 +151,11 @@ def test_failures_by_the_stated_rule() -> None:
     got = failures(truth, trackers, 4.0)
     table = list(zip(got.frame.tolist(), got.target.tolist(), got.other.tolist(), got.causes(), strict=True))
     assert table == [
-        (0, 3, NONE, "its tracker is on target 1"),
+        (0, 3, NO_TARGET, "its tracker is on target 1"),
         (0, 3, 1, "tracker on target 1"),
-        (1, 1, NONE, "its tracker is on target 2"),
+        (1, 1, NO_TARGET, "its tracker is on target 2"),
         (1, 1, 2, "tracker on target 2"),
-        (1, 3, NONE, "no tracker"),
+        (1, 3, NO_TARGET, "no tracker"),
     ]
     assert (got.total, got.fr_p, got.fr_l) == (6, 3 / 6, 2 / 6)
 
@@ -164,14 +164,14 @@ def test_trackers_may_have_other_numbers_than_their_targets() -> None:
     """Two trackers of target 1, one of target 2 that strays, and one without a target that is on 2."""
     truth = rows((0, 1, 0, 0), (0, 2, 5, 0))
     trackers = rows((0, 7, 0.5, 0), (0, 8, 5, 0), (0, 9, 2.5, 0), (0, 10, 5, 0))
-    got = failures(truth, trackers, 1.0, np.array([1, 1, 2, NONE]))
-    assert (got.target.tolist(), got.other.tolist()) == ([NONE, 1], [2, 2])
+    got = failures(truth, trackers, 1.0, np.array([1, 1, 2, NO_TARGET]))
+    assert (got.target.tolist(), got.other.tolist()) == ([NO_TARGET, 1], [2, 2])
     assert got.causes() == ["tracker on target 2"] * 2
     assert (got.fr_p, got.fr_l) == (0.0, 1.0)
     got = failures(truth, Objects(*(column[[0, 2]] for column in trackers[:3])), 1.0, np.array([1, 2]))
     assert (got.target.tolist(), got.causes("m"), got.fr_p, got.fr_l) == ([2], ["its tracker is 2.5 m away"], 0.5, 0.0)
     with pytest.raises(ValueError, match="label 7 comes twice"):
-        failures(truth, trackers._replace(label=np.array([7, 7, 9, 10])), 1.0, np.array([1, 1, 2, NONE]))
+        failures(truth, trackers._replace(label=np.array([7, 7, 9, 10])), 1.0, np.array([1, 1, 2, NO_TARGET]))
 
 
 def test_failures_tell_views_apart_and_take_a_tau_for_each_target() -> None:

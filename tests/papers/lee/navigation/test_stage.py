@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.navigation.steering import State
+from occlog.core.navigation.steering import SteeringState
 from occlog.errors import InputError
 from occlog.papers.lee.navigation.config import NavigateConfig
 from occlog.papers.lee.navigation.course import Disc, course_of, people_of
@@ -284,7 +284,7 @@ def test_the_guard_leaves_steps_alone_that_do_not_collide():
     plain, _, _ = driven(scene, (), (1.0, 3.6), (7.0, 3.6), guard=False)
     guarded, robots, _ = driven(scene, (), (1.0, 3.6), (7.0, 3.6))
     np.testing.assert_array_equal(plain, guarded)
-    assert robots.states[0, State.GUARDED] == 0
+    assert robots.states[0, SteeringState.GUARDED] == 0
 
 
 def test_a_robot_that_the_guard_holds_back_says_so_and_counts_no_way_that_it_did_not_go():

@@ -32,7 +32,7 @@ def brute_force(later, regime, states, was, chances, dt, motion, width2):
     for state, r, chance in zip(states, was, chances, strict=True):
         x0, c0, s0 = state[:2], state[2:4], state[4]
         if regime == WAIT and motion.wait_s > 0:
-            place, pull, rest = waypoint.stand(dt, motion, r == WAIT)
+            place, pull, rest = waypoint.waiting_noise(dt, motion, r == WAIT)
             place, rest = max(place, place2), max(rest, velocity2)
             c0 = c0 * (r == WAIT)
             v = x - x0 - c0 * dt

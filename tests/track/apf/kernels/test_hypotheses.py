@@ -7,7 +7,7 @@ import pytest
 
 from occlog.core.plane import make_floor
 from occlog.filtering.motion import waypoint
-from occlog.filtering.motion.waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, Particles, WaypointModel
+from occlog.filtering.motion.waypoint import CHANGE, MIN_STEP_VARIANCE, TOWARDS, WAIT, WaypointModel, WaypointParticles
 
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 FLOOR = make_floor(ROOM, [])
@@ -20,11 +20,11 @@ def mixed(n, rng):
     """Particles in all regimes, some of which have no way to go."""
     xy = rng.uniform(20, 80, (n, 2))
     destination = np.where(rng.random((n, 1)) < 0.1, xy, rng.uniform(0, 100, (n, 2)))
-    return Particles(xy, destination, rng.uniform(0, 2, n), rng.integers(0, 3, n))
+    return WaypointParticles(xy, destination, rng.uniform(0, 2, n), rng.integers(0, 3, n))
 
 
 def alike(n, regime=TOWARDS, speed=1.5):
-    return Particles(
+    return WaypointParticles(
         np.tile([20.0, 20.0], (n, 1)), np.tile([60.0, 50.0], (n, 1)), np.full(n, speed), np.full(n, regime)
     )
 
@@ -69,14 +69,16 @@ def test_chances_are_the_frequencies_of_the_regimes(motion, regime, arrived, dt)
     n = 100_000
     there = np.full(n, arrived)
     drawn = waypoint.choose_regimes(alike(n, regime), there, dt, motion, np.random.default_rng(2).random(n))
-    chances = waypoint.chances(np.full(1, regime), there[:1], dt, motion)[0]
+    chances = waypoint.regime_probabilities(np.full(1, regime), there[:1], dt, motion)[0]
     assert chances.sum() == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(np.bincount(drawn, minlength=3) / n, chances, atol=4 * 0.5 / np.sqrt(n))
 
 
 def test_chances_of_a_step_longer_than_the_reference_step_are_those_of_one():
     args = np.array([WAIT]), np.array([False])
-    np.testing.assert_array_equal(waypoint.chances(*args, 1.5, PEOPLE), waypoint.chances(*args, 1.0, PEOPLE))
+    np.testing.assert_array_equal(
+        waypoint.regime_probabilities(*args, 1.5, PEOPLE), waypoint.regime_probabilities(*args, 1.0, PEOPLE)
+    )
 
 
 @pytest.mark.jit
@@ -92,7 +94,7 @@ def test_hypotheses_have_the_moments_of_the_particles_that_follow_them(regime, m
     after = waypoint.move(alike(n, before), np.full(n, regime), goals, rng.standard_normal((n, 4)), dt, motion)
     spread = np.sqrt(variance[regime, 0])
     np.testing.assert_allclose(after.xy.mean(axis=0), mean[regime, 0], atol=max(4 * spread / np.sqrt(n), 1e-9))
-    if variance[regime, 0] > LEAST_VARIANCE:
+    if variance[regime, 0] > MIN_STEP_VARIANCE:
         np.testing.assert_allclose(np.cov(after.xy.T), variance[regime, 0] * np.eye(2), atol=5 * spread**2 / np.sqrt(n))
     else:  # in the paper's model who waits does not move
         np.testing.assert_array_equal(after.xy, one.xy.repeat(n, axis=0))
@@ -152,10 +154,12 @@ def test_one_that_waits_jitters_and_keeps_speed_and_destination():
 def test_one_that_stands_decides_to_leave_once_in_the_time_it_waits_and_goes_elsewhere():
     for dt, leaves in ((0.2, 0.02), (1.0, 0.1)):
         for arrived in (False, True):
-            chances = waypoint.chances(np.array([WAIT]), np.array([arrived]), dt, STAND)[0]
+            chances = waypoint.regime_probabilities(np.array([WAIT]), np.array([arrived]), dt, STAND)[0]
             np.testing.assert_allclose(chances[[TOWARDS, CHANGE, WAIT]], [0.0, leaves, 1.0 - leaves])
     short = STAND._replace(wait_s=0.5)
-    np.testing.assert_array_equal(waypoint.chances(np.array([WAIT]), np.array([False]), 1.0, short)[0], [0.0, 1.0, 0.0])
+    np.testing.assert_array_equal(
+        waypoint.regime_probabilities(np.array([WAIT]), np.array([False]), 1.0, short)[0], [0.0, 1.0, 0.0]
+    )
 
 
 @pytest.mark.jit
@@ -170,7 +174,7 @@ def test_one_that_stands_creeps_as_white_acceleration_moves_it_and_keeps_its_spe
     both, velocity = (q * dt**2 / 2, q * dt) if stood else (q * dt, q)
     found = np.cov(after.xy[:, 0], creep[:, 0])
     np.testing.assert_allclose(found, [[place, both], [both, velocity]], atol=6 * velocity / np.sqrt(n))
-    was = (before.destination[0] - before.xy[0]) / waypoint.AHEAD_S if stood else np.zeros(2)
+    was = (before.destination[0] - before.xy[0]) / waypoint.WAITING_DESTINATION_S if stood else np.zeros(2)
     np.testing.assert_allclose(creep.mean(axis=0), was, atol=5 * np.sqrt(velocity / n))
     np.testing.assert_array_equal(after.speed, before.speed)
 

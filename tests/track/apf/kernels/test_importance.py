@@ -298,7 +298,9 @@ def test_late_signals_share_the_factor_of_a_distance_with_false_ones():
     """The tail counts as if it were flat: exact where it begins, and above the likelihood elsewhere."""
     blank, place = np.zeros(3), np.zeros((3, 2))
     kinds = np.array([distances.RANGE, distances.LOGARITHM, distances.DIFFERENCE])
-    rows = distances.Distances(kinds, blank, np.full(3, 0.5), place, blank, place, blank, np.arange(3), late=0.1)
+    rows = distances.RangeMeasurements(
+        kinds, blank, np.full(3, 0.5), place, blank, place, blank, np.arange(3), late=0.1
+    )
     first, packed = importance.with_distances(np.zeros(1, dtype=np.int64), np.empty((0, 12)), rows)
     assert first.tolist() == [0, 1, 2, 3]
     np.testing.assert_allclose(packed[:, importance.SCALE], [0.9, 1.0, 0.81])

@@ -11,10 +11,10 @@ from occlog.core.bounds import in_space as bounds3d
 from occlog.core.numerics.special_functions import fast_atan2
 from occlog.core.sight import projected_planes
 from occlog.core.sight.camera import array_rotation, wrap_angle
-from occlog.filtering.kernel_density import best_width, moments, redraw, weigh
+from occlog.filtering.kernel_density import moments, resample_with_kernel, silverman_bandwidth, update_weights
 from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
 from occlog.filtering.motion.white_acceleration import AccelerationModel, known_jump, moved, turn_jump
-from occlog.filtering.particles import effective_size, normalise
+from occlog.filtering.particles import effective_sample_size, normalise_log_weights
 from occlog.track.methods.in_space.kernels.likelihood import (
     Chances,
     Sights,
@@ -205,37 +205,37 @@ def test_drawing_anew_keeps_mean_and_covariance_and_no_two_particles_alike(d: in
     weights = rng.random(4000) ** 4
     weights /= weights.sum()
     mean, covariance = moments(cloud, weights)
-    h = best_width(20_000, d)
-    new = redraw(cloud, weights, mean, covariance, 20_000, h, rng)
+    h = silverman_bandwidth(20_000, d)
+    new = resample_with_kernel(cloud, weights, mean, covariance, 20_000, h, rng)
     after, spread = moments(new, np.full(20_000, 1 / 20_000))
     sd = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(after, mean, atol=5 * sd.max() / math.sqrt(20_000))
     # Each draw serves two, so elements of a covariance have a standard error of at most sqrt(4 / n) sd sd; five of them
     assert np.all(np.abs(spread - covariance) <= 5 * math.sqrt(4 / 20_000) * np.outer(sd, sd))
     assert len(np.unique(new[0])) == 20_000
-    copies = redraw(cloud, weights, mean, covariance, 500, 0.0, rng)
+    copies = resample_with_kernel(cloud, weights, mean, covariance, 500, 0.0, rng)
     assert np.isin(copies[0], cloud[0]).all()
 
 
 def test_a_cloud_of_one_place_stays_there() -> None:
     cloud, rng = np.full((4, 10), 2.0), np.random.default_rng(0)
     mean, covariance = moments(cloud, np.full(10, 0.1))
-    np.testing.assert_allclose(redraw(cloud, np.full(10, 0.1), mean, covariance, 10, 0.5, rng), 2.0)
+    np.testing.assert_allclose(resample_with_kernel(cloud, np.full(10, 0.1), mean, covariance, 10, 0.5, rng), 2.0)
 
 
 def test_a_scan_that_hardly_a_particle_agrees_with_leaves_some_of_them() -> None:
     prior, x = np.full(1000, -math.log(1000)), np.linspace(0.0, 10.0, 1000)
     mild, sharp = -0.5 * (x - 5.0) ** 2, -0.5 * ((x - 30.0) / 0.01) ** 2
     for told in (mild, sharp):
-        weights, log_sum = weigh(prior, told, 12.0)
-        expected, total = normalise(prior + told)
+        weights, log_sum = update_weights(prior, told, 12.0)
+        expected, total = normalise_log_weights(prior + told)
         assert log_sum == total
         if told is mild:
             np.testing.assert_array_equal(weights, expected)
         else:
-            assert effective_size(expected) < 1.001
-            assert effective_size(weights) == pytest.approx(12.0, rel=1e-3)
+            assert effective_sample_size(expected) < 1.001
+            assert effective_sample_size(weights) == pytest.approx(12.0, rel=1e-3)
             assert weights @ x > 9.8  # at the side where the scan is
-    assert weigh(prior, np.full(1000, -math.inf), 12.0)[1] == -math.inf
+    assert update_weights(prior, np.full(1000, -math.inf), 12.0)[1] == -math.inf
     some = np.where(x > 5, 0.0, -math.inf)
-    assert weigh(prior, some, 900.0)[0].sum() == pytest.approx(1.0)
+    assert update_weights(prior, some, 900.0)[0].sum() == pytest.approx(1.0)

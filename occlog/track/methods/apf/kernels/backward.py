@@ -12,7 +12,7 @@ place, its velocity (speed towards the destination) and its regime:
     MTD  p_MTD N(x'; x + c dt, p0)        N(c'; c + gain (x' - x - c dt), V + h^2)
     CD   p_CD  N(x'; x + s dt c'/|c'|, p0) N(|c'|; s, V + h^2) / (2 pi |c'|)
 
-c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and 2 of `stand`
+c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and 2 of `waiting_noise`
 (`occlog.filtering.motion.waypoint`), and h a width of the kernel that stands for the exact destination.  The first
 line of W is the paper's, the others are of targets that stand (`wait_s`); c is the velocity with which they
 creep then, and the speed that they remember is integrated out.
@@ -35,7 +35,16 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
-from occlog.filtering.motion.waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, WaypointModel, gather, stand, stands
+from occlog.filtering.motion.waypoint import (
+    CHANGE,
+    MIN_STEP_VARIANCE,
+    TOWARDS,
+    WAIT,
+    WaypointModel,
+    gather,
+    stands,
+    waiting_noise,
+)
 
 X, Y, VX, VY, SPEED = range(5)
 """Columns of the states of `parents_of`: place, direction times speed, and speed."""
@@ -79,10 +88,10 @@ def parents_of(
     place2, velocity2 = width2
     moving, gain, left = gather(dt, motion)
     moving = max(moving, place2)
-    waiting = max(motion.sigma_waiting**2 * dt, place2, LEAST_VARIANCE)
+    waiting = max(motion.sigma_waiting**2 * dt, place2, MIN_STEP_VARIANCE)
     standing, stopping = _standing(dt, motion, True, width2), _standing(dt, motion, False, width2)
-    spread = max(left + velocity2, LEAST_VARIANCE)
-    steady = max(velocity2, LEAST_VARIANCE)
+    spread = max(left + velocity2, MIN_STEP_VARIANCE)
+    steady = max(velocity2, MIN_STEP_VARIANCE)
     weights, out = np.empty(K + 1), np.empty(M, dtype=np.int64)
     for j in range(M):
         total, r = 0.0, regime[j]
@@ -136,7 +145,7 @@ def parents_of(
 def _standing(
     dt: float, motion: WaypointModel, stood: bool, width2: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Variance, gain and variance left of `stand`, above 0, and the factor of the densities of both axes."""
-    place, gain, left = stand(dt, motion, stood)
-    place, left = max(place, width2[0], LEAST_VARIANCE), max(left, width2[1], LEAST_VARIANCE)
+    """Variance, gain and variance left of `waiting_noise`, above 0, and the factor of the densities of both axes."""
+    place, gain, left = waiting_noise(dt, motion, stood)
+    place, left = max(place, width2[0], MIN_STEP_VARIANCE), max(left, width2[1], MIN_STEP_VARIANCE)
     return place, gain, left, 1.0 / (place * left)

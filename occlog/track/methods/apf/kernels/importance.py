@@ -23,8 +23,16 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 from occlog.core.sight.visibility import Sensors
-from occlog.filtering.likelihood.directions import NEAR, NEAREST, ROOT_2PI, TINY, Detection, Noise, PackedScan
-from occlog.filtering.likelihood.distances import COMPILED, Distances
+from occlog.filtering.likelihood.directions import (
+    MIN_DEPTH,
+    MIN_DEPTH_RATIO,
+    PRODUCT_FLOOR,
+    ROOT_2PI,
+    DetectionModel,
+    MeasurementNoise,
+    PackedScan,
+)
+from occlog.filtering.likelihood.distances import COMPILED, RangeMeasurements
 from occlog.filtering.likelihood.distances import NEAREST as CLOSEST
 
 ANNEAL, MOST_STEPS = 1e-2, 8
@@ -45,7 +53,7 @@ BEARING, PIXEL, FAR, LOG_FAR, DIFFERENCE = range(5)
 
 
 @kernel
-def measurements(scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection) -> Floats:
+def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel) -> Floats:
     """(m, 12) what counts of each measurement of a scan, side by side in one array.
 
     The factor of a look that is assigned to a place is the sum of SCALE times the density of its measurements,
@@ -93,21 +101,21 @@ def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float
         return linearise_distance(x, y, z)
     if z[KIND] > 0.0:  # [Ercan] Eqs. 1 and 2
         h, d = z[COS] * dy - z[SIN] * dx, z[COS] * dx + z[SIN] * dy
-        if not d > max(NEAR * abs(h), NEAREST):
+        if not d > max(MIN_DEPTH_RATIO * abs(h), MIN_DEPTH):
             return 0.0, 0.0, 0.0, -1.0
         f, ratio = z[FOCAL], h / d
         spread, scale = 1.0 + ratio * ratio, f / d
         variance = z[READ] + spread * (f * f * spread * z[YAW2] + scale * scale * z[POSITION2])
         return z[VALUE] - f * ratio, scale * (-z[SIN] - ratio * z[COS]), scale * (z[COS] - ratio * z[SIN]), variance
     square = dx * dx + dy * dy
-    if not square > NEAREST:
+    if not square > MIN_DEPTH:
         return 0.0, 0.0, 0.0, -1.0
     residual = z[VALUE] - math.atan2(dy, dx)
     residual -= 2.0 * math.pi * math.floor((residual + math.pi) / (2.0 * math.pi))
     return residual, -dy / square, dx / square, z[READ]
 
 
-def with_distances(first: Ints, rows: Floats, measured: Distances) -> tuple[Ints, Floats]:
+def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tuple[Ints, Floats]:
     """The looks and measurements with those of distances, each of which is a look of its own.
 
     Args:
@@ -216,7 +224,7 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
                     total += rows[m, SCALE] * math.exp(-0.5 * r * r / v) / (ROOT_2PI * math.sqrt(v))
             if first[k] < first[k + 1]:
                 product *= total + rows[first[k], RIVAL]
-                if product < TINY or product > 1.0 / TINY:
+                if product < PRODUCT_FLOOR or product > 1.0 / PRODUCT_FLOOR:
                     log_factors[p] += math.log(product)
                     product = 1.0
         log_factors[p] += math.log(product)

@@ -18,10 +18,10 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 from occlog.core.numerics.jit import array_kernel
-from occlog.core.occlusion.hidden import IMPROVED, hiding_all
+from occlog.core.occlusion.hidden import IMPROVED, blocking_probabilities
 from occlog.core.occlusion.priors import Priors
 from occlog.core.sight.visibility import Sensors, seen_from
-from occlog.filtering.likelihood.directions import Noise
+from occlog.filtering.likelihood.directions import MeasurementNoise
 
 LEAST = 1e-12
 """Cameras that see the target with a smaller probability are left out of Sigma_Z."""
@@ -71,7 +71,7 @@ def seen_together(
     q = np.zeros((len(cameras), len(priors.sigma), len(xy)))
     if len(priors.sigma):
         for n, i in enumerate(cameras):
-            q[n] = hiding_all(xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, hiding, FAR)
+            q[n] = blocking_probabilities(xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, hiding, FAR)
     pairs = np.outer(hit, hit)
     pairs[np.diag_indices(len(cameras))] = hit
     return np.asarray(_together(q, inside, weights)) * pairs
@@ -102,7 +102,7 @@ def perspective_moments(
     weights: Floats,
     cameras: Sequence[int],
     sensors: Sensors,
-    noise: Noise,
+    noise: MeasurementNoise,
     read_px: Floats,
     inside: Bools,
     together: Floats,
@@ -149,7 +149,7 @@ def weak_moments(
     weights: Floats,
     cameras: Sequence[int],
     sensors: Sensors,
-    noise: Noise,
+    noise: MeasurementNoise,
     read_px: Floats,
     together: Floats,
 ) -> Moments:

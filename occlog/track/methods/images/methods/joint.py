@@ -23,7 +23,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
 from occlog.core.image import touching
-from occlog.filtering.particles import effective_size, normalise, systematic_ancestors
+from occlog.filtering.particles import effective_sample_size, normalise_log_weights, systematic_ancestors
 from occlog.track.methods.images.interface import MODES, FrameSet
 from occlog.track.methods.images.kernels.joint_samples import crowding_of_samples, distinct_size, run_chain
 from occlog.track.methods.images.kernels.motion import boxes_of, covariance_and_ess, moved, weights_and_means
@@ -118,13 +118,15 @@ def run_sir(frame: ViewFrame, rng: Generator) -> ViewSamples:
     particles = ellipses.reshape(n, count, 5)
     log_weights = log_likelihood.reshape(n, count).sum(axis=0)
     log_weights -= frame.config.overlap * crowding_of_samples(np.ascontiguousarray(particles.transpose(1, 0, 2)))
-    ess = np.full(n, effective_size(normalise(log_weights)[0]))
+    ess = np.full(n, effective_sample_size(normalise_log_weights(log_weights)[0]))
     return ViewSamples(particles, log_weights, ess, likeness.reshape(n, count).max(axis=1))
 
 
 def _resampled(samples: ViewSamples, rng: Generator) -> Floats:
     """(n, N, 5) samples of equal weight, drawn as wholes by systematic resampling."""
-    ancestors = systematic_ancestors(normalise(samples.log_weights)[0], len(samples.log_weights), rng.random())
+    ancestors = systematic_ancestors(
+        normalise_log_weights(samples.log_weights)[0], len(samples.log_weights), rng.random()
+    )
     return np.ascontiguousarray(samples.particles[:, ancestors])
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.core.image import touching
-from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.records.declared.views import COUNTERPARTS, EVENTS, ViewTracks
 from occlog.track.methods.images.births.births import (
@@ -260,7 +260,7 @@ def track_views(
         seed: of all random numbers.
         stream: regions of a detector, from which trackers begin too and by which they are ended.
     """
-    rng = generator(seed, Stage.TRACK)
+    rng = generator(seed, RandomStream.TRACK)
     run = _RunState(
         state=None,
         geometry=setup.geometry,

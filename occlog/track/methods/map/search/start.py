@@ -14,7 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.filtering.likelihood.distances import Distances, Errors, direct, linearise, log_density, without_detours
+from occlog.filtering.likelihood.distances import (
+    DistanceErrors,
+    RangeMeasurements,
+    inlier_probability,
+    linearise,
+    log_density,
+    without_detours,
+)
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.consensus import Rays, agreed_path
 from occlog.track.methods.map.kernels.problem import Problem, SightLines
@@ -85,7 +92,7 @@ class Rows(NamedTuple):
 
     lines: Floats  # (N, 6) place, direction, a and b of `Rays`
     line_first: Ints  # (T + 1,) first line of each state
-    distances: Distances  # m
+    distances: RangeMeasurements  # m
     distance_first: Ints  # (T + 1,)
 
 
@@ -97,7 +104,7 @@ class Bank(NamedTuple):
     log: Floats  # (H,) log-likelihood so far
 
 
-def filtered_start(problem: Problem, record: Record, pending: Pending, distances: Distances) -> Floats:
+def filtered_start(problem: Problem, record: Record, pending: Pending, distances: RangeMeasurements) -> Floats:
     """(T, 4) states of the most probable filter, smoothed.
 
     Args:
@@ -172,7 +179,7 @@ def _begun(rows: Rows, record: Record, pending: Pending) -> Bank:
     return Bank(x, np.tile(spread, (len(chosen), 1, 1)), np.zeros(len(chosen)))
 
 
-def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, Errors]:
+def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, DistanceErrors]:
     """What is measured at a state: residuals (H, n), gradients (H, n, 2) at (H, 2) places, and how these n err."""
     own = rows.distances.take(slice(*rows.distance_first[t : t + 2].tolist()))
     told = linearise(own, xy)
@@ -187,7 +194,7 @@ def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, Errors]:
     gradient = np.stack([-away[..., 1], away[..., 0]], axis=2) / (d2 * sigma)[..., None]
     residual = np.concatenate([-np.arctan2(across, along) / sigma, told.residual], axis=1)
     sights = without_detours(np.full(len(lines), BEND["mixture"]))
-    errors = Errors(*(np.concatenate(both) for both in zip(sights, own.errors, strict=True)))
+    errors = DistanceErrors(*(np.concatenate(both) for both in zip(sights, own.errors, strict=True)))
     return residual, np.concatenate([gradient, told.gradient], axis=1), errors
 
 
@@ -206,7 +213,7 @@ def _updated(bank: Bank, rows: Rows, t: int) -> Bank:
     whole = cross[..., ::2] @ gradient.transpose(0, 2, 1)
     variance = 1.0 + whole[:, np.arange(n), np.arange(n)]
     log = bank.log + log_density(residual, errors, variance).sum(axis=1)
-    used = (direct(residual / np.sqrt(variance), errors.widened(variance)) > 0.5).astype(np.float64)
+    used = (inlier_probability(residual / np.sqrt(variance), errors.widened(variance)) > 0.5).astype(np.float64)
     # Kalman update with those that are believed
     whole = whole * used[:, :, None] * used[:, None, :] + np.eye(n)
     cross = cross * used[..., None]
