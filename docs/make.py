@@ -15,7 +15,7 @@ from docs.verdicts import verdicts_page
 from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
 from occlog.examine.schema import settings_of, verbs
-from occlog.records.columns import ANY, Column, Table
+from occlog.records.columns import ANY_WIDTH, Column, ColumnTable
 from occlog.records.tables import TABLES
 from occlog.settings import Settings, declaration, declared, default_in
 
@@ -67,7 +67,7 @@ def commands_page() -> str:
     return "\n".join(parts)
 
 
-def table_section(table: type[Table]) -> str:
+def table_section(table: type[ColumnTable]) -> str:
     """Columns of one table, and those that some files of it have besides."""
     summary = " ".join((table.__doc__ or "").split())
     head = f"## {table.NAME}\n\n{summary}\n\nSorted by {', '.join(f'`{k}`' for k in table.KEY)}.\n\n"
@@ -94,7 +94,7 @@ def columns_table(columns: Sequence[Column]) -> str:
 
 def _extent(c: Column) -> str:
     """How many numbers a row of a column has, in words."""
-    return f" x {'any' if c.width == ANY else c.width}" if c.width else ""
+    return f" x {'any' if c.width == ANY_WIDTH else c.width}" if c.width else ""
 
 
 def tables_page() -> str:

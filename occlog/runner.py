@@ -14,7 +14,7 @@ from occlog.io.files.atomic import Together, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES
 from occlog.records.verdicts import Check, texts_of
@@ -122,7 +122,7 @@ class Job:
         self,
         provenance: Provenance,
         length_unit: str,
-        wider: Mapping[str, type[Table]] | None = None,
+        wider: Mapping[str, type[ColumnTable]] | None = None,
         later: Collection[str] = (),
     ) -> Iterator[Tables]:
         """Open the tables that were asked for; they appear together when the block ends without an error.
@@ -156,7 +156,7 @@ class Tables:
         self._job, self._unit, self._stack, self._together = job, length_unit, stack, together
         self._writers: dict[str, TableWriter] = {}
 
-    def open(self, field: str, provenance: Provenance, wider: type[Table] | None = None) -> None:
+    def open(self, field: str, provenance: Provenance, wider: type[ColumnTable] | None = None) -> None:
         """Open the table of a field if it was asked for and is one.
 
         Args:
@@ -177,7 +177,7 @@ class Tables:
             )
             self._writers[field] = self._stack.enter_context(writer)
 
-    def write(self, **parts: Table | None) -> None:
+    def write(self, **parts: ColumnTable | None) -> None:
         """Append rows to the tables that are open, by field; None has none."""
         for name, part in parts.items():
             if part is not None and name in self._writers:

@@ -22,7 +22,7 @@ from occlog.io.formats.scenes.scene import read_scene
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
-from occlog.scans.grouping import Rows, Scan, scans_of
+from occlog.scans.grouping import BearingRows, Scan, scans_of
 from occlog.scans.occluder_priors import OccluderFeed
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
@@ -71,7 +71,7 @@ def _scans(scene: Scene) -> list[Scan]:
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=STEPS, occluders=40), SEED))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(diameter=DIAMETER), SEED))
     feed = OccluderFeed([Occluders.concat(list(virtual_priors([truth], 8.0, 1.2, SEED)))], DIAMETER, 10**10)
-    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    found = scans_of([bearings], scene, BearingRows({c.name for c in scene.cameras}))
     scans = [(group.t_ns, scan) for group in found if (scan := group.of_target(0)) is not None]
     return [scan._replace(occluders=feed.at(t)) for t, scan in scans]
 

@@ -20,7 +20,7 @@ from occlog.array_types import Floats
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.scans.grouping import Rows, Scan, scans_of
+from occlog.scans.grouping import BearingRows, Scan, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
@@ -64,7 +64,7 @@ def recording(scene: Scene) -> tuple[Floats, list[Scan]]:
     """True places (T, 2) of the target and what the cameras report."""
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=STEPS), SEED))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), SEED))
-    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    found = scans_of([bearings], scene, BearingRows({c.name for c in scene.cameras}))
     scans = [scan for group in found if (scan := group.of_target(0)) is not None]
     target = truth.take(truth.target_id == 0)
     return np.column_stack([target.x, target.y]), scans

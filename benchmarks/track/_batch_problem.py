@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from occlog.array_types import Floats
 from occlog.papers.rahimi.example import example, identified, sparse_scene
-from occlog.scans.grouping import Rows, scans_of, sensor_names
+from occlog.scans.grouping import BearingRows, scans_of, sensor_names
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.problem import Problem
 from occlog.track.methods.map.record import record_of
@@ -23,7 +23,7 @@ def sparse_problem(steps: int, seed: int) -> tuple[Problem, Floats, float]:
     """A problem of so many states, the paper's initial guess, and the size of the room."""
     scene = sparse_scene(known_range=False)
     table = example(0, seed, steps).bearings
-    record = record_of(list(scans_of([table], scene, Rows(sensor_names(scene)))))
+    record = record_of(list(scans_of([table], scene, BearingRows(sensor_names(scene)))))
     pending = begin(scene, sparse_config())
     problem = problem_of(pending, record)
     start, stuck = start_of(pending, problem)

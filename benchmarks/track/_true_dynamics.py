@@ -18,7 +18,7 @@ from occlog.core.numerics.jit import kernel
 from occlog.filtering.particles import normalise_log_weights, systematic_ancestors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import BearingRows, scans_of
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import ground, motion_in_a_step
 from occlog.simulate.world.waypoints import Ground, WaypointMotion, walk_into
@@ -54,7 +54,7 @@ def estimated(
     smoothed: list[Floats] = []
     past: list[Floats] = []
     first = True
-    for group in scans_of([bearings], scene, Rows({c.name for c in scene.cameras})):
+    for group in scans_of([bearings], scene, BearingRows({c.name for c in scene.cameras})):
         scan = group.of_target(0)
         if scan is None:
             continue

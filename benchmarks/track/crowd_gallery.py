@@ -33,7 +33,7 @@ from occlog.io.files.tables.parquet import read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.open import open_input
-from occlog.records.declared.people import MOST_BINS
+from occlog.records.declared.people import MAX_BINS
 from occlog.records.tables import APPEARANCE_BINS, Gallery, Tracks, Truth, Views
 
 SECONDS, FRAMES, HZ, CAMERAS, SIZE = 30, 150, 5.0, 2, (10.0, 8.0)
@@ -120,7 +120,7 @@ def _worn(people: int, seed: int) -> Gallery:
     """What everybody wears, by the same draws as the crowd's."""
     clothes = np.random.default_rng((seed, 1)).dirichlet(np.ones(APPEARANCE_BINS), people)
     one = np.ones(people, dtype=np.int32)
-    density = np.zeros((people, MOST_BINS))
+    density = np.zeros((people, MAX_BINS))
     density[:, :APPEARANCE_BINS] = clothes
     return Gallery.of(
         t_ns=np.zeros(people, dtype=np.int64),

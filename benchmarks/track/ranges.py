@@ -20,8 +20,8 @@ from occlog.filtering.likelihood.distances import information, residuals_at_own_
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth
-from occlog.scans.config import MeasuredConfig
-from occlog.scans.measured import MeasuredFeed, make_stations, pack
+from occlog.scans.config import DistanceMeasurementConfig
+from occlog.scans.measured import DistanceMeasurementFeed, make_stations, pack
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
@@ -106,8 +106,8 @@ def follow(recording: Recording, method: str) -> Outcome:
     """Track by the code of `occlog track`, with the motion that the target has where the method has such a motion."""
     known = {"acceleration": ACCELERATION, "jitter": 1e-4, "speed": SPEED} if method == "map" else {}
     config = configure(settings_of(method).in_unit("m"), known)
-    measured = MeasuredConfig(propagation="sound")
-    feed = MeasuredFeed([recording.table], recording.scene, measured)
+    measured = DistanceMeasurementConfig(propagation="sound")
+    feed = DistanceMeasurementFeed([recording.table], recording.scene, measured)
     parts = track([], recording.scene, Tracking(config, 0, method=method), None, feed)
     parts = list(parts)
     tracks, doubts = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
@@ -138,7 +138,7 @@ def follow(recording: Recording, method: str) -> Outcome:
     return Outcome(square, told.metrics[name] ** 2, nees, flagged, squares)
 
 
-def one_moment(recording: Recording, rows: Ints, config: MeasuredConfig) -> float:
+def one_moment(recording: Recording, rows: Ints, config: DistanceMeasurementConfig) -> float:
     """Mean trace of the bounds of moments on their own."""
     row, distances = pack(recording.table, make_stations(recording.scene, config), config)
     at = np.searchsorted(recording.t_ns, recording.table.t_ns[row])

@@ -13,7 +13,7 @@ from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.scans.grouping import Rows, Scan, scans_of
+from occlog.scans.grouping import BearingRows, Scan, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
@@ -45,7 +45,7 @@ def record(scene: Scene, world: WorldConfig, how: ObserveConfig, seed: int) -> R
     """One simulated recording with a scan at every step."""
     truth = Truth.concat(simulate_truth(scene, world, seed))
     bearings = Bearings.concat(observe(scene, [truth], how, seed))
-    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    found = scans_of([bearings], scene, BearingRows({c.name for c in scene.cameras}))
     scans = [scan for group in found if (scan := group.of_target(TARGET)) is not None]
     own = truth.target_id == TARGET
     at = np.searchsorted(truth.t_ns[own], [s.t_ns for s in scans])

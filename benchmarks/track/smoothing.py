@@ -20,7 +20,7 @@ from benchmarks.track.simulated import ROOT
 from occlog.cli.main import run as occlog
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
-from occlog.scans.inputs import Inputs
+from occlog.scans.inputs import MeasurementInputs
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
@@ -70,7 +70,7 @@ def cases() -> list[Case]:
         how = ["-o", str(path), "--seconds", str(SECONDS), "--z", "1.6", "--seed", "1", "-q"]
         with redirect_stdout(io.StringIO()):
             assert occlog(["simulate", str(ROOT / "examples" / "arrays.yaml"), *how]) == 0
-        talk = Inputs(path, None, None, doa_labels=False, occluders=None)
+        talk = MeasurementInputs(path, None, None, doa_labels=False, occluders=None)
         heard = list(talk.chunks)
     arrays = [Case(method, talk.scene, heard) for method in ("direct3d", "imm")]
     return [Case("apf", room.scene, [room.bearings]), *arrays]

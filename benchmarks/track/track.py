@@ -19,7 +19,7 @@ from occlog.filtering.motion import waypoint
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.scans.grouping import Rows, Scan, scans_of
+from occlog.scans.grouping import BearingRows, Scan, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
@@ -43,7 +43,7 @@ def simulated_scans(scene: Scene) -> list[Scan]:
     world = WorldConfig(steps=STEPS)
     truth = Truth.concat(simulate_truth(scene, world, SEED))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), SEED))
-    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    found = scans_of([bearings], scene, BearingRows({c.name for c in scene.cameras}))
     return [scan for group in found if (scan := group.of_target(0)) is not None]
 
 

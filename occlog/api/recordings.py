@@ -26,7 +26,7 @@ from .tables import Table, in_words
 if TYPE_CHECKING:
     import pandas as pd
 
-    from occlog.records.columns import Table as Rows
+    from occlog.records.columns import ColumnTable as Rows
 
     from .tables import Table
 

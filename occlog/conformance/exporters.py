@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.examine.export.run import Sink
 from occlog.plugins.interface import World
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import TABLES
 
 from .faults import FIRST, BrokenError, Check, called, defaults, manners
@@ -20,12 +20,12 @@ GROWTH_BYTES = 2_000
 """Memory that a writing may leave behind."""
 
 
-def taken(of: Any) -> Iterator[Table]:
+def taken(of: Any) -> Iterator[ColumnTable]:
     """A sample of each table that an exporter takes."""
     yield from (SAMPLES[name]() for name in of.tables if name in SAMPLES)
 
 
-def write(of: Any, rows: Table, what: str, *, unit: str = "m", own: Any = None) -> bytes:
+def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = None) -> bytes:
     """What an exporter writes; BrokenError where it fails."""
     file = io.BytesIO()
     with called(what):

@@ -13,12 +13,12 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.plugins.interface import Compared, Moment
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings, Boxes, Errors, Tracks, Truth, Views
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 START_NS = 1_790_000_000 * NS + 123_456_000
 STEP_NS = NS // 4
 MOMENTS = 30
@@ -161,7 +161,7 @@ def _view_tracks() -> ViewTracks:
     )
 
 
-SAMPLES: dict[str, Callable[[], Table]] = {
+SAMPLES: dict[str, Callable[[], ColumnTable]] = {
     "tracks": tracks,
     "truth": truth,
     "bearings": _bearings,

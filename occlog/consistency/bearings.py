@@ -47,14 +47,14 @@ from occlog.records.verdicts import Check, finding, outcome
 
 from .estimates import covariances
 
-TOGETHER_S = 1.0
+CONFIRMATION_WINDOW_S = 1.0
 """Sensors see a target at about the same time if they do within so many seconds."""
-OVERLAP = 0.5
+MIN_OVERLAP_SHARE = 0.5
 """Sensors see a target one at a time if fewer of its bearings are near one of another sensor."""
 
 
-def near_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
-    """(N,) whether another sensor has a bearing within `TOGETHER_S` of each.
+def confirmed_by_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
+    """(N,) whether another sensor has a bearing within `CONFIRMATION_WINDOW_S` of each.
 
     Args:
         sensor: (N,) which one each bearing of a target is of.
@@ -66,12 +66,12 @@ def near_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
         if len(others):
             after = np.minimum(np.searchsorted(others, own), len(others) - 1)
             away = np.minimum(np.abs(others[after] - own), np.abs(others[np.maximum(after - 1, 0)] - own))
-            near[sensor == s] = away <= TOGETHER_S
+            near[sensor == s] = away <= CONFIRMATION_WINDOW_S
     return near
 
 
 @dataclass
-class Alone:
+class UnconfirmedBearings:
     """Counts bearings, those near one of another sensor, and those not believed.
 
     Attributes:
@@ -89,13 +89,13 @@ class Alone:
         for target in np.unique(part.target_id).tolist():
             own = part.take(part.target_id == target)
             self.bearings += len(own)
-            self.confirmed += int(np.count_nonzero(near_another(own.sensor, (own.t_ns - own.t_ns[0]) / NS)))
+            self.confirmed += int(np.count_nonzero(confirmed_by_another(own.sensor, (own.t_ns - own.t_ns[0]) / NS)))
             self.doubted += int(np.count_nonzero(own.believed < 0.5))
 
     @property
     def one_at_a_time(self) -> bool:
         """Whether sensors see targets one at a time, most of the time."""
-        return self.confirmed < OVERLAP * self.bearings
+        return self.confirmed < MIN_OVERLAP_SHARE * self.bearings
 
     @property
     def share(self) -> float:
@@ -103,17 +103,18 @@ class Alone:
         return ratio_or_nan(self.doubted, self.bearings)
 
 
-FEWEST, MOST = 10, 500
+MIN_STEPS, MAX_STEPS = 10, 500
 """Fewest moments that tell, and how many are looked at."""
-BETTER, OFF = 0.1, 0.05
-"""A median square misfit [rad^2] below this share of the other one's, where that is above `OFF`, is much better."""
+MAX_MISFIT_RATIO, MIN_MISFIT_RAD2 = 0.1, 0.05
+"""A median square misfit [rad^2] below this share of the other one's, where that is above `MIN_MISFIT_RAD2`, is much
+better."""
 CONVENTION = "convention of angles"
 """Name of the check."""
-WORST = 1.0
+MAX_LINE_MISFIT_RAD2 = 1.0
 """Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
 
 
-class Compass:
+class AngleConventionCheck:
     """Tries both meanings of the bearings of stations that stream by; cameras' bearings are never of a compass."""
 
     def __init__(self, scene: Scene) -> None:
@@ -124,16 +125,16 @@ class Compass:
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
         """The same chunks."""
         for chunk in chunks:
-            if len(self._places) > 1 and len(self._misfits) < MOST:
+            if len(self._places) > 1 and len(self._misfits) < MAX_STEPS:
                 self._look(chunk)
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
         """Whether they fit one another as angles of this program."""
-        if len(self._misfits) < FEWEST:
-            return outcome(CONVENTION, (), unless=f"fewer than {FEWEST} moments have bearings of several stations")
+        if len(self._misfits) < MIN_STEPS:
+            return outcome(CONVENTION, (), unless=f"fewer than {MIN_STEPS} moments have bearings of several stations")
         plain, other = np.median(self._misfits, axis=0).tolist()
-        if plain <= OFF or other > BETTER * plain:
+        if plain <= MIN_MISFIT_RAD2 or other > MAX_MISFIT_RATIO * plain:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
         return (
             finding(
@@ -155,14 +156,14 @@ class Compass:
         cuts = np.flatnonzero((np.diff(t_ns) != 0) | (np.diff(target) != 0)) + 1
         for rows in np.split(order, cuts):
             names = own.sensor[rows].tolist()
-            if len(names) > 1 and len(set(names)) == len(names) and len(self._misfits) < MOST:
+            if len(names) > 1 and len(set(names)) == len(names) and len(self._misfits) < MAX_STEPS:
                 places = np.array([self._places[name] for name in names])
                 bearings = own.bearing[rows]
                 self._misfits.append((misfit(places, bearings), misfit(places, 0.5 * np.pi - bearings)))
 
 
 def misfit(places: Floats, bearings: Floats) -> float:
-    """Mean square angle [rad^2] by which n lines miss the place that is nearest to all of them, at most `WORST` each.
+    """Mean square angle [rad^2] by which n lines miss the place that is nearest to all of them, at most `MAX_LINE_MISFIT_RAD2` each.
 
     Args:
         places: (n, 2) where the lines begin, n >= 2.
@@ -172,16 +173,16 @@ def misfit(places: Floats, bearings: Floats) -> float:
     normal, right = across.T @ across, across.T @ np.sum(across * places, axis=1)
     away = np.linalg.pinv(normal) @ right - places
     off = (bearings - np.arctan2(away[:, 1], away[:, 0]) + np.pi) % (2.0 * np.pi) - np.pi
-    return float(np.minimum(off**2, WORST).mean())
+    return float(np.minimum(off**2, MAX_LINE_MISFIT_RAD2).mean())
 
 
 STATED = "stated noise of the bearings"
 """Name of the check."""
-LEAST_RAD = 1e-7
+MIN_SIGMA_RAD = 1e-7
 """Smallest standard deviation that is believed: 0.02 seconds of arc."""
 
 
-class Sharp:
+class SmallNoiseCheck:
     """Counts the bearings that pass by with so small a standard deviation."""
 
     def __init__(self) -> None:
@@ -193,7 +194,7 @@ class Sharp:
         """The same chunks."""
         for chunk in chunks:
             # Of those with pixels the noise is that of the reading
-            small = chunk.seen & (chunk.sigma < LEAST_RAD) & ~np.isfinite(chunk.u_px)
+            small = chunk.seen & (chunk.sigma < MIN_SIGMA_RAD) & ~np.isfinite(chunk.u_px)
             if small.any():
                 self._found.update(chunk.sensor[small].tolist())
                 self._least = min(self._least, float(chunk.sigma[small].min()))
@@ -209,30 +210,30 @@ class Sharp:
                 "note",
                 "noise-tiny",
                 f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
-                f"deviation down to {self._least:.2g} rad (allowed: {LEAST_RAD:g}): no sensor is so exact, and "
+                f"deviation down to {self._least:.2g} rad (allowed: {MIN_SIGMA_RAD:g}): no sensor is so exact, and "
                 "filters by particles find no place that fits them: estimates may be as wide as if nothing was seen; "
                 "state the noise that they have",
                 sensors=sorted(self._found),
                 least_rad=self._least,
-                allowed=LEAST_RAD,
+                allowed=MIN_SIGMA_RAD,
             ),
         )
 
 
-GATE = 4.0
+GATE_SIGMAS = 4.0
 """A bearing further from the estimate than so many standard deviations of both together is not believed."""
-SURE = 0.1
+MIN_RESIDUAL_VARIANCE = 0.1
 """Bearings whose residuals should have a smaller variance say nothing of their noise: estimates go through them."""
 
 
-class Angles(NamedTuple):
+class ResidualAngles(NamedTuple):
     """What N bearings of one sensor leave at estimates."""
 
     residual: Floats  # (N,) in standard deviations as stated
     spread: Floats  # (N,) variance of the bearing that the estimate leads one to expect, in the same units
 
 
-class Frames(NamedTuple):
+class CandidateFrames(NamedTuple):
     """What the candidates of one sensor leave unexplained; F frames, in the order of time."""
 
     sensor: str
@@ -242,7 +243,9 @@ class Frames(NamedTuple):
     again: Bools  # (F,) whether one of these was there in the frame before, too
 
 
-def at_estimates(rows: Bearings, sensor: Camera | MicrophoneArray, xy: Floats, covariance: Floats) -> Angles:
+def bearing_residuals(
+    rows: Bearings, sensor: Camera | MicrophoneArray, xy: Floats, covariance: Floats
+) -> ResidualAngles:
     """N bearings of a sensor against estimates.
 
     Args:
@@ -268,10 +271,10 @@ def at_estimates(rows: Bearings, sensor: Camera | MicrophoneArray, xy: Floats, c
     g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
     told = np.einsum("ni,nij,nj->n", g, covariance, g) / variance
     off = wrap_angle(rows.bearing - np.arctan2(away[:, 1], away[:, 0]))
-    return Angles(off / np.sqrt(variance), np.maximum(told, 0.0))
+    return ResidualAngles(off / np.sqrt(variance), np.maximum(told, 0.0))
 
 
-class Sight:
+class BearingConsistency:
     """Compares bearings with tracks, chunk by chunk."""
 
     def __init__(self, scene: Scene, window_ns: int = 0) -> None:
@@ -288,10 +291,10 @@ class Sight:
 
     def compare(
         self, tracks: Tracks, bearings: Bearings, diagnostics: Diagnostics | None = None
-    ) -> tuple[Residuals, tuple[Frames, ...]]:
+    ) -> tuple[Residuals, tuple[CandidateFrames, ...]]:
         """Residuals of the bearings of the tracks, and what candidates are left; times of all tracks, once each.
 
-        Of candidates without a label the one nearest to the estimate counts, if it is within `GATE`.
+        Of candidates without a label the one nearest to the estimate counts, if it is within `GATE_SIGMAS`.
 
         Args:
             tracks: estimates in the order of time.
@@ -302,7 +305,7 @@ class Sight:
         seen = bearings.take(bearings.seen)
         paths = list(self._paths(tracks, diagnostics))
         parts: list[Residuals] = []
-        frames: list[Frames] = []
+        frames: list[CandidateFrames] = []
         for name, sensor in self._sensors.items():
             own = seen.take(seen.sensor == name)
             if not len(own):
@@ -316,24 +319,26 @@ class Sight:
                 rows = found & (labelled | (free & ~np.isin(own.t_ns, own.t_ns[labelled])))
                 met |= found & free
                 n, i = np.flatnonzero(rows), at[rows]
-                told = at_estimates(own.take(n), sensor, path.xy[i], path.covariance[i])
+                told = bearing_residuals(own.take(n), sensor, path.xy[i], path.covariance[i])
                 far = np.abs(told.residual) / np.sqrt(1.0 + told.spread)
-                near[n] |= far <= GATE
+                near[n] |= far <= GATE_SIGMAS
                 keep = labelled[n] | _nearest(i, np.where(labelled[n], np.inf, far))
                 parts.append(_table(path, name, i[keep], told, far, keep))
             if met.any():
                 frames.append(self._left(name, own.take(met), near[met]))
         return Residuals.merge(parts), tuple(frames)
 
-    def _paths(self, tracks: Tracks, diagnostics: Diagnostics | None) -> Iterator[Path]:
+    def _paths(self, tracks: Tracks, diagnostics: Diagnostics | None) -> Iterator[EstimatedTrajectory]:
         """Each target's estimates."""
         xy, covariance = np.column_stack([tracks.x, tracks.y]), covariances(tracks)
         used = None if diagnostics is None or len(diagnostics) != len(tracks) else _commas(diagnostics.cameras)
         for target in np.unique(tracks.target_id).tolist():
             own = tracks.target_id == target
-            yield Path(target, tracks.t_ns[own], xy[own], covariance[own], None if used is None else used[own])
+            yield EstimatedTrajectory(
+                target, tracks.t_ns[own], xy[own], covariance[own], None if used is None else used[own]
+            )
 
-    def _left(self, name: str, rows: Bearings, near: Bools) -> Frames:
+    def _left(self, name: str, rows: Bearings, near: Bools) -> CandidateFrames:
         """What a sensor's candidates leave, frame by frame."""
         times, first = np.unique(rows.t_ns, return_index=True)
         left, again = np.add.reduceat(~near, first, dtype=np.int64), np.zeros(len(times), dtype=np.bool_)
@@ -345,14 +350,14 @@ class Sight:
                 reach = 3.0 * np.sqrt(2.0) * sigma + TURN_RATE * (t_ns - before_ns) * 1e-9
                 again[n] = bool(np.any(np.abs(wrap_angle(bearing[:, None] - before[None, :])) <= reach[:, None]))
             self._last[name] = (t_ns, bearing)
-        return Frames(name, times, np.diff([*first.tolist(), len(rows)]), left, again)
+        return CandidateFrames(name, times, np.diff([*first.tolist(), len(rows)]), left, again)
 
 
 TURN_RATE = 0.25
 """How fast a person's azimuth changes, at 1.2 m/s and a distance of 5 m [rad/s]."""
 
 
-class Path(NamedTuple):
+class EstimatedTrajectory(NamedTuple):
     """One target's estimates."""
 
     target: int
@@ -386,10 +391,10 @@ def _nearest(estimate: Ints, far: Floats) -> Bools:
     first[1:] = np.diff(estimate[order]) != 0
     out = np.zeros(len(order), dtype=np.bool_)
     out[order[first]] = True
-    return np.asarray(out & (far <= GATE))
+    return np.asarray(out & (far <= GATE_SIGMAS))
 
 
-def _table(path: Path, name: str, i: Ints, told: Angles, far: Floats, keep: Bools) -> Residuals:
+def _table(path: EstimatedTrajectory, name: str, i: Ints, told: ResidualAngles, far: Floats, keep: Bools) -> Residuals:
     """Rows of the bearings that count."""
     return Residuals.of(
         t_ns=path.t_ns[i],
@@ -397,29 +402,29 @@ def _table(path: Path, name: str, i: Ints, told: Angles, far: Floats, keep: Bool
         sensor=np.full(len(i), name),
         residual=told.residual[keep],
         expected=np.maximum(1.0 - told.spread[keep], 0.0),
-        believed=(far[keep] <= GATE).astype(np.float64),
+        believed=(far[keep] <= GATE_SIGMAS).astype(np.float64),
     )
 
 
-class Compared(NamedTuple):
+class ComparedBearings(NamedTuple):
     """Residuals of the bearings, and what candidates are left."""
 
     residuals: Residuals
-    frames: tuple[Frames, ...]
+    frames: tuple[CandidateFrames, ...]
 
 
-class Witness:
+class BearingBuffer:
     """Keeps bearings that pass by until their estimates come out, and compares both."""
 
     def __init__(self, scene: Scene, window_ns: int, *, unlabelled: bool) -> None:
         """Nothing passed yet.
 
         Args:
-            scene: see `Sight`.
-            window_ns: see `Sight`.
+            scene: see `BearingConsistency`.
+            window_ns: see `BearingConsistency`.
             unlabelled: candidates without a label are used.
         """
-        self._sight, self._unlabelled = Sight(scene, window_ns), unlabelled
+        self._sight, self._unlabelled = BearingConsistency(scene, window_ns), unlabelled
         self._kept: list[Bearings] = []
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
@@ -428,18 +433,18 @@ class Witness:
             self._kept.append(chunk if self._unlabelled else chunk.take(chunk.target_id != UNLABELLED))
             yield chunk
 
-    def compare(self, tracks: Tracks, diagnostics: Diagnostics) -> Compared:
+    def compare(self, tracks: Tracks, diagnostics: Diagnostics) -> ComparedBearings:
         """The bearings up to the last of these estimates, which are then forgotten."""
         kept = Bearings.concat(self._kept)
         if not len(tracks):
-            return Compared(Residuals.empty(), ())
+            return ComparedBearings(Residuals.empty(), ())
         n = int(np.searchsorted(kept.t_ns, tracks.t_ns[-1], side="right"))
         self._kept = [kept.take(slice(n, None))]
-        return Compared(*self._sight.compare(tracks, kept.take(slice(None, n)), diagnostics))
+        return ComparedBearings(*self._sight.compare(tracks, kept.take(slice(None, n)), diagnostics))
 
 
 @dataclass
-class Agreement:
+class SensorConsistency:
     """How the bearings of one sensor agree with the estimates.
 
     Attributes:
@@ -468,7 +473,7 @@ class Agreement:
 
 
 @dataclass
-class Agreements:
+class ResidualStatistics:
     """Gathers residuals while they stream by.
 
     Attributes:
@@ -476,7 +481,7 @@ class Agreements:
         noise: of each target the largest factor by which its motion's variance exceeds what was stated.
     """
 
-    sensors: dict[str, Agreement] = field(default_factory=dict)
+    sensors: dict[str, SensorConsistency] = field(default_factory=dict)
     noise: dict[int, float] = field(default_factory=dict)
 
     def add(self, part: Residuals, poses: Mapping[str, float] | None = None) -> None:
@@ -488,10 +493,10 @@ class Agreements:
         """
         for name in np.unique(part.sensor).tolist():
             own = part.take(part.sensor == name)
-            found = self.sensors.setdefault(name, Agreement())
+            found = self.sensors.setdefault(name, SensorConsistency())
             found.bearings += len(own)
             found.believed += int(np.count_nonzero(own.believed >= 0.5))
-            told = own.take(own.expected >= SURE)
+            told = own.take(own.expected >= MIN_RESIDUAL_VARIANCE)
             expected = told.believed * told.expected
             found.means.add(told.believed * told.residual**2, expected)
             found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
@@ -552,7 +557,7 @@ def pose_share(camera: Camera, distance: float) -> float:
 
 
 @dataclass
-class Left:
+class CandidateCounts:
     """What candidates of one sensor were left unexplained."""
 
     frames: int = 0
@@ -562,15 +567,15 @@ class Left:
 
 
 @dataclass
-class Crowd:
+class UnassociatedCandidates:
     """Gathers what candidates are left unexplained by all tracks, by sensor."""
 
-    sensors: dict[str, Left] = field(default_factory=dict)
+    sensors: dict[str, CandidateCounts] = field(default_factory=dict)
 
-    def add(self, parts: Iterable[Frames]) -> None:
+    def add(self, parts: Iterable[CandidateFrames]) -> None:
         """Count some more frames."""
         for part in parts:
-            own = self.sensors.setdefault(part.sensor, Left())
+            own = self.sensors.setdefault(part.sensor, CandidateCounts())
             own.frames += len(part.t_ns)
             own.candidates += int(part.candidates.sum())
             own.unexplained += int(part.unexplained.sum())

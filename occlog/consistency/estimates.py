@@ -1,6 +1,6 @@
 """Reasons not to believe an estimate, found from its row, the scene, and what was seen before.
 
-The checks stand alone: arrays in, booleans out.  `Doubts` applies them to the rows of a run.
+The checks stand alone: arrays in, booleans out.  `QualityFlags` applies them to the rows of a run.
 
 Doubts of rows while one sensor contradicts the estimate: most of what it measured lately is not believed.
 
@@ -33,16 +33,18 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.scans.grouping import sensor_names
 
-EDGE, ONE_SENSOR, OUT_OF_VIEW, DISAGREES = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
+REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
 """Values of the column `doubt`, in the order in which they stand there."""
 WORDS = {
-    EDGE: "the target may be at the edge of where targets can be, which was guessed from what the sensors see; "
+    REGION_EDGE: "the target may be at the edge of where targets can be, which was guessed from what the sensors see; "
     "add `room` to the scene",
-    ONE_SENSOR: "one sensor alone saw the target for long, which says nothing of its distance; add another sensor, or "
+    SINGLE_SENSOR: "one sensor alone saw the target for long, which says nothing of its distance; add another "
+    "sensor, or "
     "track in images and find the target on the ground (occlog ground)",
     OUT_OF_VIEW: "the target is where sensors that are said to see it cannot see; check the calibration, the region "
     "and the choice of the target",
-    DISAGREES: "most of what one sensor measured of the target in the last second is not believed; check the clock, "
+    INCONSISTENT_SENSOR: "most of what one sensor measured of the target in the last second is not believed; "
+    "check the clock, "
     "the pose and the labels of that sensor (the residuals say which), or leave it out",
 }
 """What each means and what to do."""
@@ -50,11 +52,11 @@ EDGE_SIGMAS = 2.0
 """An estimate is at the edge if so many standard deviations reach it."""
 VIEW_SIGMAS = 3.0
 """An estimate is out of view if so many standard deviations do not reach the view."""
-ALONE_S = 5.0
+SINGLE_SENSOR_S = 5.0
 """So long after two sensors have seen a target at once, one of them alone tells its distance no more [s]."""
 TOGETHER_S = 1.0
 """Two sensors see a target at once if they do within this time; so long a filter waits for a second one [s]."""
-NEW = ("restart", "gap")
+RESTART_FALLBACKS = ("restart", "gap")
 """Values of `fallback` of rows in which a filter has begun anew."""
 
 
@@ -121,7 +123,7 @@ def covariances(tracks: Tracks) -> Floats:
     return np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)
 
 
-class Seen(NamedTuple):
+class DetectionHistory(NamedTuple):
     """When a target was seen, and by which sensors."""
 
     begun_ns: int  # when the filter began
@@ -129,7 +131,7 @@ class Seen(NamedTuple):
     together_ns: int | None = None  # when two of them did; None: never since the filter began
 
 
-class Doubts:
+class QualityFlags:
     """Finds the doubts of a run's rows, chunk by chunk; what was seen of each target is remembered."""
 
     def __init__(self, scene: Scene, *, online: bool, started: bool, distances: bool = False) -> None:
@@ -148,7 +150,7 @@ class Doubts:
         self._row = {name: i for i, name in enumerate(sensor_names(scene))}
         self._sensors: tuple[Camera | MicrophoneArray, ...] = (*scene.cameras, *scene.arrays)
         self._place = {s.name: (float(s.position[0]), float(s.position[1])) for s in self._sensors}
-        self._seen: dict[int, Seen] = {}
+        self._seen: dict[int, DetectionHistory] = {}
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
         """The rows with their doubts, and with covariances that hold where the distance is not known."""
@@ -167,7 +169,7 @@ class Doubts:
             edge[list(lone)] = False
         outside = self._outside(xy, covariance, by)
         doubt = [
-            ",".join(name for name, has in zip((EDGE, ONE_SENSOR, OUT_OF_VIEW), row, strict=True) if has)
+            ",".join(name for name, has in zip((REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW), row, strict=True) if has)
             for row in zip(edge.tolist(), alone.tolist(), outside.tolist(), strict=True)
         ]
         columns = {c.name: getattr(diagnostics, c.name) for c in Diagnostics.columns()}
@@ -213,8 +215,8 @@ class Doubts:
         )
         for n, (t_ns, target, fallback, names) in enumerate(rows):
             seen = self._seen.get(target)
-            if seen is None or fallback in NEW:
-                seen = Seen(t_ns, {}, t_ns if self._started and seen is None else None)
+            if seen is None or fallback in RESTART_FALLBACKS:
+                seen = DetectionHistory(t_ns, {}, t_ns if self._started and seen is None else None)
             last = seen.last_ns | dict.fromkeys(names, t_ns)
             # Two sensors at one place tell no more of the distance than one of them
             here = {self._place[s] for s, at in last.items() if t_ns - at <= TOGETHER_S * NS}
@@ -223,7 +225,7 @@ class Doubts:
             if seen.together_ns is None:
                 late = t_ns - seen.begun_ns > TOGETHER_S * NS
             else:
-                late = t_ns - seen.together_ns > ALONE_S * NS
+                late = t_ns - seen.together_ns > SINGLE_SENSOR_S * NS
             alone[n] = late and len({self._place[s] for s in seen.last_ns}) == 1
             if alone[n] and seen.together_ns is None:
                 lone[n] = next(iter(seen.last_ns))
@@ -232,13 +234,13 @@ class Doubts:
 
 WINDOW_NS = NS
 """How far back bearings count [ns]."""
-SHARE = 2.0 / 3.0
+MIN_REJECTED_SHARE = 2.0 / 3.0
 """Share of a sensor's bearings of a target in this time that are not believed, from which it contradicts."""
-FEWEST = 5
+MIN_REJECTED_BEARINGS = 5
 """So many bearings at least are not believed: single false ones contradict nothing."""
 
 
-class Disagreement:
+class SensorDisagreement:
     """Adds these doubts to a run's rows, chunk by chunk; the last residuals are remembered."""
 
     def __init__(self) -> None:
@@ -253,13 +255,13 @@ class Disagreement:
             return diagnostics
         self._kept = [known.take(known.t_ns > diagnostics.t_ns[-1] - WINDOW_NS)]
         against = np.zeros(len(diagnostics), dtype=np.bool_)
-        if np.count_nonzero(known.believed < 0.5) >= FEWEST:
+        if np.count_nonzero(known.believed < 0.5) >= MIN_REJECTED_BEARINGS:
             for target in np.unique(diagnostics.target_id).tolist():
                 rows = diagnostics.target_id == target
                 against[rows] = _against(diagnostics.t_ns[rows], known.take(known.target_id == target))
         if not against.any():
             return diagnostics
-        doubt = [",".join(filter(None, (old, DISAGREES))) for old in diagnostics.doubt[against].tolist()]
+        doubt = [",".join(filter(None, (old, INCONSISTENT_SENSOR))) for old in diagnostics.doubt[against].tolist()]
         every = diagnostics.doubt.astype(object)
         every[against] = doubt
         return replace(diagnostics, doubt=every.astype(np.str_))
@@ -273,18 +275,18 @@ def _against(t_ns: Ints, residuals: Residuals) -> Bools:
         not_believed = np.concatenate([[0], np.cumsum(own.believed < 0.5)])
         first, end = (np.searchsorted(own.t_ns, t, side="right") for t in (t_ns - WINDOW_NS, t_ns))
         many = not_believed[end] - not_believed[first]
-        out |= (many >= FEWEST) & (many >= SHARE * (end - first))
+        out |= (many >= MIN_REJECTED_BEARINGS) & (many >= MIN_REJECTED_SHARE * (end - first))
     return out
 
 
-FEW = 10.0
+MIN_EFFECTIVE_SAMPLE_SIZE = 10.0
 """An estimate of fewer effective particles does not say how uncertain it is."""
 BINS = 100
 """A decade of effective numbers has so many bins: quantiles are right to 2 %."""
 DECADES = 8
 
 
-class Particles:
+class EffectiveSampleSizes:
     """Counts effective numbers of particles in bins of equal ratio."""
 
     def __init__(self) -> None:
@@ -297,7 +299,7 @@ class Particles:
         """Some more rows; those without particles (NaN) do not count."""
         ess = ess[np.isfinite(ess)]
         self.rows += len(ess)
-        self.few += int(np.count_nonzero(ess < FEW))
+        self.few += int(np.count_nonzero(ess < MIN_EFFECTIVE_SAMPLE_SIZE))
         self._sum += float(ess.sum())
         bins = np.clip(np.log10(np.maximum(ess, 1.0)) * BINS, 0, len(self._counts) - 1)
         self._counts += np.bincount(bins.astype(np.int64), minlength=len(self._counts))
@@ -316,34 +318,34 @@ class Particles:
         return 10.0 ** ((middle + 0.5) / BINS) if middle else 1.0
 
 
-CLEAR = 2.0
+CLEAR_SIGMAS = 2.0
 """A meeting place is clearly somewhere if all of the ellipse of so many standard deviations is there."""
-AROUND = 12
+ELLIPSE_POINTS = 12
 """Points of that ellipse that are tested."""
 STEPS = 3
 """Gauss-Newton steps from the estimate to the meeting place."""
-FLAT = 1e-3
+MIN_INFORMATION_RATIO = 1e-3
 """Sight lines do not meet if their information has axes with a ratio below this, squared."""
-BLUNT = 0.2
+MAX_SIGMA_RAD = 0.2
 """Bearings with a larger standard deviation [rad] do not count: sight lines of such errors are no straight lines."""
-NEARER = 0.5
+MAX_ELLIPSE_TO_RANGE = 0.5
 """A meeting place counts if its ellipse is smaller than this share of the distance of each of its sensors."""
-SETTLED = 0.1
+CONVERGENCE_SIGMAS = 0.1
 """A search has found the meeting place if its last step is below so many standard deviations."""
-LEAST_SHARE = 1e-9
+MIN_SHARE = 1e-9
 """A residual whose variance is all the bearing's does not say what that is; see `_bearings`."""
 
 
-class Meeting(NamedTuple):
+class BearingIntersection(NamedTuple):
     """Where the believed bearings of M rows meet."""
 
     row: Ints  # (M,) rows of the tracks
     xy: Floats  # (M, 2)
-    border: Floats  # (M, AROUND, 2) the ellipse of `CLEAR` standard deviations
+    border: Floats  # (M, AROUND, 2) the ellipse of `CLEAR_SIGMAS` standard deviations
 
 
 @dataclass
-class Places:
+class PositionConsistency:
     """Counts rows whose bearings meet where the scene says that the target cannot be.
 
     Attributes:
@@ -366,20 +368,22 @@ class Places:
             return
         used = residuals.take(residuals.believed >= 0.5)
         row = _rows(tracks, used)
-        met = meetings(tracks, used, row, np.array([sensors[name] for name in used.sensor.tolist()]).reshape(-1, 2))
+        met = triangulate_rows(
+            tracks, used, row, np.array([sensors[name] for name in used.sensor.tolist()]).reshape(-1, 2)
+        )
         self.rows += len(met.row)
         if (room := scene.room) is not None:
             self.outside += int(np.count_nonzero(~_anywhere(met, partial(inside_polygon, polygon=room))))
         for name, polygons in walls.items():
             if polygons:
                 saw = np.isin(met.row, row[used.sensor == name])
-                own = Meeting(met.row[saw], met.xy[saw], met.border[saw])
+                own = BearingIntersection(met.row[saw], met.xy[saw], met.border[saw])
                 behind = int(np.count_nonzero(~_anywhere(own, partial(_in_sight, sensors[name], polygons))))
                 before = self.hidden.get(name, (0, 0))
                 self.hidden[name] = before[0] + len(own.row), before[1] + behind
 
 
-def meetings(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> Meeting:
+def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> BearingIntersection:
     """Least squares of the bearings of each row of tracks that two sight lines or more determine.
 
     Args:
@@ -392,7 +396,7 @@ def meetings(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> Meet
     bearing, sigma = _bearings(start[row], covariances(tracks)[row], origin, used)
     count, xy = len(tracks), start.copy()
     information = np.zeros((count, 2, 2))
-    told = sigma <= BLUNT
+    told = sigma <= MAX_SIGMA_RAD
     row, origin, bearing, sigma = row[told], origin[told], bearing[told], sigma[told]
     good = np.zeros(count, dtype=np.bool_)
     step = np.zeros((count, 2))
@@ -405,20 +409,20 @@ def meetings(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> Meet
         np.add.at(information, row, g[:, :, None] * g[:, None, :])
         np.add.at(pull, row, g * off[:, None])
         trace = information[:, 0, 0] + information[:, 1, 1]
-        good = np.linalg.det(information) > FLAT * np.maximum(trace, 1e-300) ** 2
+        good = np.linalg.det(information) > MIN_INFORMATION_RATIO * np.maximum(trace, 1e-300) ** 2
         step[good] = np.linalg.solve(information[good], pull[good][:, :, None])[:, :, 0]
         xy[good] += step[good]
     # Where sight lines are nearly parallel, or the sensors near, the place is no linear function of the bearings
-    good &= np.einsum("ni,nij,nj->n", step, information, step) < SETTLED**2
+    good &= np.einsum("ni,nij,nj->n", step, information, step) < CONVERGENCE_SIGMAS**2
     nearest = np.full(count, np.inf)
     np.minimum.at(nearest, row, np.hypot(*(xy[row] - origin).T))
     least = np.linalg.eigvalsh(np.where(good[:, None, None], information, np.eye(2)))[:, 0]
-    good &= NEARER * nearest * np.sqrt(np.maximum(least, 0.0)) > CLEAR
+    good &= MAX_ELLIPSE_TO_RANGE * nearest * np.sqrt(np.maximum(least, 0.0)) > CLEAR_SIGMAS
     found = np.flatnonzero(good)
     root = np.linalg.cholesky(np.linalg.inv(information[found]))
-    angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
-    circle = CLEAR * np.column_stack([np.cos(angle), np.sin(angle)])
-    return Meeting(found, xy[found], xy[found][:, None] + np.einsum("mij,aj->mai", root, circle))
+    angle = 2.0 * np.pi * np.arange(ELLIPSE_POINTS) / ELLIPSE_POINTS
+    circle = CLEAR_SIGMAS * np.column_stack([np.cos(angle), np.sin(angle)])
+    return BearingIntersection(found, xy[found], xy[found][:, None] + np.einsum("mij,aj->mai", root, circle))
 
 
 def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -> tuple[Floats, Floats]:
@@ -431,7 +435,7 @@ def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
     g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
     share = 1.0 - used.expected
-    told = (share > LEAST_SHARE) & (used.expected > 0.0)
+    told = (share > MIN_SHARE) & (used.expected > 0.0)
     square = np.einsum("ni,nij,nj->n", g, covariance, g)
     sigma = np.sqrt(np.divide(square, share, out=np.full(len(used), np.nan), where=told))
     return np.arctan2(away[:, 1], away[:, 0]) + used.residual * sigma, sigma
@@ -453,7 +457,7 @@ def _in_sight(origin: Floats, walls: Sequence[Floats], xy: Floats) -> Bools:
     return np.asarray(~behind_walls(origin, xy, walls))
 
 
-def _anywhere(met: Meeting, test: Callable[[Floats], Bools]) -> Bools:
+def _anywhere(met: BearingIntersection, test: Callable[[Floats], Bools]) -> Bools:
     """(M,) whether a test of (N, 2) places holds for the meeting place or for any point of its ellipse."""
     points = np.concatenate([met.xy[:, None], met.border], axis=1)
     return np.asarray(test(np.ascontiguousarray(points.reshape(-1, 2))).reshape(points.shape[:2]).any(axis=1))

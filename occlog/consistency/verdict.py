@@ -2,8 +2,8 @@
 
 Limits have two parts.  A figure is said only if it is far enough off to matter (the constants of this file), and if
 chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
-limit with a probability of `CHANCE` for the contrary.  docs/explanation/believe.md has each finding with causes and
-remedies.
+limit with a probability of `SIGNIFICANCE` for the contrary.  docs/explanation/believe.md has each finding with causes
+and remedies.
 """
 
 from __future__ import annotations
@@ -23,44 +23,48 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
 from occlog.records.verdicts import Check, Severity, finding, outcome
 
-from .bearings import Agreements, Alone, Compared, Crowd, pose_shares
-from .estimates import CLEAR, FEW, WORDS, Particles, Places
+from .bearings import ComparedBearings, ResidualStatistics, UnassociatedCandidates, UnconfirmedBearings, pose_shares
+from .estimates import CLEAR_SIGMAS, MIN_EFFECTIVE_SAMPLE_SIZE, WORDS, EffectiveSampleSizes, PositionConsistency
 
-CHANCE = 1e-3
+SIGNIFICANCE = 1e-3
 """Probability that chance alone makes a limit seem broken."""
-FEWEST = 20
+MIN_SAMPLES = 20
 """Of fewer bearings, expected squares or frames nothing is said."""
-DEPLETED = 0.25
+MAX_DEPLETED_SHARE = 0.25
 """Share of rows with too few effective particles that matters."""
-DEPLETED_BEFORE = 0.02
+MAX_DEPLETED_SHARE_SMOOTHED = 0.02
 """The same where estimates are smoothed: all before a depleted row come from its few particles, too."""
-GAPS, FEWEST_GAPS = 0.8, 3
+MAX_GAP_SHARE, MIN_GAPS = 0.8, 3
 """Share of rows after a gap from which nothing is filtered, and the fewest such rows of which something is said."""
-RESTARTS = 0.01
+MAX_RESTART_SHARE = 0.01
 """Share of rows with a restart that matters: one in a hundred."""
-DOUBTED = 0.05
+MAX_FLAGGED_SHARE = 0.05
 """Share of rows with a doubt, or of doubted rows, that matters."""
-CONTEST = 0.1
+MAX_POSSIBLE_OUTLIER_SHARE = 0.1
 """Share of rows that are contested that matters."""
-NOT_BELIEVED = 0.25
+MAX_REJECTED_SHARE = 0.25
 """Share of bearings not believed that matters."""
-UNCONFIRMED = 0.02
+MAX_UNCONFIRMED_REJECTED_SHARE = 0.02
 """The same where one sensor at a time sees the target, and nothing but its motion speaks against a false bearing."""
 NIS_LOW, NIS_HIGH = 0.5, 2.25
 """Normalised squared residuals that matter: stated standard deviations 1.4 times too large, 1.5 times too small."""
-LIVELY = 4.0
+MAX_MOTION_VARIANCE_FACTOR = 4.0
 """Factor of the motion's variance that matters."""
-BLIND = 0.5
+MAX_BLIND_SHARE = 0.5
 """Share of rows in which fewer than two of the cameras that were selected see the target that matters."""
-CROWDED = 0.5
+MAX_PERSISTENT_CANDIDATE_SHARE = 0.5
 """Share of frames with a candidate that stays and that no track explains that matters."""
 MAX_NAMED = 20
 """Targets of one finding that are listed."""
-PARTICLES, RESTARTED, APART = "effective number of particles", "restarts of the filter", "gaps between rows"
+PARTICLES, RESTARTED, TIME_GAPS = "effective number of particles", "restarts of the filter", "gaps between rows"
 NEVER_SEEN, SELECTED, FLAGGED = "targets that no sensor sees", "views of the selected cameras", "flags of the rows"
-BELIEVED, CONFIRMED, NIS = "rejected measurements", "measurements of one sensor at a time", "residuals (NIS)"
+REJECTED_MEASUREMENTS, CONFIRMED, NIS = (
+    "rejected measurements",
+    "measurements of one sensor at a time",
+    "residuals (NIS)",
+)
 MOTION, ROOM, WALLS = "motion noise", "positions outside the room", "lines of sight through walls"
-SEVERAL = "candidates that no track explains"
+UNASSOCIATED_CANDIDATES = "candidates that no track explains"
 """Names of checks."""
 ROWS = {
     "contradiction": "no place holds all constraints, and what was seen there was left out; check poses and labels",
@@ -68,19 +72,19 @@ ROWS = {
     "unfinished": "the search did not converge; allow more iterations",
 }
 """Values of `fallback` of which a verdict speaks if any row has them, and what they say."""
-OFTEN = {
+FLAGS_OF_FALSE_BEARINGS = {
     "doubted": "fewer than half of the bearings are believed; check poses, clocks and labels",
     "unchecked": "two measurements alone tell the place, and none of the others agrees: one of the two may be false, "
     "which the covariance does not say; add stations, or follow the target over time (apf, map)",
 }
 """Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
-CONTESTED = {
+FLAGS_OF_POSSIBLE_OUTLIERS = {
     "contested": "a measurement that is believed may be false: another place is possible where fewer agree, or they "
     "scatter more than stated, which the covariance does not say; leave these rows out, add stations, or follow the "
     "target over time (apf, map)",
 }
 """Values of `fallback` that some rows of honest data have, too."""
-HONEST = {
+FLAGS_WITH_RIGHT_COVARIANCE = {
     "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
     "ambiguous": "measurements fit several places, of which the row has the most probable, and the covariance holds "
     "all: there are two ranges alone, stations are in line, one of a few values is false, or noise is as large as the "
@@ -90,7 +94,7 @@ HONEST = {
 
 
 @dataclass
-class Evidence:
+class ConsistencyEvidence:
     """What speaks for and against a run's estimates, gathered while tables stream by.
 
     Attributes:
@@ -119,11 +123,11 @@ class Evidence:
     span_ns: tuple[int, int] | None = None
     selected: int = 0
     blind: int = 0
-    particles: Particles = field(default_factory=Particles)
-    agreements: Agreements = field(default_factory=Agreements)
-    alone: Alone = field(default_factory=Alone)
-    crowd: Crowd = field(default_factory=Crowd)
-    places: Places = field(default_factory=Places)
+    particles: EffectiveSampleSizes = field(default_factory=EffectiveSampleSizes)
+    agreements: ResidualStatistics = field(default_factory=ResidualStatistics)
+    alone: UnconfirmedBearings = field(default_factory=UnconfirmedBearings)
+    crowd: UnassociatedCandidates = field(default_factory=UnassociatedCandidates)
+    places: PositionConsistency = field(default_factory=PositionConsistency)
     distances: bool = False
     diagnosed: bool = False
 
@@ -144,7 +148,7 @@ class Evidence:
         self.blind += int(np.count_nonzero(several & (part.n_seen < 2)))
         self.particles.add(part.ess)
 
-    def saw(self, tracks: Tracks, compared: Compared, scene: Scene) -> None:
+    def saw(self, tracks: Tracks, compared: ComparedBearings, scene: Scene) -> None:
         """Count residuals of bearings, and candidates that are left."""
         self.agreements.add(compared.residuals, pose_shares(tracks, scene))
         self.alone.add(compared.residuals)
@@ -177,8 +181,8 @@ class Evidence:
             smoothed: estimates were made from trajectories drawn backwards through the filter's particles.
         """
         undiagnosed = "" if self.diagnosed else "there are no diagnostics"
-        few, seen = f"fewer than {FEWEST} {self.what} were judged", self.agreements.bearings
-        unseen = few if seen < FEWEST else ""
+        few, seen = f"fewer than {MIN_SAMPLES} {self.what} were judged", self.agreements.bearings
+        unseen = few if seen < MIN_SAMPLES else ""
         crowded = "" if one_target else "the method itself tells targets apart"
         return (
             *outcome(
@@ -188,7 +192,7 @@ class Evidence:
                 median=self.particles.median,
             ),
             *outcome(RESTARTED, self._restarts(), unless=undiagnosed, rows=self.rows),
-            *outcome(APART, self._gaps(), unless=undiagnosed),
+            *outcome(TIME_GAPS, self._gaps(), unless=undiagnosed),
             *outcome(
                 NEVER_SEEN,
                 self._unseen(),
@@ -198,26 +202,26 @@ class Evidence:
                 SELECTED, self._blind(), unless=undiagnosed or ("" if self.selected else "no cameras were selected")
             ),
             *outcome(FLAGGED, self._rows(), unless=undiagnosed, rows=self.rows),
-            *outcome(BELIEVED, self._not_believed(), unless=unseen, bearings=seen),
-            *outcome(CONFIRMED, self._unconfirmed(), unless=few if self.alone.bearings < FEWEST else ""),
+            *outcome(REJECTED_MEASUREMENTS, self._not_believed(), unless=unseen, bearings=seen),
+            *outcome(CONFIRMED, self._unconfirmed(), unless=few if self.alone.bearings < MIN_SAMPLES else ""),
             *outcome(
                 NIS,
                 self._nis(),
-                unless=few if self._expected() < FEWEST else "",
+                unless=few if self._expected() < MIN_SAMPLES else "",
                 nis=self.agreements.nis.value,
                 allowed=NIS_HIGH,
             ),
             *outcome(MOTION, self._motion(), unless="" if self.agreements.noise else "the method does not estimate it"),
             *outcome(
-                ROOM, self._outside(), unless=few if self.places.rows < FEWEST else "", outside=self.places.outside
+                ROOM, self._outside(), unless=few if self.places.rows < MIN_SAMPLES else "", outside=self.places.outside
             ),
             *outcome(
                 WALLS,
                 self._through_walls(),
-                unless="" if any(saw >= FEWEST for saw, _ in self.places.hidden.values()) else few,
+                unless="" if any(saw >= MIN_SAMPLES for saw, _ in self.places.hidden.values()) else few,
             ),
             *outcome(
-                SEVERAL,
+                UNASSOCIATED_CANDIDATES,
                 self._several() if one_target else (),
                 unless=crowded or ("" if self.crowd.frames else "no frame has candidates without a label"),
             ),
@@ -225,8 +229,12 @@ class Evidence:
 
     def _depleted(self, smoothed: bool) -> Iterator[Check]:
         """Particles that ran out."""
-        few, rows, most = self.particles.few, self.particles.rows, DEPLETED_BEFORE if smoothed else DEPLETED
-        if beyond(few, rows, most):
+        few, rows, most = (
+            self.particles.few,
+            self.particles.rows,
+            MAX_DEPLETED_SHARE_SMOOTHED if smoothed else MAX_DEPLETED_SHARE,
+        )
+        if exceeds_share(few, rows, most):
             whose = (
                 "their covariances and those of smoothed rows before them are" if smoothed else "their covariances are"
             )
@@ -234,7 +242,8 @@ class Evidence:
                 PARTICLES,
                 "warning",
                 "depleted",
-                f"{few / rows:.0%} of the rows rest on fewer than {FEW:.0f} effective particles (median "
+                f"{few / rows:.0%} of the rows rest on fewer than {MIN_EFFECTIVE_SAMPLE_SIZE:.0f} effective "
+                "particles (median "
                 f"{self.particles.median:.0f}; allowed in {most:.0%} of the rows): {whose} too "
                 "small; use more particles, or check the noise that is stated, which may be too small",
                 share=few / rows,
@@ -244,24 +253,25 @@ class Evidence:
     def _restarts(self) -> Iterator[Check]:
         """Rows in which the target was lost."""
         restarts = self.fallbacks["restart"]
-        if beyond(restarts, self.rows, RESTARTS):
+        if exceeds_share(restarts, self.rows, MAX_RESTART_SHARE):
             yield finding(
                 RESTARTED,
                 "warning",
                 "restarts",
-                f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: {RESTARTS:.0%}); "
+                f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: "
+                f"{MAX_RESTART_SHARE:.0%}); "
                 "the motion or the noise that is stated is wrong, or the bearings are not of one target",
                 share=restarts / self.rows,
-                allowed=RESTARTS,
+                allowed=MAX_RESTART_SHARE,
             )
 
     def _gaps(self) -> Iterator[Check]:
         """Rows so far apart that nothing is filtered."""
         gaps = self.fallbacks["gap"]
-        if self.span_ns is not None and gaps >= FEWEST_GAPS and gaps >= GAPS * self.rows:
+        if self.span_ns is not None and gaps >= MIN_GAPS and gaps >= MAX_GAP_SHARE * self.rows:
             apart = (self.span_ns[1] - self.span_ns[0]) / NS * len(self.targets) / self.rows
             yield finding(
-                APART,
+                TIME_GAPS,
                 "warning",
                 "gaps",
                 f"{gaps} of {self.rows} rows come after a gap, and the filter begins anew there: the rows of a target "
@@ -269,7 +279,7 @@ class Evidence:
                 "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
                 "another unit, state it by --input-units ms",
                 share=gaps / self.rows,
-                allowed=GAPS,
+                allowed=MAX_GAP_SHARE,
             )
 
     def _unseen(self) -> Iterator[Check]:
@@ -288,26 +298,27 @@ class Evidence:
 
     def _blind(self) -> Iterator[Check]:
         """Cameras that were selected in vain."""
-        if beyond(self.blind, self.selected, BLIND):
+        if exceeds_share(self.blind, self.selected, MAX_BLIND_SHARE):
             yield finding(
                 SELECTED,
                 "warning",
                 "selection",
-                f"in {self.blind} of {self.selected} rows (allowed: {BLIND:.0%}) fewer than two sensors see the "
+                f"in {self.blind} of {self.selected} rows (allowed: {MAX_BLIND_SHARE:.0%}) fewer than two sensors "
+                "see the "
                 "target, although more cameras were selected: the selection is for longer than the target stays in "
                 "view, or the policy does not look at views; select by greedy, more cameras, or more often",
                 share=self.blind / self.selected,
-                allowed=BLIND,
+                allowed=MAX_BLIND_SHARE,
             )
 
     def _rows(self) -> Iterator[Check]:
         """Rows with a flag."""
         kinds: tuple[tuple[Mapping[str, str], Counter[str], float, Severity], ...] = (
-            (WORDS, self.doubts, DOUBTED, "warning"),
-            (OFTEN, self.fallbacks, DOUBTED, "warning"),
-            (CONTESTED, self.fallbacks, CONTEST, "warning"),
+            (WORDS, self.doubts, MAX_FLAGGED_SHARE, "warning"),
+            (FLAGS_OF_FALSE_BEARINGS, self.fallbacks, MAX_FLAGGED_SHARE, "warning"),
+            (FLAGS_OF_POSSIBLE_OUTLIERS, self.fallbacks, MAX_POSSIBLE_OUTLIER_SHARE, "warning"),
             (ROWS, self.fallbacks, 0.0, "warning"),
-            (HONEST, self.fallbacks, 0.0, "note"),
+            (FLAGS_WITH_RIGHT_COVARIANCE, self.fallbacks, 0.0, "note"),
         )
         for words, found, least, severity in kinds:
             for code, text in words.items():
@@ -323,90 +334,100 @@ class Evidence:
     def _not_believed(self) -> Iterator[Check]:
         """Sensors whose bearings are not believed."""
         for name, own in sorted(self.agreements.sensors.items()):
-            if own.bearings >= FEWEST and beyond(own.bearings - own.believed, own.bearings, NOT_BELIEVED):
+            if own.bearings >= MIN_SAMPLES and exceeds_share(
+                own.bearings - own.believed, own.bearings, MAX_REJECTED_SHARE
+            ):
                 yield finding(
-                    BELIEVED,
+                    REJECTED_MEASUREMENTS,
                     "warning",
                     "not-believed",
                     f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are not believed (allowed: "
-                    f"{NOT_BELIEVED:.0%}); its pose, its clock or its labels may be wrong, or the target was lost",
+                    f"{MAX_REJECTED_SHARE:.0%}); its pose, its clock or its labels may be wrong, or the target "
+                    "was lost",
                     sensors=[name],
                     share=own.doubted,
-                    allowed=NOT_BELIEVED,
+                    allowed=MAX_REJECTED_SHARE,
                 )
 
     def _unconfirmed(self) -> Iterator[Check]:
         """False bearings where one sensor at a time sees the target."""
         alone = self.alone
-        if alone.bearings >= FEWEST and alone.one_at_a_time and beyond(alone.doubted, alone.bearings, UNCONFIRMED):
+        if (
+            alone.bearings >= MIN_SAMPLES
+            and alone.one_at_a_time
+            and exceeds_share(alone.doubted, alone.bearings, MAX_UNCONFIRMED_REJECTED_SHARE)
+        ):
             yield finding(
                 CONFIRMED,
                 "warning",
                 "unconfirmed",
-                f"{alone.share:.0%} of {alone.bearings} {self.what} are not believed (allowed: {UNCONFIRMED:.0%} where "
+                f"{alone.share:.0%} of {alone.bearings} {self.what} are not believed (allowed: "
+                f"{MAX_UNCONFIRMED_REJECTED_SHARE:.0%} where "
                 f"one sensor at a time sees the target): nothing but the motion tells false {self.what} from true "
                 "ones; "
                 "others may be false, too, and covariances too small; add sensors that see the target at the same "
                 "time, or check identities and the detector's false alarms",
                 share=alone.share,
-                allowed=UNCONFIRMED,
+                allowed=MAX_UNCONFIRMED_REJECTED_SHARE,
             )
 
     def _nis(self) -> Iterator[Check]:
         """Residuals that are not as stated, of all sensors, or else of single ones."""
         whole = self.agreements.nis
-        if (said := off(f"the {self.what}", whole, self._expected())) is not None:
+        if (said := nis_check(f"the {self.what}", whole, self._expected())) is not None:
             yield said
             return
         for name, own in sorted(self.agreements.sensors.items()):
-            said = off(f"the {self.what} of {name}", own.nis, own.means.expected, (name,))
+            said = nis_check(f"the {self.what} of {name}", own.nis, own.means.expected, (name,))
             if said is not None and said.status == "failed":
                 yield said
 
     def _motion(self) -> Iterator[Check]:
         """Targets that move more irregularly than stated."""
         for target, factor in sorted(self.agreements.noise.items()):
-            if factor > LIVELY:
+            if factor > MAX_MOTION_VARIANCE_FACTOR:
                 yield finding(
                     MOTION,
                     "warning",
                     "motion",
                     f"target {target} moves {math.sqrt(factor):.1f} times as irregularly as the settings of its motion "
-                    f"say (allowed: {math.sqrt(LIVELY):.0f} times); state a larger acceleration",
+                    f"say (allowed: {math.sqrt(MAX_MOTION_VARIANCE_FACTOR):.0f} times); state a larger acceleration",
                     targets=[target],
                     factor=math.sqrt(factor),
-                    allowed=math.sqrt(LIVELY),
+                    allowed=math.sqrt(MAX_MOTION_VARIANCE_FACTOR),
                 )
 
     def _outside(self) -> Iterator[Check]:
         """Bearings that meet outside the room."""
         told = self.places
-        if told.rows >= FEWEST and beyond(told.outside, told.rows, DOUBTED):
+        if told.rows >= MIN_SAMPLES and exceeds_share(told.outside, told.rows, MAX_FLAGGED_SHARE):
             yield finding(
                 ROOM,
                 "warning",
                 "outside-room",
-                f"in {told.outside} of {told.rows} rows (allowed: {DOUBTED:.0%}) the bearings meet more than {CLEAR:g} "
+                f"in {told.outside} of {told.rows} rows (allowed: {MAX_FLAGGED_SHARE:.0%}) the bearings meet more "
+                f"than {CLEAR_SIGMAS:g} "
                 "standard deviations outside the room, which estimates stay in: the target has left it, the room of "
                 "the scene is too small, or poses are wrong",
                 share=told.outside / told.rows,
-                allowed=DOUBTED,
+                allowed=MAX_FLAGGED_SHARE,
             )
 
     def _through_walls(self) -> Iterator[Check]:
         """Sensors that see targets through walls."""
         for name, (saw, hidden) in sorted(self.places.hidden.items()):
-            if saw >= FEWEST and beyond(hidden, saw, DOUBTED):
+            if saw >= MIN_SAMPLES and exceeds_share(hidden, saw, MAX_FLAGGED_SHARE):
                 yield finding(
                     WALLS,
                     "warning",
                     "through-wall",
-                    f"in {hidden} of {saw} rows (allowed: {DOUBTED:.0%}) {name} sees the target, although it is behind "
+                    f"in {hidden} of {saw} rows (allowed: {MAX_FLAGGED_SHARE:.0%}) {name} sees the target, "
+                    "although it is behind "
                     "a wall or static occluder of the scene where the bearings meet; the track avoids the wall and is "
                     "wrong if the wall is: check the scene's occluders, room and poses",
                     sensors=[name],
                     share=hidden / saw,
-                    allowed=DOUBTED,
+                    allowed=MAX_FLAGGED_SHARE,
                 )
 
     def _expected(self) -> float:
@@ -414,29 +435,34 @@ class Evidence:
 
     def _several(self) -> Iterator[Check]:
         """Candidates that stay, and that no track explains."""
-        persistent = {name: share for name, share in self.crowd.persistent(FEWEST).items() if share > CROWDED}
+        persistent = {
+            name: share
+            for name, share in self.crowd.persistent(MIN_SAMPLES).items()
+            if share > MAX_PERSISTENT_CANDIDATE_SHARE
+        }
         if not persistent:
             return
         yield finding(
-            SEVERAL,
+            UNASSOCIATED_CANDIDATES,
             "warning",
             "several-targets",
             f"the candidates cannot be one target: {self.crowd.unexplained:.1f} of {self.crowd.candidates:.1f} in a "
             f"frame are near no track, and in {', '.join(persistent)} they stay from frame to frame (in "
-            f"{max(persistent.values()):.0%} of the frames; allowed: {CROWDED:.0%}); follow everybody "
+            f"{max(persistent.values()):.0%} of the frames; allowed: {MAX_PERSISTENT_CANDIDATE_SHARE:.0%}); "
+            "follow everybody "
             "(method jipda, from the boxes), label the candidates, or say where the target is at first",
             sensors=persistent,
             share=max(persistent.values()),
-            allowed=CROWDED,
+            allowed=MAX_PERSISTENT_CANDIDATE_SHARE,
         )
 
 
-def beyond(count: int, of: int, share: float) -> bool:
-    """Whether more than a share was found, and would be with a probability of less than `CHANCE` if that were right."""
-    return of > 0 and count > share * of and float(bdtrc(count - 1, of, share)) < CHANCE
+def exceeds_share(count: int, of: int, share: float) -> bool:
+    """Whether more than a share was found, and would be with a probability of less than `SIGNIFICANCE` if that were right."""
+    return of > 0 and count > share * of and float(bdtrc(count - 1, of, share)) < SIGNIFICANCE
 
 
-def off(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] = ()) -> Check | None:
+def nis_check(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] = ()) -> Check | None:
     """By how much residuals are not as stated; None if they are, or if there are too few to tell.
 
     Args:
@@ -445,8 +471,8 @@ def off(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] = ()) -
         expected: sum of squares that is expected.
         sensors: names of their sensors; empty: all.
     """
-    low, high = nis.interval(CHANCE)
-    if expected < FEWEST or NIS_LOW <= nis.value <= NIS_HIGH or low <= 1.0 <= high:
+    low, high = nis.interval(SIGNIFICANCE)
+    if expected < MIN_SAMPLES or NIS_LOW <= nis.value <= NIS_HIGH or low <= 1.0 <= high:
         return None
     factor, kind = math.sqrt(nis.value), "bearings" if "bearings" in what else "measurements"
     found = f"NIS {nis.value:.2g} +- {nis.error:.1g}, expected 1, allowed {NIS_LOW:g} to {NIS_HIGH:g}"

@@ -10,14 +10,14 @@ from typing import Any
 from occlog.errors import InputError, UsageError
 from occlog.io.files.spill import Aside
 from occlog.io.open import Opened, check_unit, common_unit, load_scene, losses_of, open_if_ours, open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.sensors import Measurements
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Cooperation, Diagnostics, Reads, Tracks, Truth, TruthBoxes, Views
-from occlog.scans.config import MeasuredConfig
-from occlog.scans.measured import Radio, Shadowing, measurements_of_reads
+from occlog.scans.config import DistanceMeasurementConfig
+from occlog.scans.measured import Radio, SignalErrors, measurements_of_reads
 
 from .request import EvaluateRequest
 from .sources import MeasuredSource, Sources, opened_rows, streamed_bearings
@@ -54,7 +54,7 @@ def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[Sources
     return (sources if request.frames is None else sources.in_frames(request.frames)), scene, tracks
 
 
-def _opened(path: Path | None, *tables: type[Table]) -> Opened | None:
+def _opened(path: Path | None, *tables: type[ColumnTable]) -> Opened | None:
     return None if path is None else open_input(path, *tables)
 
 
@@ -85,14 +85,14 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
     made = {} if tracks is None else tracks.provenance.parameters.get("measurements")
     said = dict(made) if isinstance(made, dict) else {}
     radio = said.get("radio")
-    known = {f.name: said[f.name] for f in fields(MeasuredConfig) if f.name in said}
+    known = {f.name: said[f.name] for f in fields(DistanceMeasurementConfig) if f.name in said}
     again = rows if opened.recording is None else Aside(Measurements, rows).chunks
-    return MeasuredSource(again, MeasuredConfig(**known), _radio(radio) if isinstance(radio, dict) else None)
+    return MeasuredSource(again, DistanceMeasurementConfig(**known), _radio(radio) if isinstance(radio, dict) else None)
 
 
 def _radio(said: dict[str, Any]) -> Radio:
     """The path loss that tracks were made with."""
-    return Radio(**(said | {"shadowing": Shadowing(**said["shadowing"])}))
+    return Radio(**(said | {"shadowing": SignalErrors(**said["shadowing"])}))
 
 
 def _open_truth(path: Path) -> Opened:

@@ -29,7 +29,7 @@ from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.formats.sound.csv_log import DoaOptions
 from occlog.io.formats.sound.directions import read_doa
 from occlog.io.open import Opened, of_others, open_if_ours, open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa, Errors, Tracks, Truth
@@ -278,7 +278,7 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
     kept: list[Errors] = []
     with job.tables(provenance, unit) as tables:
 
-        def take(rows: Table) -> None:
+        def take(rows: ColumnTable) -> None:
             tables.write(**{rows.NAME: rows})
             if request.metrics and isinstance(rows, Errors):
                 kept.append(rows)

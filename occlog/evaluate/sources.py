@@ -14,7 +14,7 @@ from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.spill import Aside
 from occlog.io.open import Opened, open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import (
@@ -30,15 +30,15 @@ from occlog.records.tables import (
     times,
     whole_times,
 )
-from occlog.scans.config import MeasuredConfig
+from occlog.scans.config import DistanceMeasurementConfig
 from occlog.scans.measured import Radio
-from occlog.scans.sources import bearings_of_doa, in_time
+from occlog.scans.sources import bearings_of_doa, within_times
 
 from .verdict import Made
 
 AT_ONCE = 1 << 16
 """Rows that are worked on at once, at least where there are as many: a table with fewer is one chunk."""
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 N = TypeVar("N", Views, TruthBoxes)
 Span = tuple[int, int]
 """First time, and that after the last one [ns]."""
@@ -50,7 +50,7 @@ class MeasuredSource(NamedTuple):
     """Measurements of distances that are gone through as often as wanted, with what must be known of them."""
 
     rows: Chunks[Measurements]
-    config: MeasuredConfig
+    config: DistanceMeasurementConfig
     radio: Radio | None
 
 
@@ -191,7 +191,7 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
         if len(streams) == 1:
             yield from streams[0]
             return
-        for piece in whole_times(in_time(streams)):
+        for piece in whole_times(within_times(streams)):
             yield piece.sorted()
 
     if not own and directions is None:

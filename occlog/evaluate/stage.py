@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.consistency.verdict import Evidence
+from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.errors import InputError, PluginError, UsageError
 from occlog.plugins.interface import Compared, Metric
 from occlog.plugins.loading import Chosen, said_by
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.sensors import Measurements
 from occlog.records.declared.views import Counts, Failures
@@ -43,7 +43,7 @@ from occlog.records.tables import (
     whole_times,
     windows,
 )
-from occlog.scans.config import MeasuredConfig
+from occlog.scans.config import DistanceMeasurementConfig
 from occlog.scans.measured import Radio
 from occlog.settings import METRES
 
@@ -132,7 +132,7 @@ def evaluate(
     cooperation: Cooperation | None = None,
     made: Made | None = None,
     boxes: Boxes | Views | None = None,
-    measured: tuple[Measurements, MeasuredConfig, Radio | None] | None = None,
+    measured: tuple[Measurements, DistanceMeasurementConfig, Radio | None] | None = None,
     many: ManyConfig | None = None,
 ) -> Evaluation:
     """Evaluate tables in memory; see `Evaluator`.
@@ -226,7 +226,7 @@ class Evaluator:
 
     def run(
         self,
-        take: Callable[[Table], None],
+        take: Callable[[ColumnTable], None],
         many: ManyConfig | None = None,
         *,
         places: bool = False,
@@ -244,7 +244,7 @@ class Evaluator:
             InputError: the tables do not fit together (no common identity, time or sensor).
         """
         known, unit, config, sources = self.known, self._scene.length_unit, self._config, self._sources
-        against, evidence = AgainstTruth(sources.made, self._scene), Evidence(rows=known.estimates)
+        against, evidence = AgainstTruth(sources.made, self._scene), ConsistencyEvidence(rows=known.estimates)
         if sources.diagnostics is not None:
             evidence.rows = 0
             for rows in sources.diagnostics():

@@ -16,8 +16,15 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.consistency.bearings import TOGETHER_S, Sight, near_another, pose_share
-from occlog.consistency.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, beyond
+from occlog.consistency.bearings import CONFIRMATION_WINDOW_S, BearingConsistency, confirmed_by_another, pose_share
+from occlog.consistency.verdict import (
+    MAX_REJECTED_SHARE,
+    MIN_SAMPLES,
+    NIS_HIGH,
+    SIGNIFICANCE,
+    ConsistencyEvidence,
+    exceeds_share,
+)
 from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
 from occlog.errors import InputError
@@ -25,7 +32,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.columns import rows_by_label
 from occlog.records.scene import Scene
-from occlog.records.tables import LAST, Bearings, Diagnostics, Errors, Limits, Residuals, Side, Tracks
+from occlog.records.tables import LAST, Bearings, Diagnostics, Errors, Limits, Residuals, TableBuffer, Tracks
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.catalogue import smooths
 
@@ -88,7 +95,7 @@ def used(bearings: Bearings, made: Made, held_out: tuple[str, ...]) -> Bearings:
 
 
 def with_truth(
-    found: Evidence, made: Made, against: AgainstTruth, *, unknown: bool, metrics: Mapping[str, object]
+    found: ConsistencyEvidence, made: Made, against: AgainstTruth, *, unknown: bool, metrics: Mapping[str, object]
 ) -> tuple[Check, ...]:
     """Everything that speaks against tracks.
 
@@ -116,10 +123,10 @@ def with_truth(
     return (*said, *errors, *else_, *_of_figures(metrics))
 
 
-def _of_something_else(found: Evidence, metrics: Mapping[str, object]) -> Iterator[Check]:
+def _of_something_else(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
     """Whether bearings agree with tracks that are far from the truth, and not with the truth."""
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
-    if there > ASIDE and nis.value <= NIS_HIGH and found.agreements.doubted <= NOT_BELIEVED:
+    if there > ASIDE and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
         yield finding(
             IDENTITY,
             "warning",
@@ -199,8 +206,8 @@ class AgainstTruth:
 
     def checks(self) -> tuple[Check, ...]:
         """Whether covariances say how large the errors are."""
-        if self.rows < FEWEST:
-            few = f"fewer than {FEWEST} errors" if self.rows else "no errors against a truth"
+        if self.rows < MIN_SAMPLES:
+            few = f"fewer than {MIN_SAMPLES} errors" if self.rows else "no errors against a truth"
             return outcome(COVARIANCES, (), unless=few)
         high = self._high == self.rows
         found = self._space if high else self._ground
@@ -216,7 +223,7 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
     """Whether covariances say how large the errors are."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.told
-    if beyond(singular, rows, SINGULAR):
+    if exceeds_share(singular, rows, SINGULAR):
         yield finding(
             COVARIANCES,
             "warning",
@@ -228,8 +235,8 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
         )
     if not found.told:
         return
-    large = mean.value > NEES_HIGH and mean.interval(CHANCE)[0] > 1.0
-    many = 0.05 * share.value > OUTSIDE and share.interval(CHANCE)[0] > 1.0
+    large = mean.value > NEES_HIGH and mean.interval(SIGNIFICANCE)[0] > 1.0
+    many = 0.05 * share.value > OUTSIDE and share.interval(SIGNIFICANCE)[0] > 1.0
     words = (
         f"mean NEES{where} {mean.value * dimensions:.3g}, expected {dimensions}, allowed up to "
         f"{NEES_HIGH * dimensions:.0f}; {0.05 * share.value:.0%} of the errors are outside of the 95 % "
@@ -245,7 +252,7 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
             nees=mean.value * dimensions,
             allowed=NEES_HIGH * dimensions,
         )
-    elif mean.value < NEES_LOW and mean.interval(CHANCE)[1] < 1.0:
+    elif mean.value < NEES_LOW and mean.interval(SIGNIFICANCE)[1] < 1.0:
         factor = 1.0 / math.sqrt(mean.value) if mean.value > 0.0 else math.inf
         yield finding(
             COVARIANCES,
@@ -282,13 +289,13 @@ def _no_bound(metrics: Mapping[str, object]) -> str:
     """Why errors are not compared with the bound; empty: they are."""
     if own_identities(metrics):
         return "tracks have identities of their own, so that errors count their switches"
-    return "" if _number(metrics, "bound_estimates") >= FEWEST else "there is no bound"
+    return "" if _number(metrics, "bound_estimates") >= MIN_SAMPLES else "there is no bound"
 
 
 def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
     """Bearings that are not of the targets of the truth."""
     rate, visible = _number(metrics, "detection_rate"), _number(metrics, "visible")
-    if rate < DETECTED and beyond(round((1.0 - rate) * visible), round(visible), 1.0 - DETECTED):
+    if rate < DETECTED and exceeds_share(round((1.0 - rate) * visible), round(visible), 1.0 - DETECTED):
         yield finding(
             DETECTIONS,
             "warning",
@@ -326,7 +333,7 @@ class SightEvidence:
 
     def __init__(
         self,
-        evidence: Evidence,
+        evidence: ConsistencyEvidence,
         scene: Scene,
         made: Made,
         held_out: tuple[str, ...],
@@ -342,7 +349,7 @@ class SightEvidence:
             in_memory: how many distances of all cameras are kept in memory.
         """
         self._evidence, self._scene, self._made, self._held_out = evidence, scene, made, held_out
-        self._of_estimates, self._of_frames = (Sight(scene, made.window_ns) for _ in range(2))
+        self._of_estimates, self._of_frames = (BearingConsistency(scene, made.window_ns) for _ in range(2))
         self._alone = _Alone(evidence)
         unsure = [c for c in scene.cameras if c.sigma_yaw > 0.0 or c.sigma_position > 0.0]
         self._distances = {c.name: Spool(in_memory // len(unsure)) for c in unsure}
@@ -353,7 +360,11 @@ class SightEvidence:
         return self._made.window_ns + 1
 
     def update(
-        self, limits: Limits, tracks: Side[Tracks], bearings: Side[Bearings], diagnostics: Side[Diagnostics] | None
+        self,
+        limits: Limits,
+        tracks: TableBuffer[Tracks],
+        bearings: TableBuffer[Bearings],
+        diagnostics: TableBuffer[Diagnostics] | None,
     ) -> None:
         """Another stretch; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
@@ -390,7 +401,7 @@ class SightEvidence:
 class _Alone:
     """Counts bearings near to one of another sensor, once all about them have come."""
 
-    def __init__(self, evidence: Evidence) -> None:
+    def __init__(self, evidence: ConsistencyEvidence) -> None:
         self._evidence = evidence
         self._kept, self._begin = Residuals.empty(), 0
         self._first: dict[int, int] = {}
@@ -400,7 +411,7 @@ class _Alone:
         rows = Residuals.concat([self._kept, residuals])
         if not len(rows):
             return
-        near_ns = round(TOGETHER_S * NS) + 1
+        near_ns = round(CONFIRMATION_WINDOW_S * NS) + 1
         ready = len(rows) if end_ns == LAST else int(np.searchsorted(rows.t_ns, end_ns - near_ns))
         done, alone = np.arange(len(rows)) < self._begin, self._evidence.alone
         for target in np.unique(rows.target_id).tolist():
@@ -410,7 +421,7 @@ class _Alone:
             seconds = (own.t_ns - self._first.setdefault(target, int(own.t_ns[0]))) / NS
             new = ~done[mine] & (np.flatnonzero(mine) < ready)
             alone.bearings += int(np.count_nonzero(new))
-            alone.confirmed += int(np.count_nonzero(near_another(own.sensor, seconds)[new]))
+            alone.confirmed += int(np.count_nonzero(confirmed_by_another(own.sensor, seconds)[new]))
             alone.doubted += int(np.count_nonzero(own.believed[new] < 0.5))
         since = 0 if ready == 0 else int(np.searchsorted(rows.t_ns, rows.t_ns[ready - 1] - near_ns))
         self._kept, self._begin = rows.take(slice(since, None)), max(ready, self._begin) - since

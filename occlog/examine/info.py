@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from occlog.io.foreign.names import Spelling
     from occlog.io.foreign.table import ForeignTable
     from occlog.io.recording.reader import Recording
-    from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene
+    from occlog.records.scene import Camera, MicrophoneArray, Scene, TagReader
 
 
 MOST = 1000
@@ -313,7 +313,7 @@ def _array_more(array: MicrophoneArray) -> str:
     return "".join(f", {part}" for part in parts)
 
 
-def _reader_words(reader: Reader) -> str:
+def _reader_words(reader: TagReader) -> str:
     """Write a reader's place, and range and power where they are known."""
     far = f", range {reader.range:g}" if math.isfinite(reader.range) else ""
     power = "" if reader.power is None else f", {reader.power:g} dBm at 1 m"

@@ -73,7 +73,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
 AROUND_METHODS = (
     "occlog.track.methods.images.births.config:ViewsConfig",
     "occlog.track.methods.apf.config:SelectConfig",
-    "occlog.scans.config:MeasuredConfig",
+    "occlog.scans.config:DistanceMeasurementConfig",
 )
 """Settings that several methods of `track` share."""
 DRAFT = "https://json-schema.org/draft/2020-12/schema"

@@ -30,7 +30,7 @@ from occlog.io.frames.decoders.process import Delivered
 from occlog.io.messages.bag import Bag, BagSurvey, open_bag
 from occlog.io.recording.chunks import is_of_occlog
 from occlog.io.recording.writer import RecordingWriter
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
@@ -242,7 +242,7 @@ def _write_tables(
     note: Callable[[str], None],
 ) -> None:
     """Rows of boxes, directions and truth."""
-    tables: list[Iterator[Table]] = []
+    tables: list[Iterator[ColumnTable]] = []
     if survey is not None:
         known = known_cameras(plan, scene)
         read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes)

@@ -21,7 +21,7 @@ from occlog.io.formats.boxes.rows import fingerprints
 from occlog.io.formats.truth import read_sync_times
 from occlog.io.frames.camera_source import CameraSource, image_source, video_source
 from occlog.io.frames.streams import ImageFolder, rate_times, read_folders, sidecar_times, video_times
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Clock, Scene
 
@@ -145,7 +145,7 @@ def sync_times(plan: IngestPlan) -> dict[int, int] | None:
     return None
 
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 
 
 class Copies:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from occlog.array_types import NS, Ints
 from occlog.io.files.utc import utc
 from occlog.io.recording.writer import RecordingWriter
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import Boxes, Doa, Truth, TruthBoxes
 from occlog.records.verdicts import Check, finding, outcome
 
@@ -73,7 +73,7 @@ class Times:
     rows: dict[str, Span] = field(default_factory=dict)
     true: Span = field(default_factory=Span)
 
-    def table(self, table: Table) -> None:
+    def table(self, table: ColumnTable) -> None:
         """Take in rows."""
         if not len(table):
             return
@@ -141,7 +141,7 @@ class TimedWriter(RecordingWriter):
         self.times.frames.setdefault(sensor, FrameTimes()).add(t_ns)
         super().video_frame(sensor, t_ns, index)
 
-    def table(self, table: Table) -> None:
+    def table(self, table: ColumnTable) -> None:
         """Add rows."""
         self.times.table(table)
         super().table(table)

@@ -20,7 +20,7 @@ from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, SQLITE_MAGIC, Content,
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
 from occlog.io.files.tables.parquet import describe, is_ours, iter_table, read_header
-from occlog.records.columns import LENGTHS, Table
+from occlog.records.columns import LENGTHS, ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.tables import table_with
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from occlog.io.recording.reader import Recording
     from occlog.records.scene import Scene
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 RECORDING_SUFFIX = ".mcap"
 WORDS = {
     "boxes": "boxes of a detector",
@@ -88,13 +88,13 @@ class Opened:
             return self.length_unit is not None
         return self.recording is None and bool(self.provenance.inputs)
 
-    def has_lengths(self, table: type[Table]) -> bool:
+    def has_lengths(self, table: type[ColumnTable]) -> bool:
         """Whether lengths of a table are in a unit that the input says, so that it must be that of the scene."""
         return self.made_in_a_scene or (
             self.recording is not None and self.has(table) and any(c.unit in LENGTHS for c in table.columns())
         )
 
-    def has(self, table: type[Table]) -> bool:
+    def has(self, table: type[ColumnTable]) -> bool:
         """Whether the input holds rows of a table."""
         return self.table == table.NAME if self.recording is None else self.recording.has(table)
 
@@ -122,7 +122,7 @@ class Opened:
         """All rows of a table; InputError where the input holds none."""
         return table.concat(self.rows(table))
 
-    def require(self, *tables: type[Table], remedy: str = REMEDY) -> None:
+    def require(self, *tables: type[ColumnTable], remedy: str = REMEDY) -> None:
         """Raise InputError, which names what is missing and the remedy, unless the input holds one of the tables."""
         if any(self.has(table) for table in tables):
             return
@@ -149,7 +149,7 @@ def _or(names: list[str]) -> str:
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def open_input(path: Path, *wants: type[Table], remedy: str = REMEDY) -> Opened:
+def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> Opened:
     """Open a recording or a table.
 
     Args:
@@ -219,7 +219,7 @@ def _source(path: Path) -> Source | None:
     return find_source(path)
 
 
-def _of_others(source: Source, wants: Sequence[type[Table]] = ()) -> Opened:
+def _of_others(source: Source, wants: Sequence[type[ColumnTable]] = ()) -> Opened:
     """A table that another program made, as that wanted table which it fits best; InputError if it fits none."""
     from occlog.io.foreign.names import kind_of, said_unit
     from occlog.io.foreign.table import ForeignTable, best_fit
@@ -328,7 +328,7 @@ def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
     return ("m", "") if first is None else (first.length_unit or "m", str(first.path))
 
 
-def open_in_unit(path: Path, length_unit: str | None, *wants: type[Table]) -> Opened:
+def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable]) -> Opened:
     """Open an input that `check_unit` has let pass: a table of others gives lengths in this unit.
 
     Args:

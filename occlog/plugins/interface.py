@@ -23,7 +23,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from occlog.array_types import Floats, Floats32, Ints
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.frames import Image
 from occlog.records.scene import Scene
 from occlog.records.tables import Errors, Tracks, Truth
@@ -83,7 +83,7 @@ class Exporter(Protocol):
     def __init__(self, settings: Settings) -> None:
         """Nothing has been written yet."""
 
-    def write(self, rows: Table, world: World, file: IO[bytes]) -> None:
+    def write(self, rows: ColumnTable, world: World, file: IO[bytes]) -> None:
         """Write all rows; the file can only be written on, may be standard output, and is closed by who opened it."""
 
 

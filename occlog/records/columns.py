@@ -31,13 +31,13 @@ def bounded_ns(t_ns: int) -> int:
 
 ROUNDING, TINY = 5e-10, 1e-150
 """By how much, in parts and absolutely, the covariance of x and y may exceed the product of their deviations."""
-ANY = -1
+ANY_WIDTH = -1
 """Width of a column whose rows are vectors of one length, whatever it is; 0 where nobody gave any."""
 
 
-MOST_LENGTH = 1e15
+MAX_LENGTH = 1e15
 """Largest coordinate, length and speed, in whatever unit: beyond it 64 bits do not tell one unit from the next."""
-MOST_PX = 1e15
+MAX_PX = 1e15
 """Largest distance in an image: the tangent of a direction that is across to the last digit of an angle."""
 LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
 """Units in which m stands for the scene's unit of length, and the power of it."""
@@ -46,8 +46,8 @@ LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
 def largest(unit: str) -> float:
     """Largest value of a column in that unit, either way; infinite for what is no length."""
     if unit in LENGTHS:
-        return MOST_LENGTH ** LENGTHS[unit]
-    return {"px": MOST_PX, "px^2": MOST_PX**2}.get(unit, math.inf)
+        return MAX_LENGTH ** LENGTHS[unit]
+    return {"px": MAX_PX, "px^2": MAX_PX**2}.get(unit, math.inf)
 
 
 def in_length_unit(unit: str, length_unit: str) -> str:
@@ -57,7 +57,7 @@ def in_length_unit(unit: str, length_unit: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a table: name, NumPy kind, width of a row (0 = a scalar, `ANY`), unit, meaning."""
+    """One column of a table: name, NumPy kind, width of a row (0 = a scalar, `ANY_WIDTH`), unit, meaning."""
 
     name: str
     kind: str
@@ -85,7 +85,7 @@ def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int
     return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
 
-class Table:
+class ColumnTable:
     """What all tables share: validation on construction, slicing, concatenation."""
 
     __slots__ = ()
@@ -160,7 +160,7 @@ def _absent(c: Column, rows: int) -> NDArray[np.generic]:
     """Values of an optional column that nothing is known of."""
     if c.kind == "U":
         return np.full(rows, "")
-    if c.width == ANY:
+    if c.width == ANY_WIDTH:
         return _empty_column(c, rows)
     return np.full(rows, np.nan if c.dtype.kind == "f" else -1, dtype=c.dtype)
 
@@ -172,7 +172,7 @@ def _empty_column(c: Column, rows: int) -> NDArray[np.generic]:
 
 def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
     """The parts of a column, one after another; parts without vectors among others have NaN."""
-    if c.width != ANY:
+    if c.width != ANY_WIDTH:
         return np.concatenate(parts)
     (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
     if others:
@@ -184,7 +184,7 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
     """Cast array-like values to the dtype of a column; a cast that loses information is an error."""
     array = np.asarray(values)
     if not array.size:
-        return _empty_column(c, len(array) if c.width == ANY else 0)
+        return _empty_column(c, len(array) if c.width == ANY_WIDTH else 0)
     if c.kind == "U":
         return array.astype(np.str_)
     if array.dtype.kind == "f" and c.dtype.kind in "iu":
@@ -205,14 +205,14 @@ def semidefinite(xx: Floats, xy: Floats, yy: Floats) -> Bools:
         return np.asarray((xx >= 0.0) & (yy >= 0.0) & (np.abs(xy) <= most * (1.0 + ROUNDING) + TINY))
 
 
-def check_columns(record: Table) -> None:
+def check_columns(record: ColumnTable) -> None:
     """Raise InputError unless columns have their dtype, shape and length, times in range, no undeclared NaN."""
     name = type(record).__name__
     length = None
     for c in record.columns():
         values = getattr(record, c.name)
         ok = values.dtype.kind == "U" if c.kind == "U" else values.dtype == c.dtype
-        fits = values.ndim == 2 if c.width == ANY else values.shape[1:] == ((c.width,) if c.width else ())
+        fits = values.ndim == 2 if c.width == ANY_WIDTH else values.shape[1:] == ((c.width,) if c.width else ())
         if not ok or not fits:
             raise InputError(f"{name}.{c.name}: want {c.kind} of width {c.width}, got {values.dtype} {values.shape}")
         length = len(values) if length is None else length
@@ -245,7 +245,7 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
             raise InputError(f"{name}.{c.name}: row {row}: {error}; want ns since 1970") from None
 
 
-def check_order(table: Table) -> None:
+def check_order(table: ColumnTable) -> None:
     """Raise InputError where t_ns goes back."""
     t_ns: Ints = getattr(table, "t_ns")  # noqa: B009
     back = np.flatnonzero(t_ns[1:] < t_ns[:-1])  # a difference could overflow
@@ -256,7 +256,7 @@ def check_order(table: Table) -> None:
         )
 
 
-def repeated_rows(table: Table, but: str = "") -> tuple[Bools, Bools]:
+def repeated_rows(table: ColumnTable, but: str = "") -> tuple[Bools, Bools]:
     """Which rows of a table in the order of its key are a copy of another, and which only have the key of another.
 
     Where the key ends in an identity rows with -1, which is none, count as neither: many may have it, and what two
@@ -294,7 +294,7 @@ def repeated_rows(table: Table, but: str = "") -> tuple[Bools, Bools]:
     return copy & alone, twice & ~copy & told
 
 
-def is_in_key_order(table: Table) -> bool:
+def is_in_key_order(table: ColumnTable) -> bool:
     """Whether the rows of a table are in the order of its key, not of its times alone."""
     near = np.arange(max(len(table) - 1, 0))
     for name in table.KEY:
@@ -306,7 +306,7 @@ def is_in_key_order(table: Table) -> bool:
     return True
 
 
-def check_copies(table: Table) -> None:
+def check_copies(table: ColumnTable) -> None:
     """InputError where a row of a table stands there twice, or somebody is in two places."""
     table = table if is_in_key_order(table) else table.sorted()
     copies, twice = repeated_rows(table)
@@ -318,12 +318,12 @@ def check_copies(table: Table) -> None:
         raise InputError(f"{type(table).__name__}: {where}: is there twice, with other values; keep one of them")
 
 
-def key_of(table: Table, row: int) -> str:
+def key_of(table: ColumnTable, row: int) -> str:
     """The values of a row's key, with their names."""
     return ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY)
 
 
-def _comparable(table: Table, c: Column, rows: Ints) -> NDArray[np.generic]:
+def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic]:
     """The values of some rows of a column, so that NaN equals NaN."""
     values: NDArray[np.generic] = getattr(table, c.name)[rows]
     if not values.size:  # vectors of no numbers

@@ -39,12 +39,12 @@ LEFT_OUT = "frames_left_out"
 """Parameter of provenance: (first, last) number of each stretch, by the name of the camera."""
 
 
-def carried(parameters: Mapping[str, object]) -> dict[str, object]:
+def skipped_frames_of(parameters: Mapping[str, object]) -> dict[str, object]:
     """What provenance of a table that is made of another one says of it."""
     return {LEFT_OUT: parameters[LEFT_OUT]} if LEFT_OUT in parameters else {}
 
 
-def holes(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]]:
+def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]]:
     """The stretches by camera, in order, as provenance has them; none for what is not of this form."""
     told = parameters.get(LEFT_OUT)
     if not isinstance(told, Mapping):

@@ -8,11 +8,11 @@ The part of the ground that the sensors of a scene can see: where targets can be
 
 How far a camera sees is its `range`.  Where the scene gives none, it is the least of
 
-* the distance at which a person is a fiftieth of the field of view wide or high (`PERSON` over `LEAST_SHARE` of the
-  field of view), but at least twice the extent of all sensors;
+* the distance at which a person is a fiftieth of the field of view wide or high (`PERSON_HEIGHT_M` over `MIN_SHARE` of
+  the field of view), but at least twice the extent of all sensors;
 * the farthest ground in the image, of a camera that looks down and whose image ends below the horizon.
 
-A microphone array without a `range` hears `HEARING`, and at least twice the extent of all sensors.
+A microphone array without a `range` hears `DEFAULT_ARRAY_RANGE_M`, and at least twice the extent of all sensors.
 
 Scripted targets: where they start, how they move, and when they make a sound.
 
@@ -77,7 +77,7 @@ class ScriptedTarget:
 
 
 @dataclass(frozen=True)
-class Script:
+class MotionScript:
     """All targets by rising number, and how long and how often they are to be looked at, if the file says."""
 
     targets: tuple[ScriptedTarget, ...]
@@ -94,11 +94,11 @@ class Script:
 HEIGHT_SLACK = 1e-6
 """A camera whose centre is nearer to z = 0, in the scene's unit, is there but for the rounding of its calibration."""
 
-FARTHEST = 1e12
+MAX_COORDINATE = 1e12
 """Largest coordinate and length of a scene: what is computed of it has room up to the limit of tables."""
-LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1e-13, 360.0
+MIN_SIGMA_DEG, MAX_SIGMA_DEG = 1e-13, 360.0
 """Standard deviations of directions: an angle is not told to less, and beyond nothing is."""
-LEAST_FOCAL_PX, MOST_FOCAL_PX = 1e-3, 1e9
+MIN_FOCAL_PX, MAX_FOCAL_PX = 1e-3, 1e9
 """No lens is beyond, and squares and quotients of sizes of images and of these are numbers."""
 
 
@@ -206,7 +206,7 @@ class MicrophoneArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Reader:
+class TagReader:
     """A reader of radio tags (RFID, Bluetooth), which detects the tags around it; it tells no direction."""
 
     name: str
@@ -246,10 +246,10 @@ class Scene:
     room: Floats | None = None  # (K, 2), counter-clockwise; None: unbounded
     room_height: float = 2.5
     length_unit: str = "m"
-    readers: tuple[Reader, ...] = ()
+    readers: tuple[TagReader, ...] = ()
 
     @property
-    def sensors(self) -> tuple[Camera | MicrophoneArray | Reader, ...]:
+    def sensors(self) -> tuple[Camera | MicrophoneArray | TagReader, ...]:
         """Cameras, then arrays, then readers."""
         return (*self.cameras, *self.arrays, *self.readers)
 
@@ -277,7 +277,7 @@ class Scene:
     def region(self) -> Floats:
         """(K, 2) polygon in which a target can be: the room, or else the hull of what sensors can see."""
         views = self.views
-        return self.surroundings if views is None else seen_region(views)
+        return self.surroundings if views is None else visible_region(views)
 
     @cached_property
     def surroundings(self) -> Floats:
@@ -357,13 +357,13 @@ def scene_from(scene: Scene, origin: Floats) -> Scene:
     )
 
 
-MARGIN = 1.0
+SENSOR_MARGIN_M = 1.0
 """Width of the strip around the sensors that counts as near them, beside a tenth of their extent."""
-PERSON = 1.7
+PERSON_HEIGHT_M = 1.7
 """Height of a person [m]."""
-LEAST_SHARE = 0.02
+MIN_SHARE = 0.02
 """A camera sees a person who takes up so much of its field of view."""
-HEARING = 20.0
+DEFAULT_ARRAY_RANGE_M = 20.0
 """How far an array without a `range` hears [m]."""
 STEP = np.pi / 16
 """Angle between neighbouring corners of a wedge's rim, at most."""
@@ -375,7 +375,7 @@ def box_around(scene: Scene) -> tuple[Floats, Floats]:
     """(2,) lowest and (2,) highest corner of a box around all sensors, widened by 1 unit and a tenth."""
     places = np.array([s.position[:2] for s in scene.sensors])
     low, high = places.min(axis=0), places.max(axis=0)
-    pad = MARGIN + 0.1 * float(np.max(high - low))
+    pad = SENSOR_MARGIN_M + 0.1 * float(np.max(high - low))
     return low - pad, high + pad
 
 
@@ -392,7 +392,7 @@ def view_prior(scene: Scene) -> ViewPrior:
     least = 2.0 * float(np.hypot(*(high - low)))
     metre = 1.0 / METRES.get(scene.length_unit, 1.0)
     far = [sight_limit(c, least, metre if scene.length_unit in METRES else None) for c in cameras]
-    far += [a.range if np.isfinite(a.range) else max(HEARING * metre, least) for a in arrays]
+    far += [a.range if np.isfinite(a.range) else max(DEFAULT_ARRAY_RANGE_M * metre, least) for a in arrays]
     return ViewPrior(
         origin=np.array([c.position[:2] for c in cameras] + [a.position[:2] for a in arrays], dtype=np.float64),
         axis=np.array([c.yaw for c in cameras] + [a.yaw for a in arrays], dtype=np.float64),
@@ -416,8 +416,8 @@ def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
     if np.isfinite(camera.range):
         return camera.range
     height = float(camera.position[2])
-    size = PERSON * metre if metre is not None else 0.5 * abs(height) if height else PERSON
-    far = max(size / (LEAST_SHARE * min(camera.fov, 2.0 * np.pi)), least)
+    size = PERSON_HEIGHT_M * metre if metre is not None else 0.5 * abs(height) if height else PERSON_HEIGHT_M
+    far = max(size / (MIN_SHARE * min(camera.fov, 2.0 * np.pi)), least)
     upper = highest_elevation(camera)
     if height > size and upper is not None and upper < -BELOW_HORIZON:
         far = min(far, height / np.tan(-upper))
@@ -439,7 +439,7 @@ def highest_elevation(camera: Camera) -> float | None:
     return float(np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])).max())
 
 
-def seen_region(prior: ViewPrior) -> Floats:
+def visible_region(prior: ViewPrior) -> Floats:
     """(K, 2) convex polygon, counter-clockwise, that holds all that sensors see and the box around them.
 
     Targets cross the gaps between views, so the region has none.

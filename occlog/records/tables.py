@@ -24,7 +24,7 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.errors import InputError
 
-from .columns import Table
+from .columns import ColumnTable
 from .declared.people import AppearanceMatches, Events, Gallery, JoinedTracks, PeopleTracks, PeopleViews, Support
 from .declared.sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Measurements, Reads, TruthBoxes, Views
 from .declared.tracks import (
@@ -43,7 +43,7 @@ from .declared.tracks import (
 from .declared.views import Counts, Failures, ViewTracks
 from .declared.world import Delays, Hulls, Occluders, PlanMap, RobotPath, Truth
 
-TABLES: dict[str, type[Table]] = {
+TABLES: dict[str, type[ColumnTable]] = {
     table.NAME: table
     for table in (
         Bearings,
@@ -78,16 +78,16 @@ TABLES: dict[str, type[Table]] = {
     )
 }
 """Every table by the name that its files carry."""
-WIDER: tuple[type[Table], ...] = (FusedTracks, TagTracks, PeopleTracks, JoinedTracks, PeopleViews)
+WIDER: tuple[type[ColumnTable], ...] = (FusedTracks, TagTracks, PeopleTracks, JoinedTracks, PeopleViews)
 """Tables that have the name of another one, and more columns."""
 
 
-def has_all(table: type[Table]) -> bool:
+def has_all_columns(table: type[ColumnTable]) -> bool:
     """Whether a class asks for all columns of its table: rows of one that asks for some may be alike."""
     return table.NAME in TABLES and issubclass(table, TABLES[table.NAME])
 
 
-def table_with(name: str, columns: Collection[str]) -> type[Table]:
+def table_with(name: str, columns: Collection[str]) -> type[ColumnTable]:
     """The table of a name that has the most of a file's columns, and of several the one with the fewest others.
 
     Args:
@@ -96,7 +96,7 @@ def table_with(name: str, columns: Collection[str]) -> type[Table]:
     """
     told = set(columns)
 
-    def misfit(table: type[Table]) -> tuple[int, int]:
+    def misfit(table: type[ColumnTable]) -> tuple[int, int]:
         own = {c.name for c in table.columns()}
         return len(told - own), len(own - told)
 
@@ -141,19 +141,19 @@ __all__ = [
     "ViewTracks",
     "Views",
     "VirtualSensors",
-    "has_all",
+    "has_all_columns",
     "table_with",
 ]
 
 
-T = TypeVar("T", bound=Table)
-A = TypeVar("A", bound=Table)
-B = TypeVar("B", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
+A = TypeVar("A", bound=ColumnTable)
+B = TypeVar("B", bound=ColumnTable)
 FIRST, LAST = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
 """Limits of times."""
 
 
-def times(table: Table) -> Ints:
+def times(table: ColumnTable) -> Ints:
     """The column t_ns, which every table has."""
     out: Ints = getattr(table, "t_ns")  # noqa: B009
     return out
@@ -183,7 +183,7 @@ def whole_times(chunks: Iterable[T]) -> Iterator[T]:
         yield held
 
 
-class Window(NamedTuple, Generic[A, B]):
+class TableWindow(NamedTuple, Generic[A, B]):
     """Rows of two tables during a stretch of time, and those about it.
 
     Attributes:
@@ -199,7 +199,7 @@ class Window(NamedTuple, Generic[A, B]):
     about_b: B
 
 
-class Side(Generic[T]):
+class TableBuffer(Generic[T]):
     """Chunks of one table, and its rows that are read and still wanted.
 
     Attributes:
@@ -253,17 +253,17 @@ class Limits(NamedTuple):
     begin: int
     end: int
 
-    def of(self, side: Side[T]) -> T:
+    def of(self, side: TableBuffer[T]) -> T:
         """Rows of a table in the stretch."""
         return side.between(self.begin, self.end)
 
-    def about(self, side: Side[T], before_ns: int, after_ns: int | None = None) -> T:
+    def about(self, side: TableBuffer[T], before_ns: int, after_ns: int | None = None) -> T:
         """The same and what is so near before and after it; `after_ns` None: as `before_ns`."""
         after = before_ns if after_ns is None else after_ns
         return side.between(self.begin - before_ns, LAST if self.end == LAST else self.end + after)
 
 
-def in_step(sides: Sequence[Side[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
+def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
     """Go through tables side by side, in stretches of time that hold every row once.
 
     While the caller looks at a stretch the sides have all rows of it and those that are at most their margins away.
@@ -292,7 +292,9 @@ def in_step(sides: Sequence[Side[Any]], margins_ns: Sequence[int]) -> Iterator[L
                 side.rows = side.between(end - margin_ns, LAST)
 
 
-def windows(a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], margin_ns: int) -> Iterator[Window[A, B]]:
+def windows(
+    a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], margin_ns: int
+) -> Iterator[TableWindow[A, B]]:
     """Go through two tables as `in_step` does, with the rows of each stretch and those about it.
 
     Args:
@@ -304,8 +306,8 @@ def windows(a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], marg
     Raises:
         InputError: the chunks of a table are not in the order of time.
     """
-    left, right = Side(a, kinds[0]), Side(b, kinds[1])
+    left, right = TableBuffer(a, kinds[0]), TableBuffer(b, kinds[1])
     for part in in_step((left, right), (margin_ns, margin_ns)):
-        found = Window(part.of(left), part.of(right), part.about(left, margin_ns), part.about(right, margin_ns))
+        found = TableWindow(part.of(left), part.of(right), part.about(left, margin_ns), part.about(right, margin_ns))
         if len(found.a) or len(found.b):
             yield found

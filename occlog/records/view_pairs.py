@@ -11,7 +11,7 @@ from occlog.array_types import Floats
 SOURCES = ("calibration", "matches")
 
 
-class Matches(NamedTuple):
+class PointMatches(NamedTuple):
     """Images of the same points in two views."""
 
     a: str  # name of the first camera

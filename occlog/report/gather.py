@@ -19,7 +19,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.consistency.verdict import Evidence
+from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.core.metrics.errors import group_medians
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.outline import NEAR_NS
@@ -29,7 +29,7 @@ from occlog.evaluate.verdict import AgainstTruth, Made, SightEvidence, in_rows_o
 from occlog.io.files.spill import Blocks, Spool
 from occlog.io.files.tables.parquet import describe
 from occlog.io.open import open_in_unit
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import (
     LAST,
@@ -44,7 +44,7 @@ from occlog.records.tables import (
     Limits,
     Occluders,
     PeopleTracks,
-    Side,
+    TableBuffer,
     Tracks,
     Truth,
     in_step,
@@ -93,7 +93,7 @@ class Posts:
         self._parts.append(both.take(np.sort(order[np.append(wide, False) | np.append(False, wide)])))
         self._last = both.take(np.sort(order[np.append(np.diff(target) != 0, True)]))
 
-    def about(self, limits: Limits, side: Side[Tracks]) -> Tracks:
+    def about(self, limits: Limits, side: TableBuffer[Tracks]) -> Tracks:
         """All estimates between which those of a stretch of time lie; the side has those `NEAR_NS` about it."""
         if self._all is None:
             found = Tracks.merge(self._parts)
@@ -124,7 +124,7 @@ class Beside:
     tracks: Callable[[], Iterator[Tracks]]
     diagnostics: Callable[[], Iterator[Diagnostics]] | None
     posts: Posts
-    evidence: Evidence
+    evidence: ConsistencyEvidence
     made: Made
     without: frozenset[int]
 
@@ -250,12 +250,12 @@ def _beside(
 ) -> Iterator[tuple[Tracks, Bearings]]:
     """Stretches of bearings, and all estimates between which they are; evidence is gathered on the way."""
     sight = SightEvidence(beside.evidence, scene, beside.made, ())
-    tracks, bearings = Side(beside.tracks(), Tracks), Side(stream(), Bearings)
-    said: Side[Diagnostics] | None = None
+    tracks, bearings = TableBuffer(beside.tracks(), Tracks), TableBuffer(stream(), Bearings)
+    said: TableBuffer[Diagnostics] | None = None
     if beside.diagnostics is not None:
         rows = in_rows_of(beside.tracks(), beside.diagnostics())
-        said = Side(rows, Diagnostics)
-    sides: list[Side[Any]] = [tracks, bearings, *([] if said is None else [said])]
+        said = TableBuffer(rows, Diagnostics)
+    sides: list[TableBuffer[Any]] = [tracks, bearings, *([] if said is None else [said])]
     margins = [max(NEAR_NS, sight.margin_ns), *[sight.margin_ns] * (len(sides) - 1)]
     for limits in in_step(sides, margins):
         sight.update(limits, tracks, bearings, said)
@@ -263,7 +263,7 @@ def _beside(
     sight.finish()
 
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "events", "occluders")
 """Names of the tables that a report shows."""
 
@@ -342,10 +342,10 @@ Given = Callable[..., Rows[Any] | None]
 """Opens a table by its name, as the first of some kinds that it is; None where it is not given."""
 
 
-def in_memory(tables: Mapping[str, Table]) -> Given:
+def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
     """Tables in memory by their names, each as one chunk."""
 
-    def opened(name: str, *_: type[Table]) -> Rows[Any] | None:
+    def opened(name: str, *_: type[ColumnTable]) -> Rows[Any] | None:
         table = tables.get(name)
         return None if table is None else Rows(type(table), lambda: iter((table,) if len(table) else ()))
 
@@ -358,7 +358,7 @@ def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -
     Bearings of a recording are its directions of arrival, too, as `occlog track` uses them, where there is a scene.
     """
 
-    def opened(name: str, *kinds: type[Table]) -> Rows[Any] | None:
+    def opened(name: str, *kinds: type[ColumnTable]) -> Rows[Any] | None:
         path = paths.get(name)
         if path is None:
             return None
@@ -405,7 +405,7 @@ class _Reading:
         self._unknown = self._own = False
         self._selected: tuple[SelectionStreams, Rows[Diagnostics]] | None = None
         self._posts = Posts()
-        self._evidence = Evidence()
+        self._evidence = ConsistencyEvidence()
         self._against = AgainstTruth(made, scene)
 
     def all(self, metrics: Mapping[str, object]) -> tuple[dict[str, Any], Figures]:
@@ -538,7 +538,7 @@ class _Reading:
         beside = self._open(kind.NAME, kind)
         if beside is None:
             return
-        ours, its = Side(diagnostics.chunks(), Diagnostics), Side[Errors | Tracks](beside.chunks(), kind)
+        ours, its = TableBuffer(diagnostics.chunks(), Diagnostics), TableBuffer[Errors | Tracks](beside.chunks(), kind)
         for limits in in_step((ours, its), (0, 0)):
             selected.came_out(limits.of(ours), limits.of(its))
 
@@ -551,7 +551,7 @@ class _Reading:
         ours = self._thin("errors", errors)
         so_far, beside = ErrorsSoFar(), BesideBound()
         # One pass more: the RMSE up to a row is of all rows before it
-        sides = Side(errors.chunks(), Errors), Side(() if bound is None else bound.chunks(), Bound)
+        sides = TableBuffer(errors.chunks(), Errors), TableBuffer(() if bound is None else bound.chunks(), Bound)
         drawn = _Drawn(ours.rows), _Drawn(np.zeros(0, np.int64) if theirs is None else theirs.rows)
         for limits in in_step(sides, (0, 0)):
             part, its = limits.of(sides[0]), limits.of(sides[1])

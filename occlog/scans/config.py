@@ -14,7 +14,7 @@ SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
 
 
 @dataclass(frozen=True)
-class MeasuredConfig(Settings):
+class DistanceMeasurementConfig(Settings):
     """What must be known of ranges, signal strengths and time differences beside the table itself."""
 
     OWNER: ClassVar[str] = "measurements"

@@ -21,16 +21,16 @@ from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings
 
 
-class Measured(NamedTuple):
+class ScanMeasurements(NamedTuple):
     """What stations measured beside directions at one time; see `occlog.scans.measured`."""
 
     target_id: Ints32  # (m,) >= 0
     distances: RangeMeasurements  # m measurements
 
-    def of_target(self, target: int) -> Measured | None:
+    def of_target(self, target: int) -> ScanMeasurements | None:
         """Those of a target; None for nothing."""
         own = self.target_id == target
-        return Measured(self.target_id[own], self.distances.take(own)) if own.any() else None
+        return ScanMeasurements(self.target_id[own], self.distances.take(own)) if own.any() else None
 
 
 class Scan(NamedTuple):
@@ -53,7 +53,7 @@ class Scan(NamedTuple):
     elevation: Floats  # (R,) [rad]; NaN: the sensor tells none
     sigma_elevation: Floats  # (R,) [rad]
     occluders: Priors | None = None  # at this time; None: nothing is known about moving occluders
-    measured: Measured | None = None  # ranges and their like, of the same time; None: there are none
+    measured: ScanMeasurements | None = None  # ranges and their like, of the same time; None: there are none
 
     @classmethod
     def of(cls, t_ns: int, sensor: Sequence[int] | Ints, **columns: ArrayLike) -> Scan:
@@ -114,7 +114,7 @@ def concat(scans: Sequence[Scan]) -> Scan:
     return Scan._make((scans[-1].t_ns, *columns, scans[-1].occluders, None))
 
 
-def in_vain(t_ns: int, sensors: Sequence[int]) -> Scan:
+def empty_scan(t_ns: int, sensors: Sequence[int]) -> Scan:
     """A scan of sensors, rising, that looked and saw nothing: a row of no target for each."""
     return Scan.of(t_ns, sensors, seen=np.zeros(len(sensors), dtype=np.bool_))
 
@@ -124,7 +124,7 @@ def sensor_names(scene: Scene) -> tuple[str, ...]:
     return (*(c.name for c in scene.cameras), *(a.name for a in scene.arrays))
 
 
-class Rows(NamedTuple):
+class BearingRows(NamedTuple):
     """Which rows of the bearings to use."""
 
     sensors: Collection[str]
@@ -132,7 +132,7 @@ class Rows(NamedTuple):
     unlabelled: bool = True
 
 
-def scans_of(chunks: Iterable[Bearings], scene: Scene, use: Rows, window_ns: int = 0) -> Iterator[Scan]:
+def scans_of(chunks: Iterable[Bearings], scene: Scene, use: BearingRows, window_ns: int = 0) -> Iterator[Scan]:
     """Scans in the order of time; where chunks are cut does not matter.
 
     Args:
@@ -198,7 +198,7 @@ def nearest(name: str, names: tuple[str, ...]) -> str:
     return f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names) or 'none'}"
 
 
-def _chosen(chunk: Bearings, use: Rows) -> Bearings:
+def _chosen(chunk: Bearings, use: BearingRows) -> Bearings:
     keep = np.isin(chunk.sensor, list(use.sensors))
     if use.targets is not None:
         keep &= np.isin(chunk.target_id, [*use.targets, UNLABELLED])

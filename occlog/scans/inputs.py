@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING, TypeVar
 from occlog import console
 from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Truth
 
 from .measured import measurements_of_reads
 from .occluder_priors import known_positions
-from .sources import bearings_of_doa, in_time
+from .sources import bearings_of_doa, within_times
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 
 
-class Inputs:
+class MeasurementInputs:
     """The measurements as one stream, with the scene and what had been lost before."""
 
     def __init__(
@@ -66,7 +66,7 @@ class Inputs:
                 f"{bearings}: holds measurements of distances, which methods apf, ekf, fix, map and ukf take"
             )
         if not alone and (doa is None or measured.recording is None):
-            more: tuple[type[Table], ...] = (Measurements,) if distances else ()
+            more: tuple[type[ColumnTable], ...] = (Measurements,) if distances else ()
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
         self.scene: Scene = load_scene(scene, measured.scene, bearings)
         if measured.foreign is not None and measured.table == Doa.NAME:
@@ -80,7 +80,7 @@ class Inputs:
             streams.append(self._rows(measured, Bearings))
         streams += [bearings_of_doa(self._rows(each, Doa), self.scene, doa_labels) for each in directions]
         self.measurements = self._measurements([*([measured] if alone else []), *_opened(measurements)])
-        self.chunks = iter(()) if alone and not streams else _not_empty(in_time(streams), bearings)
+        self.chunks = iter(()) if alone and not streams else _not_empty(within_times(streams), bearings)
         self.occluders = None if occluders is None else self._priors(occluders)
 
     @property
@@ -97,7 +97,7 @@ class Inputs:
                 streams.append(self._rows(each, Measurements))
             if each.has(Reads):
                 streams.append(measurements_of_reads(self._rows(each, Reads)))
-        return in_time(streams) if streams else None
+        return within_times(streams) if streams else None
 
     def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
         """Priors of the moving occluders; true positions are known exactly."""

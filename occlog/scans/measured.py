@@ -42,18 +42,18 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Reads
 from occlog.settings import METRES
 
-from .config import MeasuredConfig
-from .grouping import Measured, Scan, nearest, sensor_names
+from .config import DistanceMeasurementConfig
+from .grouping import Scan, ScanMeasurements, nearest, sensor_names
 
-BELOW = 5.0
+MIN_NEGATIVE_SIGMAS = 5.0
 """Standard deviations by which noise may bring a range below 0, or a difference beyond the distance of its stations."""
 STRONGEST_DBM = 20.0
 """Nothing that is received is stronger."""
-FEWEST, MOST = 5, 0.5
+MIN_DIFFERENCES, MAX_IMPOSSIBLE_SHARE = 5, 0.5
 """Fewest differences that tell, and the share of them that may be beyond their stations: single ones are false."""
 
 
-class Differences:
+class RangeDifferenceCheck:
     """Counts differences that are longer than their stations are apart, while measurements come by."""
 
     def __init__(self) -> None:
@@ -62,11 +62,11 @@ class Differences:
         self._first = ""
 
     def add(self, table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
-        """Some more measurements; see `refuse_impossible`."""
+        """Some more measurements; see `check_plausible`."""
         differs = packed.kind == DIFFERENCE
         rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
         apart = np.hypot(*(packed.place - packed.other).T) + rise
-        beyond = np.flatnonzero(differs & (np.abs(packed.value) > apart + BELOW * packed.sigma))
+        beyond = np.flatnonzero(differs & (np.abs(packed.value) > apart + MIN_NEGATIVE_SIGMAS * packed.sigma))
         if len(beyond) and not self._beyond:
             n = int(beyond[0])
             where = _where(table, int(row[n]))
@@ -75,7 +75,7 @@ class Differences:
 
     def refuse(self) -> None:
         """InputError where these are too many."""
-        if self._all >= FEWEST and self._beyond > MOST * self._all:
+        if self._all >= MIN_DIFFERENCES and self._beyond > MAX_IMPOSSIBLE_SHARE * self._all:
             raise InputError(
                 f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
                 f"{self._first}; check the unit of times, propagation, and the unit of the stations"
@@ -86,8 +86,8 @@ def _where(table: Measurements, n: int) -> str:
     return f"of {str(table.sensor[n])!r} at {table.t_ns[n]} ns"
 
 
-def refuse_impossible(
-    table: Measurements, row: Ints, packed: RangeMeasurements, differences: Differences | None = None
+def check_plausible(
+    table: Measurements, row: Ints, packed: RangeMeasurements, differences: RangeDifferenceCheck | None = None
 ) -> None:
     """InputError, with the station and the time, for measurements from which only a wrong place could come.
 
@@ -104,7 +104,7 @@ def refuse_impossible(
             f"measurements: the signal strength {_where(table, int(strong[0]))} is {table.rssi[strong[0]]:g} dBm, and "
             f"received signals are below {STRONGEST_DBM:g}; are signs missing?"
         )
-    low = np.flatnonzero((packed.kind == RANGE) & (packed.value < -BELOW * packed.sigma))
+    low = np.flatnonzero((packed.kind == RANGE) & (packed.value < -MIN_NEGATIVE_SIGMAS * packed.sigma))
     if len(low):
         n = int(low[0])
         raise InputError(
@@ -112,7 +112,7 @@ def refuse_impossible(
             f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; a range is a "
             "distance (range_difference is a difference)"
         )
-    found = Differences() if differences is None else differences
+    found = RangeDifferenceCheck() if differences is None else differences
     found.add(table, row, packed)
     if differences is None:
         found.refuse()
@@ -137,11 +137,11 @@ def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) ->
         )
 
 
-SHORTEST = 1e-3
+MIN_INTERVAL_SHARE = 1e-3
 """Shares of the time of shadowing below which no time between two reads counts."""
 
 
-class Shadowing(NamedTuple):
+class SignalErrors(NamedTuple):
     """Errors of signal strengths."""
 
     noise_db: float = NOISE_DB  # standard deviation of the white noise
@@ -153,18 +153,18 @@ LastReads = MutableMapping[tuple[str, int], int]
 """Times [ns] of the last strength by station and target."""
 
 
-def sigmas(shadowing: Shadowing, since_s: Floats) -> Floats:
+def sigmas(shadowing: SignalErrors, since_s: Floats) -> Floats:
     """(n,) standard deviations [dB] that reads count with as if errors were white.
 
     Args:
         shadowing: how errors are.
         since_s: (n,) times since the last read of the same station and target [s]; inf: there was none.
     """
-    share = np.maximum(since_s / (2.0 * shadowing.shadow_s), SHORTEST / 2.0)
+    share = np.maximum(since_s / (2.0 * shadowing.shadow_s), MIN_INTERVAL_SHARE / 2.0)
     return np.asarray(np.sqrt(shadowing.noise_db**2 + shadowing.shadow_db**2 / np.tanh(share)))
 
 
-def with_sigmas(table: Measurements, shadowing: Shadowing, last: LastReads | None) -> Measurements:
+def with_sigmas(table: Measurements, shadowing: SignalErrors, last: LastReads | None) -> Measurements:
     """The table with a standard deviation for each strength that has none.
 
     Args:
@@ -205,11 +205,11 @@ class Radio(NamedTuple):
 
     power: Mapping[str, float]  # of each station, strength at 1 m [dBm]
     exponent: float
-    shadowing: Shadowing
+    shadowing: SignalErrors
     height: float  # of the tags
 
 
-class Stations(NamedTuple):
+class StationModel(NamedTuple):
     """The S sensors of a scene, those that tell directions first, as measurements of distances want them."""
 
     names: tuple[str, ...]
@@ -223,7 +223,7 @@ def station_names(scene: Scene) -> tuple[str, ...]:
     return (*sensor_names(scene), *(r.name for r in scene.readers))
 
 
-def make_stations(scene: Scene, config: MeasuredConfig, radio: Radio | None = None) -> Stations:
+def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None = None) -> StationModel:
     """The sensors of a scene; a fitted path loss comes before what the scene says of powers."""
     unknown = np.full(3, math.nan)
     place = [c.position if c.placed else unknown for c in scene.cameras] + [a.position for a in scene.arrays]
@@ -232,7 +232,7 @@ def make_stations(scene: Scene, config: MeasuredConfig, radio: Radio | None = No
     own = {r.name: r.power for r in scene.readers if r.power is not None} | ({} if radio is None else dict(radio.power))
     power = np.array([own.get(name, config.rssi_power) for name in names])
     metre = 1.0 / METRES.get(scene.length_unit, 1.0)
-    return Stations(names, np.array(place, dtype=np.float64).reshape(-1, 3), power, metre)
+    return StationModel(names, np.array(place, dtype=np.float64).reshape(-1, 3), power, metre)
 
 
 def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
@@ -251,14 +251,14 @@ def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
         )
 
 
-class MeasuredFeed:
+class DistanceMeasurementFeed:
     """Packs measurements, and joins them with the scans of directions, in the order of time."""
 
     def __init__(
         self,
         chunks: Iterable[Measurements],
         scene: Scene,
-        config: MeasuredConfig,
+        config: DistanceMeasurementConfig,
         radio: Radio | None = None,
         *,
         moments: bool = False,
@@ -345,18 +345,18 @@ class MeasuredFeed:
         row, distances = pack(table.take(slice(0, starts[-1])), self._stations, self._config, self._radio)
         for first, last in pairwise(starts):
             own = (row >= first) & (row < last)
-            measured = Measured(table.target_id[row[own]], distances.take(own))
+            measured = ScanMeasurements(table.target_id[row[own]], distances.take(own))
             yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
 
 
 def with_strengths(
-    table: Measurements, config: MeasuredConfig, radio: Radio | None, last: LastReads | None
+    table: Measurements, config: DistanceMeasurementConfig, radio: Radio | None, last: LastReads | None
 ) -> Measurements:
     """The table, in which all signal strengths have a standard deviation; `last` as `with_sigmas` has it."""
     if config.sigma_rssi is not None:
         own = np.where(np.isfinite(table.rssi), _filled(table.sigma_rssi, config.sigma_rssi), table.sigma_rssi)
         return replace(table, sigma_rssi=own)
-    return with_sigmas(table, Shadowing() if radio is None else radio.shadowing, last)
+    return with_sigmas(table, SignalErrors() if radio is None else radio.shadowing, last)
 
 
 def _starts(t_ns: Ints, window_ns: int) -> list[int]:
@@ -372,10 +372,10 @@ def _starts(t_ns: Ints, window_ns: int) -> list[int]:
 
 def pack(
     table: Measurements,
-    at: Stations,
-    config: MeasuredConfig,
+    at: StationModel,
+    config: DistanceMeasurementConfig,
     radio: Radio | None = None,
-    differences: Differences | None = None,
+    differences: RangeDifferenceCheck | None = None,
 ) -> tuple[Ints, RangeMeasurements]:
     """All measurements of a table, by rising row; a row may have several.
 
@@ -384,7 +384,7 @@ def pack(
         at: the stations.
         config: what the table does not say.
         radio: a fitted path loss; None: as the scene and the settings say.
-        differences: see `refuse_impossible`.
+        differences: see `check_plausible`.
 
     Returns:
         (m,) rows of the table, and the m measurements.
@@ -433,12 +433,17 @@ def pack(
     row = np.concatenate(rows)
     order = np.argsort(row, kind="stable")
     packed = concat(parts).take(order)
-    refuse_impossible(table, row[order], packed, differences)
+    check_plausible(table, row[order], packed, differences)
     return row[order], packed
 
 
 def _as_length(
-    name: str, table: Measurements, at: Stations, station: Ints, config: MeasuredConfig, radio: Radio | None
+    name: str,
+    table: Measurements,
+    at: StationModel,
+    station: Ints,
+    config: DistanceMeasurementConfig,
+    radio: Radio | None,
 ) -> tuple[int, Floats, Floats]:
     """Kind, values and standard deviations of one column, as `RangeMeasurements` has them; NaN: no standard deviation."""
     value: Floats = getattr(table, name)
@@ -466,7 +471,7 @@ def _filled(sigma: Floats, usual: float | None) -> Floats:
     return sigma if usual is None else np.where(np.isfinite(sigma), sigma, usual)
 
 
-def _numbers(names: np.ndarray, at: Stations, column: str) -> Ints:
+def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
     """(n,) numbers of stations; InputError for one that the scene does not have, or whose place it does not know."""
     found, inverse = np.unique(names, return_inverse=True)
     for name in found.tolist():
@@ -477,7 +482,7 @@ def _numbers(names: np.ndarray, at: Stations, column: str) -> Ints:
     return np.array([at.names.index(name) for name in found.tolist()], dtype=np.int64)[inverse]
 
 
-def _rise2(at: Stations, station: Ints, reference: Ints, height: float | None) -> Floats:
+def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | None) -> Floats:
     """(S,) squares of the heights of stations over the targets; InputError where these matter and are not known."""
     used: Bools = np.isin(np.arange(len(at.names)), np.concatenate([station, reference]))
     z = np.where(used, at.place[:, 2], 0.0)

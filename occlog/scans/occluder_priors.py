@@ -145,7 +145,7 @@ def none_at(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Occluders:
 T = TypeVar("T", Tracks, Truth)
 
 
-class People(NamedTuple):
+class PeopleAsObstacles(NamedTuple):
     """How people are taken as obstacles."""
 
     radius: float  # of each
@@ -155,7 +155,7 @@ class People(NamedTuple):
     steps: int  # most steps
 
 
-def moving_people(opened: Opened, length_unit: str, start_s: float, people: People) -> MovingObstacleTracks:
+def moving_people(opened: Opened, length_unit: str, start_s: float, people: PeopleAsObstacles) -> MovingObstacleTracks:
     """People of a file from a start to the last possible step.
 
     Args:
@@ -178,14 +178,14 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
     return obstacles_of(rows, start_ns, people)
 
 
-def obstacles_of(rows: Tracks | Truth, start_ns: int, people: People) -> MovingObstacleTracks:
+def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles) -> MovingObstacleTracks:
     """The people of a table as obstacles; those of a truth have no covariance."""
     places = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
     clock, limit_ns = StepClock(start_ns, people.step_s), round(people.max_gap_s * NS)
     return MovingObstacleTracks(rows.t_ns, rows.target_id, places, clock, limit_ns)
 
 
-def _between(opened: Opened, table: type[T], after_ns: int, people: People) -> tuple[int, T]:
+def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:
     """Time `after_ns` after the first row, and the rows of all steps from then on, with a gap before and after."""
     gap_ns, most_ns = round(people.max_gap_s * NS), round((people.steps + 1) * people.step_s * NS)
     parts: list[T] = []

@@ -1,6 +1,6 @@
 """Streams of bearings: from directions of arrival, joined in the order of time, and with rows left out.
 
-`bearings_of_doa` makes bearings of directions, `in_time` joins several streams, `in_turn` keeps one sensor
+`bearings_of_doa` makes bearings of directions, `within_times` joins several streams, `round_robin` keeps one sensor
 at a time, and `only_measured` takes back the rows that the fusion of detections recovered.
 """
 
@@ -87,7 +87,7 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
         )
 
 
-def in_turn(chunks: Iterable[Bearings], names: Sequence[str], seconds: float) -> Iterator[Bearings]:
+def round_robin(chunks: Iterable[Bearings], names: Sequence[str], seconds: float) -> Iterator[Bearings]:
     """The rows of one sensor at a time, as if the others had no frame: a network without overlap.
 
     The first of `names` has the first turn, which begins with the first row of any of them;
@@ -115,7 +115,7 @@ def in_turn(chunks: Iterable[Bearings], names: Sequence[str], seconds: float) ->
             yield chunk.take(keep)
 
 
-def in_time(streams: Sequence[Iterable[T]]) -> Iterator[T]:
+def within_times(streams: Sequence[Iterable[T]]) -> Iterator[T]:
     """One stream of chunks from several, each in the order of time; holds one chunk of each.
 
     Rows of equal time keep the order of the streams.

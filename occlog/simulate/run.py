@@ -25,11 +25,11 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.formats.scenes.paths import read_paths
 from occlog.io.open import Opened, load_scene, open_input
 from occlog.io.recording.writer import RecordingWriter
-from occlog.records.columns import Table
-from occlog.records.scene import Scene, Script
+from occlog.records.columns import ColumnTable
+from occlog.records.scene import MotionScript, Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.runner import Done, Job
-from occlog.scans.occluder_priors import People, moving_people
+from occlog.scans.occluder_priors import PeopleAsObstacles, moving_people
 from occlog.settings import SettingError, configure
 from occlog.simulate.render.people import reference_appearances
 from occlog.simulate.sensors.arrays import observe_arrays
@@ -83,7 +83,7 @@ def _write(setup: Setup, request: Simulation, job: Job) -> Done:
     return Done(write_recording(setup, made, output, overwrite=job.overwrite, quiet=job.quiet), setup.losses)
 
 
-def make_setup(scene: Scene, request: SceneRequest, script: Script | None = None) -> Setup:
+def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None = None) -> Setup:
     """The request's settings with the defaults that suit the scene; UsageError for what does not go together.
 
     Args:
@@ -120,7 +120,7 @@ def make_setup(scene: Scene, request: SceneRequest, script: Script | None = None
 
 def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleTracks:
     """Whom walkers avoid."""
-    taken = People(
+    taken = PeopleAsObstacles(
         radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
     )
     return moving_people(opened, scene.length_unit, 0.0, taken)
@@ -167,7 +167,7 @@ def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
     return world
 
 
-def _scripted(scene: Scene, request: SceneRequest, script: Script) -> WorldConfig:
+def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> WorldConfig:
     """Number and times of the steps, and sizes; options go before the file of paths, and that before the defaults."""
     if script.length_unit not in (None, scene.length_unit):
         raise InputError(
@@ -298,7 +298,7 @@ def _recorded(
     )
     reads = observe_readers(setup.scene, read, setup.reads, seed)
     distances = observe_stations(setup.scene, ranged, setup.measure, setup.reads, seed)
-    others: tuple[tuple[bool, Iterator[Table], Iterator[Truth | TimeGrid], str], ...] = (
+    others: tuple[tuple[bool, Iterator[ColumnTable], Iterator[Truth | TimeGrid], str], ...] = (
         (bool(setup.scene.arrays), sounds, heard, "doa"),
         (bool(setup.scene.readers), reads, read, "reads"),
         (bool(setup.measure.kinds), distances, ranged, "measurements"),

@@ -16,7 +16,7 @@ from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import LosslessVideo
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
-from occlog.records.scene import Camera, Scene, Script
+from occlog.records.scene import Camera, MotionScript, Scene
 from occlog.records.tables import Truth
 from occlog.simulate.render.people import Rendered, render
 from occlog.simulate.render.surfaces import grey
@@ -59,7 +59,7 @@ class Setup:
     render: RenderConfig | None
     store: StoreConfig
     sound: SoundConfig
-    script: Script | None = None
+    script: MotionScript | None = None
     apart: bool = False
     field: FieldConfig | None = None
     people: MovingObstacleTracks | None = None

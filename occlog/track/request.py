@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, group, load, output_file, scene_file, seed_of_all, sink, source
-from occlog.scans.config import MeasuredConfig
+from occlog.scans.config import DistanceMeasurementConfig
 from occlog.settings import setting
 
 LONGEST_S = 1e9
@@ -137,7 +137,7 @@ class TrackRequest(_InWorld):
         "Ranges, signal strengths and time differences to use too: a table, or a recording with reads of tags.",
         there=False,
     )
-    measured: Mapping[str, object] = group(lambda: MeasuredConfig)
+    measured: Mapping[str, object] = group(lambda: DistanceMeasurementConfig)
     occluders: Path | None = source(
         "Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), or truth (known "
         "exactly)."

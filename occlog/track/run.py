@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from occlog import console
-from occlog.consistency.bearings import Compared, Compass, Sharp
-from occlog.consistency.verdict import Evidence
+from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, SmallNoiseCheck
+from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.motion_models import lost_in_models, read_motion, read_path_loss
 from occlog.io.open import open_input
@@ -19,11 +19,11 @@ from occlog.records.declared.world import END_TO_END
 from occlog.records.tables import Bearings, Delays
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.runner import Job
-from occlog.scans.config import MeasuredConfig
+from occlog.scans.config import DistanceMeasurementConfig
 from occlog.scans.grouping import checked, choose_sensors, sensor_names
-from occlog.scans.inputs import Inputs
-from occlog.scans.measured import MeasuredFeed, Radio, Shadowing
-from occlog.scans.sources import in_turn, only_measured
+from occlog.scans.inputs import MeasurementInputs
+from occlog.scans.measured import DistanceMeasurementFeed, Radio, SignalErrors
+from occlog.scans.sources import only_measured, round_robin
 from occlog.settings import METRES, Settings, configure
 from occlog.track.drivers.rows import Messages
 from occlog.track.drivers.stage import track
@@ -60,8 +60,8 @@ class TrackSummary:
         """
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
-        self.evidence = Evidence(distances=distances)
-        self.compass, self.sharp = Compass(scene), Sharp()
+        self.evidence = ConsistencyEvidence(distances=distances)
+        self.compass, self.sharp = AngleConventionCheck(scene), SmallNoiseCheck()
         self.messages = Messages()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
@@ -73,7 +73,7 @@ class TrackSummary:
         self.targets.update(part.tracks.target_id.tolist())
         self.evidence.fared(part.diagnostics)
         if part.residuals is not None:
-            self.evidence.saw(part.tracks, Compared(part.residuals, part.frames), self.scene)
+            self.evidence.saw(part.tracks, ComparedBearings(part.residuals, part.frames), self.scene)
         for solve in part.solves:
             if solve.noise is not None:
                 self.evidence.agreements.moves(solve.target, solve.noise.motion)
@@ -142,7 +142,7 @@ class TrackSummary:
 def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Track and write; the summary, and what had been lost before."""
     # Open the measurements, and settle method, sensors and selection
-    inputs = Inputs(
+    inputs = MeasurementInputs(
         request.bearings,
         request.scene,
         request.doa,
@@ -236,7 +236,9 @@ def takes_distances(method: AnyMethod) -> bool:
     return isinstance(method, Online | Batch) and method.measured
 
 
-def make_measured(request: TrackRequest, inputs: Inputs) -> tuple[MeasuredFeed | None, dict[str, Any]]:
+def make_measured(
+    request: TrackRequest, inputs: MeasurementInputs
+) -> tuple[DistanceMeasurementFeed | None, dict[str, Any]]:
     """The measurements of distances, and what provenance says of them; None and nothing where there are none.
 
     UsageError for settings of measurements without any, or that say the same as a fitted path loss.
@@ -248,11 +250,13 @@ def make_measured(request: TrackRequest, inputs: Inputs) -> tuple[MeasuredFeed |
                 f"--{first} goes with ranges, strengths or time differences; give {option('measurements')}"
             )
         return None, {}
-    config = configure(MeasuredConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
+    config = configure(DistanceMeasurementConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
     said = {"measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _told(radio)}}
-    return MeasuredFeed(inputs.measurements, inputs.scene, config, radio, moments=request.method == "fix"), said
+    return DistanceMeasurementFeed(
+        inputs.measurements, inputs.scene, config, radio, moments=request.method == "fix"
+    ), said
 
 
 def _told(radio: Radio) -> dict[str, Any]:
@@ -272,7 +276,7 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
         if twice in request.measured:
             raise UsageError(f"{option('path_loss')} and --{twice.replace('_', '-')} say the same; give one of them")
     power = {r.name: r.power for r in spec.readers}
-    return Radio(power, spec.exponent, Shadowing(spec.noise_db, spec.shadow_db, spec.shadow_s), spec.height)
+    return Radio(power, spec.exponent, SignalErrors(spec.noise_db, spec.shadow_db, spec.shadow_s), spec.height)
 
 
 def estimates_poses(method: AnyMethod, config: Any) -> bool:
@@ -288,7 +292,7 @@ def one_at_a_time(
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
     if not names:
         raise UsageError("no sensor with a pose is left to take turns; leave out fewer of them")
-    return in_turn(checked(chunks, scene, sensors), names, seconds)
+    return round_robin(checked(chunks, scene, sensors), names, seconds)
 
 
 def make_config(request: TrackRequest, unit: str) -> Settings:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.consistency.bearings import SURE, Agreement, Agreements, pose_shares
+from occlog.consistency.bearings import MIN_RESIDUAL_VARIANCE, ResidualStatistics, SensorConsistency, pose_shares
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Residuals, Tracks
 
@@ -25,8 +25,8 @@ def rows(n: int, doubted: int = 0, residual: float = 1.0, sensor: str = "cam1", 
     )
 
 
-def gathered(*parts: Residuals, poses: dict[str, float] | None = None) -> Agreements:
-    made = Agreements()
+def gathered(*parts: Residuals, poses: dict[str, float] | None = None) -> ResidualStatistics:
+    made = ResidualStatistics()
     for part in parts:
         made.add(part, poses)
     return made
@@ -37,7 +37,7 @@ def test_no_residuals_say_nothing() -> None:
     assert made.figures() == {}
     assert math.isnan(made.doubted)
     assert math.isnan(made.nis.value)
-    assert math.isnan(Agreement().doubted)
+    assert math.isnan(SensorConsistency().doubted)
 
 
 def test_figures_add_up_over_parts_and_sensors() -> None:
@@ -50,8 +50,10 @@ def test_figures_add_up_over_parts_and_sensors() -> None:
 
 
 def test_bearings_that_an_estimate_goes_through_do_not_count() -> None:
-    assert gathered(rows(50, residual=9.0, expected=0.99 * SURE)).nis.degrees == 0.0
-    assert gathered(rows(50, residual=9.0, expected=SURE)).nis.value == pytest.approx(81 / SURE)
+    assert gathered(rows(50, residual=9.0, expected=0.99 * MIN_RESIDUAL_VARIANCE)).nis.degrees == 0.0
+    assert gathered(rows(50, residual=9.0, expected=MIN_RESIDUAL_VARIANCE)).nis.value == pytest.approx(
+        81 / MIN_RESIDUAL_VARIANCE
+    )
 
 
 def test_errors_of_a_pose_are_one_error_however_many_bearings_there_are() -> None:
@@ -95,7 +97,7 @@ def test_the_pose_s_share_is_that_of_eq_2_at_the_median_distance() -> None:
 
 
 def test_the_largest_noise_of_a_target_s_motion_is_kept() -> None:
-    made = Agreements()
+    made = ResidualStatistics()
     for factor in (2.0, 5.0, 3.0):
         made.moves(7, factor)
     assert made.noise == {7: 5.0}

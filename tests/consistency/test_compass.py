@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.cli.main import run
-from occlog.consistency.bearings import FEWEST, Compass, misfit
+from occlog.consistency.bearings import MIN_STEPS, AngleConventionCheck, misfit
 from occlog.errors import ExitCode
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings
@@ -38,7 +38,7 @@ def table(n: int, *, compass: bool, sigma: float, false: float = 0.0) -> Bearing
 
 
 def codes(rows: Bearings) -> list[str]:
-    compass = Compass(SCENE)
+    compass = AngleConventionCheck(SCENE)
     assert sum(map(len, compass.watch([rows]))) == len(rows)
     return [f.id for f in findings(compass.checks())]
 
@@ -50,7 +50,7 @@ def test_bearings_of_a_compass_are_noticed_and_plain_ones_pass(sigma: float, fal
 
 
 def test_few_moments_and_bearings_that_fit_nothing_say_nothing() -> None:
-    assert codes(table(FEWEST - 1, compass=True, sigma=0.01)) == []
+    assert codes(table(MIN_STEPS - 1, compass=True, sigma=0.01)) == []
     assert codes(table(40, compass=True, sigma=0.01, false=1.0)) == []
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.estimates import Disagreement
+from occlog.consistency.estimates import SensorDisagreement
 from occlog.records.tables import Diagnostics, Residuals
 
 STEP = 100_000_000
@@ -49,22 +49,22 @@ def against(found: Diagnostics) -> str:
     ],
 )
 def test_a_sensor_contradicts_by_most_of_its_bearings_of_the_last_second(a: str, said: str) -> None:
-    assert against(Disagreement().judged(notes(20), residuals({"a": a, "b": "1" * 20}))) == said
+    assert against(SensorDisagreement().judged(notes(20), residuals({"a": a, "b": "1" * 20}))) == said
 
 
 def test_single_false_bearings_of_several_sensors_are_no_contradiction() -> None:
     each = {name: "1" * k + "01111" * 4 for k, name in enumerate("abcde")}
-    assert "x" not in against(Disagreement().judged(notes(20), residuals({k: v[:20] for k, v in each.items()})))
+    assert "x" not in against(SensorDisagreement().judged(notes(20), residuals({k: v[:20] for k, v in each.items()})))
 
 
 def test_chunks_do_not_matter_and_other_doubts_stay() -> None:
     text = "1" * 4 + "0" * 16
-    whole = against(Disagreement().judged(notes(20), residuals({"a": text})))
-    judge, parts = Disagreement(), []
+    whole = against(SensorDisagreement().judged(notes(20), residuals({"a": text})))
+    judge, parts = SensorDisagreement(), []
     for first in range(0, 20, 3):
         end = min(first + 3, 20)
         parts.append(against(judge.judged(notes(end - first, first), residuals({"a": text[first:end]}, first))))
     assert "".join(parts) == whole
-    edge = Disagreement().judged(notes(20, doubt="edge"), residuals({"a": text}))
+    edge = SensorDisagreement().judged(notes(20, doubt="edge"), residuals({"a": text}))
     assert edge.doubt[-1] == "edge,sensor-disagrees"
-    assert Disagreement().judged(Diagnostics.empty(), Residuals.empty()).doubt.tolist() == []
+    assert SensorDisagreement().judged(Diagnostics.empty(), Residuals.empty()).doubt.tolist() == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.estimates import WORDS, Doubts, near_edge, outside_view, without_distance
+from occlog.consistency.estimates import WORDS, QualityFlags, near_edge, outside_view, without_distance
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Diagnostics, Tracks
 
@@ -49,7 +49,7 @@ def rows(*seen_by: str, xy=(10.0, 0.0), sd=0.1, step_s=1.0, fallback="", t0=0) -
 
 
 def doubts(scene: Scene, *parts, online=True, started=False) -> list[str]:
-    judge = Doubts(scene, online=online, started=started)
+    judge = QualityFlags(scene, online=online, started=started)
     return [d for part in parts for d in judge.judged(*part)[1].doubt.tolist()]
 
 
@@ -84,7 +84,7 @@ def test_two_sensors_leave_no_doubt():
 
 
 def test_one_sensor_alone_is_doubted_after_a_second_and_its_covariance_holds_all_distances():
-    judge = Doubts(OPEN, online=True, started=False)
+    judge = QualityFlags(OPEN, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a", "a", "a"))
     assert diagnostics.doubt.tolist() == ["", "", "one-sensor"]
     np.testing.assert_allclose(tracks.cov_xx, [0.01, 0.01, 30.0**2 / 12.0 + 5.0**2])
@@ -92,7 +92,7 @@ def test_one_sensor_alone_is_doubted_after_a_second_and_its_covariance_holds_all
 
 
 def test_one_sensor_alone_is_doubted_five_seconds_after_two_and_keeps_the_filters_covariance():
-    judge = Doubts(OPEN, online=True, started=False)
+    judge = QualityFlags(OPEN, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a,b", *["a"] * 6, "a,b"))
     assert diagnostics.doubt.tolist() == [""] * 6 + ["one-sensor", ""]
     np.testing.assert_allclose(tracks.cov_xx, 0.01)
@@ -113,7 +113,7 @@ def test_a_given_start_tells_the_distance_for_five_seconds():
 
 
 def test_in_a_room_one_sensor_is_doubted_but_the_covariance_stays():
-    judge = Doubts(ROOM, online=True, started=False)
+    judge = QualityFlags(ROOM, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a", "a", "a", xy=(9.99, 0.0)))
     assert diagnostics.doubt.tolist() == ["", "", "one-sensor"]
     np.testing.assert_allclose(tracks.cov_xx, 0.01)

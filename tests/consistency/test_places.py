@@ -9,9 +9,9 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.array_types import Floats
-from occlog.consistency.bearings import Compared, Sight
-from occlog.consistency.estimates import Places, meetings
-from occlog.consistency.verdict import DOUBTED, FEWEST, Evidence
+from occlog.consistency.bearings import BearingConsistency, ComparedBearings
+from occlog.consistency.estimates import PositionConsistency, triangulate_rows
+from occlog.consistency.verdict import MAX_FLAGGED_SHARE, MIN_SAMPLES, ConsistencyEvidence
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
 from occlog.records.verdicts import findings
@@ -52,7 +52,7 @@ def residuals_of(tracks: Tracks, true: Floats, cameras: tuple[Camera, ...] = CAM
                 **dict.fromkeys(("u_px", "sigma_px", "score"), np.full(n, np.nan)),
             )
         )
-    return Sight(Scene(cameras)).compare(tracks, Bearings.merge(rows), None)[0]
+    return BearingConsistency(Scene(cameras)).compare(tracks, Bearings.merge(rows), None)[0]
 
 
 def estimates(xy: Floats, sigma: float = 0.02) -> Tracks:
@@ -74,8 +74,8 @@ def standing(x: float, y: float, n: int = 30) -> Floats:
     return np.tile([float(x), float(y)], (n, 1))
 
 
-def counted(true: Floats, off: Floats, scene: Scene) -> Places:
-    found, tracks = Places(), estimates(true + off)
+def counted(true: Floats, off: Floats, scene: Scene) -> PositionConsistency:
+    found, tracks = PositionConsistency(), estimates(true + off)
     found.add(tracks, residuals_of(tracks, true), scene)
     return found
 
@@ -84,7 +84,7 @@ def test_sight_lines_meet_at_the_target_though_the_estimate_is_elsewhere() -> No
     tracks = estimates(standing(5.1, 5.1, 1))
     used = residuals_of(tracks, standing(5, 5, 1))
     origin = np.array([next(c for c in CAMERAS if c.name == n).position[:2] for n in used.sensor.tolist()])
-    met = meetings(tracks, used, np.zeros(2, np.int64), origin)
+    met = triangulate_rows(tracks, used, np.zeros(2, np.int64), origin)
     assert met.row.tolist() == [0]
     assert met.xy[0] == pytest.approx([5.0, 5.0], abs=1e-4)
     # 0.01 rad at 5 m across either sight line; the ellipse has two standard deviations
@@ -94,11 +94,11 @@ def test_sight_lines_meet_at_the_target_though_the_estimate_is_elsewhere() -> No
 def test_one_sight_line_or_two_along_each_other_meet_nowhere() -> None:
     tracks = estimates(standing(5, 5, 1))
     one = residuals_of(tracks, standing(5, 5, 1), CAMERAS[:1])
-    assert not len(meetings(tracks, one, np.zeros(1, np.int64), np.array([[0.0, 5.0]])).row)
+    assert not len(triangulate_rows(tracks, one, np.zeros(1, np.int64), np.array([[0.0, 5.0]])).row)
     facing = (CAMERAS[0], camera("west", 10, 5, 180))
     two = residuals_of(tracks, standing(5, 5, 1), facing)
     origin = np.array([[0.0, 5.0], [10.0, 5.0]])
-    assert not len(meetings(tracks, two, np.zeros(2, np.int64), origin).row)
+    assert not len(triangulate_rows(tracks, two, np.zeros(2, np.int64), origin).row)
 
 
 @pytest.mark.parametrize(("x", "outside"), [(9.85, 0), (10.05, 0), (10.45, 30)])
@@ -132,19 +132,21 @@ def test_only_sensors_that_saw_the_target_speak_against_a_wall() -> None:
 
 
 def test_scenes_without_walls_and_room_say_nothing() -> None:
-    assert counted(standing(50, 50), np.zeros(2), Scene(CAMERAS)) == Places()
+    assert counted(standing(50, 50), np.zeros(2), Scene(CAMERAS)) == PositionConsistency()
 
 
 @pytest.mark.parametrize("what", ["outside-room", "through-wall"])
 def test_a_few_rows_are_no_finding_but_more_than_chance_are(what: str) -> None:
     n = 1000
-    for share, said in ((DOUBTED, False), (2.0 * DOUBTED, True)):
+    for share, said in ((MAX_FLAGGED_SHARE, False), (2.0 * MAX_FLAGGED_SHARE, True)):
         bad = round(share * n)
-        places = Places(n, bad) if what == "outside-room" else Places(n, 0, {"east": (n, bad)})
-        codes = [f.id for f in findings(Evidence(rows=n, places=places).checks(one_target=True))]
+        places = (
+            PositionConsistency(n, bad) if what == "outside-room" else PositionConsistency(n, 0, {"east": (n, bad)})
+        )
+        codes = [f.id for f in findings(ConsistencyEvidence(rows=n, places=places).checks(one_target=True))]
         assert codes == [what] * said
-    few = Places(FEWEST - 1, FEWEST - 1, {"east": (FEWEST - 1, FEWEST - 1)})
-    assert not findings(Evidence(rows=n, places=few).checks(one_target=True))
+    few = PositionConsistency(MIN_SAMPLES - 1, MIN_SAMPLES - 1, {"east": (MIN_SAMPLES - 1, MIN_SAMPLES - 1)})
+    assert not findings(ConsistencyEvidence(rows=n, places=few).checks(one_target=True))
 
 
 @pytest.mark.jit
@@ -158,9 +160,9 @@ def test_a_pillar_that_is_not_there_makes_a_wrong_track_and_the_verdict_says_so(
     bearings = observe(scene, path, rng)
     parts = list(track([bearings], scene, Tracking(ApfConfig(), 0)))
     tracks, diagnostics = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
-    found = Evidence()
+    found = ConsistencyEvidence()
     found.fared(diagnostics)
-    found.saw(tracks, Compared(*Sight(scene).compare(tracks, bearings, diagnostics)), scene)
+    found.saw(tracks, ComparedBearings(*BearingConsistency(scene).compare(tracks, bearings, diagnostics)), scene)
     rmse = np.sqrt(np.mean(np.sum((np.column_stack([tracks.x, tracks.y]) - path)[10:] ** 2, axis=1)))
     codes = {f.id for f in findings(found.checks(one_target=True))}
     assert codes == ({"through-wall"} if standing_there else set())

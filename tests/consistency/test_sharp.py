@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.bearings import LEAST_RAD, Sharp
+from occlog.consistency.bearings import MIN_SIGMA_RAD, SmallNoiseCheck
 from occlog.records.tables import Bearings
 from occlog.records.verdicts import findings
 
@@ -19,12 +19,12 @@ def bearings(sigma: float, u_px: float = np.nan) -> Bearings:
     ("given", "said"),
     [
         (bearings(1e-12), ["noise-tiny"]),
-        (bearings(LEAST_RAD), []),
+        (bearings(MIN_SIGMA_RAD), []),
         (bearings(1e-12, u_px=100.0), []),  # the reading's noise counts
     ],
 )
 def test_noise_that_no_sensor_has_is_told(given: Bearings, said: list[str]) -> None:
-    sharp = Sharp()
+    sharp = SmallNoiseCheck()
     assert list(sharp.watch([given, given])) == [given, given]
     assert [f.id for f in findings(sharp.checks())] == said
     assert all(

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS, Floats
-from occlog.consistency.bearings import GATE, Compared, Sight, Witness, at_estimates
+from occlog.consistency.bearings import (
+    GATE_SIGMAS,
+    BearingBuffer,
+    BearingConsistency,
+    ComparedBearings,
+    bearing_residuals,
+)
 from occlog.core.sight.camera import azimuth_to_u
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
@@ -19,8 +25,8 @@ F = 200.0
 
 def whole(
     tracks: Tracks, bearings: Bearings, scene: Scene, diagnostics: Diagnostics | None, window_ns: int = 0
-) -> Compared:
-    return Compared(*Sight(scene, window_ns).compare(tracks, bearings, diagnostics))
+) -> ComparedBearings:
+    return ComparedBearings(*BearingConsistency(scene, window_ns).compare(tracks, bearings, diagnostics))
 
 
 def camera(name: str, x: float, y: float, yaw_deg: float, **noise: float) -> Camera:
@@ -90,7 +96,7 @@ def test_residual_and_its_variance_by_hand() -> None:
     # 5 m in front of the camera, 0.02 rad off, sigma 0.01 rad; the estimate's 0.03 m across make 0.006 rad
     sensor = SCENE.cameras[0]
     rows = seen_from(sensor, np.zeros(1, np.int64), standing(1), off=0.02)
-    told = at_estimates(rows, sensor, standing(1), np.diag([9.0, 0.03**2])[None])
+    told = bearing_residuals(rows, sensor, standing(1), np.diag([9.0, 0.03**2])[None])
     assert told.residual[0] == pytest.approx(2.0)
     assert told.spread[0] == pytest.approx(0.36)
 
@@ -101,7 +107,7 @@ def test_pixels_have_the_variance_of_eq_2_at_the_estimate() -> None:
     xy = np.array([[5.0, 5.0]])
     rows = seen_from(sensor, np.zeros(1, np.int64), xy, off=0.05)
     rows = dataclasses.replace(rows, u_px=azimuth_to_u(rows.bearing, 0.0, F), sigma_px=np.array([3.0]))
-    told = at_estimates(rows, sensor, xy, np.zeros((1, 2, 2)))
+    told = bearing_residuals(rows, sensor, xy, np.zeros((1, 2, 2)))
     eq2 = F**2 * 4 * 0.01**2 + F**2 * 2 / 25 * 0.1**2 + 3.0**2
     assert told.residual[0] == pytest.approx(0.05 / (math.sqrt(eq2) / (2 * F)))
 
@@ -128,7 +134,7 @@ def test_squares_of_a_kalman_filter_are_as_expected() -> None:
     assert squares / expected == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.parametrize(("sigmas", "believed"), [(GATE - 1e-6, 1.0), (GATE + 1e-6, 0.0)])
+@pytest.mark.parametrize(("sigmas", "believed"), [(GATE_SIGMAS - 1e-6, 1.0), (GATE_SIGMAS + 1e-6, 0.0)])
 def test_a_bearing_beyond_the_gate_is_not_believed(sigmas: float, believed: float) -> None:
     tracks = estimates(standing(1), sigma=0.0)
     bearings = seen_from(SCENE.cameras[0], tracks.t_ns, standing(1), off=sigmas * 0.01)
@@ -206,7 +212,7 @@ def test_a_witness_compares_chunk_by_chunk_as_all_at_once() -> None:
         + [seen_from(SCENE.cameras[0], tracks.t_ns, standing(n, 5, 8), target=-1)]
     )
     diagnostics = used(tracks, "east,north")
-    witness, parts, left = Witness(SCENE, 0, unlabelled=True), [], 0
+    witness, parts, left = BearingBuffer(SCENE, 0, unlabelled=True), [], 0
     chunks = witness.watch(rows.take(slice(k, k + 13)) for k in range(0, len(rows), 13))
     given = 0
     for chunk in chunks:
@@ -226,11 +232,11 @@ def test_a_witness_compares_chunk_by_chunk_as_all_at_once() -> None:
 def test_without_unlabelled_candidates_none_is_left() -> None:
     tracks = estimates(standing(5))
     rows = seen_from(SCENE.cameras[0], tracks.t_ns, standing(5, 5, 8), target=-1)
-    witness = Witness(SCENE, 0, unlabelled=False)
+    witness = BearingBuffer(SCENE, 0, unlabelled=False)
     list(witness.watch([rows]))
     assert witness.compare(tracks, used(tracks, "east")).frames == ()
 
 
 def test_no_estimates_leave_nothing() -> None:
-    residuals, frames = Sight(SCENE).compare(Tracks.empty(), Bearings.empty())
+    residuals, frames = BearingConsistency(SCENE).compare(Tracks.empty(), Bearings.empty())
     assert (len(residuals), frames) == (0, ())

@@ -7,23 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.consistency.bearings import Compared, Frames
-from occlog.consistency.estimates import FEW
+from occlog.consistency.bearings import CandidateFrames, ComparedBearings
+from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
 from occlog.consistency.verdict import (
-    BLIND,
-    CONTEST,
-    CROWDED,
-    DEPLETED,
-    DOUBTED,
-    FEWEST,
-    LIVELY,
+    MAX_BLIND_SHARE,
+    MAX_DEPLETED_SHARE,
+    MAX_FLAGGED_SHARE,
+    MAX_MOTION_VARIANCE_FACTOR,
+    MAX_PERSISTENT_CANDIDATE_SHARE,
+    MAX_POSSIBLE_OUTLIER_SHARE,
+    MAX_REJECTED_SHARE,
+    MAX_RESTART_SHARE,
+    MIN_SAMPLES,
     NIS_HIGH,
     NIS_LOW,
-    NOT_BELIEVED,
-    RESTARTS,
-    Evidence,
-    beyond,
-    off,
+    ConsistencyEvidence,
+    exceeds_share,
+    nis_check,
 )
 from occlog.core.metrics.consistency import Ratio
 from occlog.records.scene import Scene
@@ -40,7 +40,7 @@ def fared(
     return Diagnostics.of(
         t_ns=np.arange(n),
         target_id=none,
-        ess=np.where(np.arange(n) < few, 0.5 * FEW, 500.0),
+        ess=np.where(np.arange(n) < few, 0.5 * MIN_EFFECTIVE_SAMPLE_SIZE, 500.0),
         log_likelihood=nothing,
         n_looked=none,
         n_seen=np.full(n, seen, np.int32),
@@ -76,18 +76,18 @@ def said(*, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...]
 
 
 def every(*, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...] = (), frames=(), one=True):
-    found = Evidence()
+    found = ConsistencyEvidence()
     found.fared(fared() if diagnostics is None else diagnostics)
     for part in parts:
-        found.saw(Tracks.empty(), Compared(part, tuple(frames)), Scene())
+        found.saw(Tracks.empty(), ComparedBearings(part, tuple(frames)), Scene())
     if not parts:
         found.crowd.add(frames)
     return found.checks(one_target=one)
 
 
-def crowd(n: int, again: int, sensor: str = "cam1") -> Frames:
+def crowd(n: int, again: int, sensor: str = "cam1") -> CandidateFrames:
     some = np.full(n, 3)
-    return Frames(sensor, np.arange(n), some, some - 1, np.arange(n) < again)
+    return CandidateFrames(sensor, np.arange(n), some, some - 1, np.arange(n) < again)
 
 
 def test_nothing_against_it_is_plausible() -> None:
@@ -98,12 +98,12 @@ def test_nothing_against_it_is_plausible() -> None:
 
 def test_chance_may_break_a_limit_with_one_run_in_a_thousand() -> None:
     # P(X >= k) of a binomial variable with n = 100, p = 0.25: 0.0014 at 39, 0.0007 at 40
-    assert not beyond(39, 100, 0.25)
-    assert beyond(40, 100, 0.25)
-    assert not beyond(0, 0, 0.25)
+    assert not exceeds_share(39, 100, 0.25)
+    assert exceeds_share(40, 100, 0.25)
+    assert not exceeds_share(0, 0, 0.25)
 
 
-@pytest.mark.parametrize(("share", "code"), [(DEPLETED, "depleted"), (RESTARTS, "restarts")])
+@pytest.mark.parametrize(("share", "code"), [(MAX_DEPLETED_SHARE, "depleted"), (MAX_RESTART_SHARE, "restarts")])
 def test_shares_of_rows_are_said_beyond_their_limit(share: float, code: str) -> None:
     def made(count: int) -> Diagnostics:
         return fared(few=count) if code == "depleted" else fared(fallback=("restart", count))
@@ -112,7 +112,7 @@ def test_shares_of_rows_are_said_beyond_their_limit(share: float, code: str) -> 
     assert codes(diagnostics=made(round(2 * share * N))) == [code]
 
 
-@pytest.mark.parametrize(("blind", "found"), [(BLIND, []), (BLIND + 0.05, ["selection"])])
+@pytest.mark.parametrize(("blind", "found"), [(MAX_BLIND_SHARE, []), (MAX_BLIND_SHARE + 0.05, ["selection"])])
 def test_cameras_that_were_selected_in_vain_are_said_beyond_half_of_the_rows(blind: float, found: list[str]) -> None:
     rows = fared()
     saw = np.where(np.arange(N) < blind * N, 1, 2).astype(np.int32)
@@ -129,7 +129,11 @@ def test_depletion_says_number_limit_and_remedy() -> None:
 
 @pytest.mark.parametrize("doubt", ["edge", "one-sensor", "out-of-view", "sensor-disagrees"])
 def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: str) -> None:
-    for count, severity in ((1, "note"), (round(DOUBTED * N), "note"), (round(DOUBTED * N) + 1, "warning")):
+    for count, severity in (
+        (1, "note"),
+        (round(MAX_FLAGGED_SHARE * N), "note"),
+        (round(MAX_FLAGGED_SHARE * N) + 1, "warning"),
+    ):
         (found,) = said(diagnostics=fared(doubt=(doubt, count)))
         assert (found.id, found.severity) == (doubt, severity)
         assert found.text.startswith(f"{count} of {N} rows ")
@@ -157,8 +161,8 @@ def test_a_filter_that_begins_anew_in_nearly_every_row_says_how_far_apart_rows_a
 
 
 def test_places_that_are_contested_are_said_beyond_one_row_in_ten() -> None:
-    assert codes(diagnostics=fared(fallback=("contested", round(CONTEST * N)))) == []
-    assert codes(diagnostics=fared(fallback=("contested", round(CONTEST * N) + 1))) == ["contested"]
+    assert codes(diagnostics=fared(fallback=("contested", round(MAX_POSSIBLE_OUTLIER_SHARE * N)))) == []
+    assert codes(diagnostics=fared(fallback=("contested", round(MAX_POSSIBLE_OUTLIER_SHARE * N) + 1))) == ["contested"]
 
 
 @pytest.mark.parametrize("code", ["contradiction", "wall", "unfinished"])
@@ -172,12 +176,12 @@ def test_more_than_a_quarter_not_believed_is_said_of_the_sensor() -> None:
     def two(n: int, doubted: int) -> tuple[Residuals]:
         return (Residuals.merge([residuals(n, doubted=doubted), residuals(n, sensor="cam2")]),)
 
-    assert codes(parts=two(N, round(NOT_BELIEVED * N))) == []
+    assert codes(parts=two(N, round(MAX_REJECTED_SHARE * N))) == []
     (found,) = said(parts=two(N, round(0.35 * N)))
     assert found.id == "not-believed"
     assert found.text.startswith("cam1: 35% of 2000 bearings are not believed (allowed: 25%)")
-    assert codes(parts=two(FEWEST - 1, FEWEST - 1)) == []
-    assert codes(parts=two(FEWEST, FEWEST)) == ["not-believed"]
+    assert codes(parts=two(MIN_SAMPLES - 1, MIN_SAMPLES - 1)) == []
+    assert codes(parts=two(MIN_SAMPLES, MIN_SAMPLES)) == ["not-believed"]
 
 
 @pytest.mark.parametrize(("doubted", "said_of_it"), [(0.02, []), (0.05, ["unconfirmed"])])
@@ -191,14 +195,14 @@ def test_bearings_not_believed_are_said_sooner_where_one_sensor_at_a_time_sees_t
     ("nis", "code"), [(NIS_HIGH, None), (1.01 * NIS_HIGH, "nis-large"), (NIS_LOW, None), (0.99 * NIS_LOW, "nis-small")]
 )
 def test_residuals_that_are_not_as_stated_are_said(nis: float, code: str | None) -> None:
-    found = off("the bearings", Ratio(nis, 0.02), 1000.0)
+    found = nis_check("the bearings", Ratio(nis, 0.02), 1000.0)
     assert (None if found is None else found.id) == code
 
 
 def test_residuals_that_chance_can_have_made_are_not_said() -> None:
-    assert off("the bearings", Ratio(4.0, 0.2), float(FEWEST)) is not None
-    assert off("the bearings", Ratio(4.0, 0.2), FEWEST - 1.0) is None
-    assert off("the bearings", Ratio(4.0, 4.0), 1000.0) is None
+    assert nis_check("the bearings", Ratio(4.0, 0.2), float(MIN_SAMPLES)) is not None
+    assert nis_check("the bearings", Ratio(4.0, 0.2), MIN_SAMPLES - 1.0) is None
+    assert nis_check("the bearings", Ratio(4.0, 4.0), 1000.0) is None
 
 
 def test_by_how_much_noise_is_misstated_is_said() -> None:
@@ -216,22 +220,22 @@ def test_one_sensor_whose_residuals_are_too_large_is_named() -> None:
 
 
 def test_motion_that_is_livelier_than_stated_is_said_of_the_target() -> None:
-    found = Evidence(rows=1)
-    found.agreements.moves(3, LIVELY)
-    found.agreements.moves(4, 2.25 * LIVELY)
+    found = ConsistencyEvidence(rows=1)
+    found.agreements.moves(3, MAX_MOTION_VARIANCE_FACTOR)
+    found.agreements.moves(4, 2.25 * MAX_MOTION_VARIANCE_FACTOR)
     (only,) = findings(found.checks(one_target=True))
     assert only.text.startswith("target 4 moves 3.0 times as irregularly")
 
 
 def test_candidates_that_stay_cannot_be_one_target() -> None:
     n = 100
-    assert codes(frames=(crowd(n, round(CROWDED * n)),)) == []
-    (found,) = said(frames=(crowd(n, round(CROWDED * n) + 1),))
+    assert codes(frames=(crowd(n, round(MAX_PERSISTENT_CANDIDATE_SHARE * n)),)) == []
+    (found,) = said(frames=(crowd(n, round(MAX_PERSISTENT_CANDIDATE_SHARE * n) + 1),))
     assert found.id == "several-targets"
     assert found.text.startswith("the candidates cannot be one target: 2.0 of 3.0 in a frame are near no track")
     assert codes(frames=(crowd(n, n),), one=False) == []
-    assert codes(frames=(crowd(FEWEST - 1, FEWEST - 1),)) == []
-    assert codes(frames=(crowd(FEWEST, FEWEST),)) == ["several-targets"]
+    assert codes(frames=(crowd(MIN_SAMPLES - 1, MIN_SAMPLES - 1),)) == []
+    assert codes(frames=(crowd(MIN_SAMPLES, MIN_SAMPLES),)) == ["several-targets"]
 
 
 def test_a_summary_has_the_warnings_and_not_the_notes() -> None:
@@ -242,7 +246,7 @@ def test_a_summary_has_the_warnings_and_not_the_notes() -> None:
 
 @pytest.mark.parametrize(("few", "smoothed", "warns"), [(20, False, False), (20, True, True), (4, True, False)])
 def test_smoothed_rows_suffer_from_fewer_depleted_ones(few: int, smoothed: bool, warns: bool) -> None:
-    found = Evidence()
+    found = ConsistencyEvidence()
     found.particles.add(np.where(np.arange(200) < few, 3.0, 900.0))
     codes = [f.id for f in findings(found.checks(one_target=False, smoothed=smoothed))]
     assert codes == (["depleted"] if warns else [])

@@ -21,14 +21,14 @@ from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import MeasuredSource, Sources
 from occlog.evaluate.stage import Evaluator
 from occlog.evaluate.verdict import Made, in_rows_of
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
 from occlog.records.declared.views import Failures
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Cooperation, Truth, TruthBoxes, windows
-from occlog.scans.config import MeasuredConfig
+from occlog.scans.config import DistanceMeasurementConfig
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 WHOLE = 10**6
 MANY = (
     ManyConfig(match_distance=1.0, moda_distance=0.5, own="label"),
@@ -51,18 +51,20 @@ def chunks(table: T, rows: int) -> Callable[[], Iterator[T]]:
 
 def evaluated(
     rows: int, place: Scene, config: EvaluateConfig, many: ManyConfig | None = None, made: Made | None = None, **of: Any
-) -> tuple[Evaluation, dict[str, Table]]:
+) -> tuple[Evaluation, dict[str, ColumnTable]]:
     """The evaluation of tables in chunks of about so many rows, and its tables."""
     given: dict[str, Any] = {name: chunks(table, rows + k) for k, (name, table) in enumerate(of.items())}
     if "measured" in of:
-        given["measured"] = MeasuredSource(given["measured"], MeasuredConfig(tag_height=0.5, rssi_power=-40.0), None)
-    parts: dict[type[Table], list[Any]] = {}
+        given["measured"] = MeasuredSource(
+            given["measured"], DistanceMeasurementConfig(tag_height=0.5, rssi_power=-40.0), None
+        )
+    parts: dict[type[ColumnTable], list[Any]] = {}
     sources = Sources(**given, made=made or Made())
     result = Evaluator(sources, place, config).run(lambda part: parts.setdefault(type(part), []).append(part), many)
     return result, {kind.NAME: kind.concat(found) for kind, found in parts.items()}
 
 
-def same(a: tuple[Evaluation, dict[str, Table]], b: tuple[Evaluation, dict[str, Table]]) -> None:
+def same(a: tuple[Evaluation, dict[str, ColumnTable]], b: tuple[Evaluation, dict[str, ColumnTable]]) -> None:
     """Counts, quantiles and tables to the last digit, sums up to rounding, in the same order."""
     (one, tables), (two, others) = a, b
     assert list(one.metrics) == list(two.metrics)
@@ -190,7 +192,7 @@ def test_of_requests_of_cameras() -> None:
 def test_of_tracks_in_images(config: ManyConfig, rows: int) -> None:
     tracks, truth = views(rows % 7)
 
-    def of(rows: int) -> tuple[Evaluation, dict[str, Table]]:
+    def of(rows: int) -> tuple[Evaluation, dict[str, ColumnTable]]:
         def sides() -> Iterator[tuple[Boxes, TruthBoxes]]:
             for part in windows(chunks(tracks, rows)(), chunks(truth, rows + 1)(), (Boxes, TruthBoxes), 0):
                 yield part.a, part.b

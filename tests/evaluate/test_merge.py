@@ -17,11 +17,11 @@ from occlog.evaluate.mot.stage import ComparedBoxes
 from occlog.evaluate.run import NOT_COMBINED
 from occlog.evaluate.sources import Sources, in_memory
 from occlog.evaluate.stage import Evaluator
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 APART = 3600 * NS
 """Time between recordings that follow one another; no gap is bridged over it."""
 GROUND = ManyConfig(match_distance=1.0, moda_distance=0.5, own="best", ospa_window=7)

@@ -14,7 +14,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import scene_to_yaml
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import PeopleTracks, Truth
 
 
@@ -24,7 +24,7 @@ def files(tmp_path: Path) -> dict[str, str]:
     true = truth(1.0, people=1)
     tracks = walk(0, true.t_ns / 1e9, (0, 0), (0, 0))
     right = PeopleTracks(**{**{c.name: getattr(tracks, c.name) for c in tracks.columns()}, "x": true.x, "y": true.y})
-    tables: dict[str, Table] = {
+    tables: dict[str, ColumnTable] = {
         "right": right,
         "none": PeopleTracks.empty(),
         "truth": true,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.bearings import Agreements
-from occlog.consistency.verdict import FEWEST, Evidence
+from occlog.consistency.bearings import ResidualStatistics
+from occlog.consistency.verdict import MIN_SAMPLES, ConsistencyEvidence
 from occlog.core.metrics.consistency import Ratio
 from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, AgainstTruth, Made, with_truth
@@ -33,7 +33,7 @@ def judge(nees: np.ndarray, metrics: dict[str, float] | None = None) -> tuple[Ch
     """The verdict on tracks with errors of these normalised squares."""
     against = AgainstTruth(Made(), None)
     against.update(errors(nees))
-    return with_truth(Evidence(rows=N), Made(), against, unknown=False, metrics=metrics or {})
+    return with_truth(ConsistencyEvidence(rows=N), Made(), against, unknown=False, metrics=metrics or {})
 
 
 def codes(nees: np.ndarray | None = None, **metrics: float) -> list[str]:
@@ -103,16 +103,16 @@ def test_bearings_that_are_not_of_the_truth_are_said(rate: float, said: list[str
 def test_bearings_that_agree_with_the_tracks_and_not_with_the_truth_are_of_something_else(
     monkeypatch: pytest.MonkeyPatch, nees: float, there: float, own: float, said: bool
 ) -> None:
-    monkeypatch.setattr(Agreements, "nis", Ratio(own, 0.1))
-    monkeypatch.setattr(Agreements, "doubted", 0.0)
+    monkeypatch.setattr(ResidualStatistics, "nis", Ratio(own, 0.1))
+    monkeypatch.setattr(ResidualStatistics, "doubted", 0.0)
     found = judge(chi_square(nees), {"bearing_nis": there})
     assert ("something-else" in {f.id for f in found}) == said
 
 
 @pytest.mark.parametrize(("ratio", "said"), [(FAR_FROM_BOUND, []), (FAR_FROM_BOUND + 0.01, ["far-from-bound"])])
 def test_an_error_far_above_the_bound_is_a_note(ratio: float, said: list[str]) -> None:
-    assert codes(bound_ratio=ratio, bound_estimates=float(FEWEST)) == said
-    assert codes(bound_ratio=ratio, bound_estimates=FEWEST - 1.0) == []
+    assert codes(bound_ratio=ratio, bound_estimates=float(MIN_SAMPLES)) == said
+    assert codes(bound_ratio=ratio, bound_estimates=MIN_SAMPLES - 1.0) == []
 
 
 def test_provenance_says_how_tracks_were_made() -> None:

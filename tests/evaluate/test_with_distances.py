@@ -25,9 +25,9 @@ from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import read_scene, scene_to_yaml
 from occlog.records.declared.sensors import Measurements
-from occlog.scans.config import MeasuredConfig
+from occlog.scans.config import DistanceMeasurementConfig
 
-HOW = MeasuredConfig(tag_height=0.5, rssi_power=-40.0)
+HOW = DistanceMeasurementConfig(tag_height=0.5, rssi_power=-40.0)
 MADE = Provenance("track", {"measurements": {"tag_height": 0.5, "rssi_power": -40.0}})
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.records.tables import LAST, Side, Tracks, in_step, whole_times, windows
+from occlog.records.tables import LAST, TableBuffer, Tracks, in_step, whole_times, windows
 
 
 def at(t_ns: np.ndarray) -> Tracks:
@@ -62,7 +62,7 @@ def test_windows_refuse_chunks_that_go_back() -> None:
 def test_three_tables_go_side_by_side_with_margins_of_their_own(rows: int) -> None:
     random, margins = np.random.default_rng(rows), (0, 5, 40)
     tables = [at(np.sort(random.integers(0, 300, n))) for n in (70, 20, 200)]
-    sides = [Side(chunks(table, rows + k), Tracks) for k, table in enumerate(tables)]
+    sides = [TableBuffer(chunks(table, rows + k), Tracks) for k, table in enumerate(tables)]
     found: list[list[Tracks]] = [[], [], []]
     ends = []
     for limits in in_step(sides, margins):

@@ -25,7 +25,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import scene_to_yaml
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occluders, PeopleTracks, Tracks, Truth
 from occlog.report import drawing as plot
@@ -178,7 +178,7 @@ def moments(page: Path) -> dict[str, Any]:
     return values
 
 
-def written(folder: Path, **given: Table) -> list[str]:
+def written(folder: Path, **given: ColumnTable) -> list[str]:
     """The options of tables that are written."""
     out = []
     for name, table in given.items():
@@ -265,7 +265,7 @@ def test_errors_say_nothing_of_cameras_that_were_selected_for_tracks_with_names_
     assert data.errors is not None
     assert data.diagnostics is not None
     errors = replace(data.errors, x=data.tracks.x.copy(), y=data.tracks.y.copy())
-    given: dict[str, Table] = {"errors": errors}
+    given: dict[str, ColumnTable] = {"errors": errors}
     for name, table in (("tracks", data.tracks), ("diagnostics", selected(data.diagnostics))):
         own = replace(table, target_id=np.array(names, dtype=np.int32)[table.target_id])
         given[name] = own.take(np.lexsort((own.target_id, own.t_ns)))
@@ -276,7 +276,7 @@ def test_errors_say_nothing_of_cameras_that_were_selected_for_tracks_with_names_
 NAMES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics")
 
 
-def read(folder: Path, given: dict[str, Table], scene: Scene | None) -> ReportInput:
+def read(folder: Path, given: dict[str, ColumnTable], scene: Scene | None) -> ReportInput:
     """What a report shows of tables that are written."""
     written(folder, **given)
     files = in_files({name: folder / f"{name}.parquet" for name in given}, None, scene)

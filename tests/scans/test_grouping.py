@@ -7,10 +7,10 @@ from tracker_scenes import SECOND, camera, room100, with_array
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import BearingRows, scans_of
 
 SCENE = room100()
-ALL = Rows(frozenset(c.name for c in SCENE.cameras))
+ALL = BearingRows(frozenset(c.name for c in SCENE.cameras))
 
 
 def table(*rows):
@@ -50,7 +50,7 @@ def test_sensors_come_in_the_order_of_the_scene_not_of_their_names():
     renamed = Bearings(
         **{c.name: getattr(rows, c.name) for c in Bearings.columns() if c.name != "sensor"}, sensor=np.array(["a", "z"])
     )
-    (scan,) = scans_of([renamed], scene, Rows(frozenset("az")))
+    (scan,) = scans_of([renamed], scene, BearingRows(frozenset("az")))
     assert scan.u_px.tolist() == [2.0, 1.0]
 
 
@@ -94,7 +94,7 @@ def test_a_camera_that_speaks_twice_in_a_window_starts_a_new_scan():
 
 def test_rows_of_other_sensors_and_targets_are_left_out():
     rows = table((0, 1, 0, 1.0), (0, 1, 4, 1.0), (0, 2, 0, 1.0), (0, 2, -1, 1.0), (1, 3, 4, None))
-    use = Rows(frozenset({"cam1", "cam2"}), targets=(4,))
+    use = BearingRows(frozenset({"cam1", "cam2"}), targets=(4,))
     assert shown(scans_of([rows], SCENE, use)) == [(0.0, [(1, 4), (2, -1)])]
     assert shown(scans_of([rows], SCENE, use._replace(unlabelled=False))) == [(0.0, [(1, 4)])]
 
@@ -140,8 +140,8 @@ def test_a_camera_without_pose_is_refused_unless_it_is_left_out():
     blind = Scene((camera("cam1", (0, 0), 0), camera("cam2", (9, 0), 0, placed=False)), room=SCENE.room)
     rows = table((0, 1, 0, 1.0), (0, 2, 0, 1.0))
     with pytest.raises(InputError, match=r"camera 'cam2' has no pose in the scene; .*leave cam2 out"):
-        list(scans_of([rows], blind, Rows(frozenset({"cam1", "cam2"}))))
-    assert len(list(scans_of([rows], blind, Rows(frozenset({"cam1"}))))) == 1
+        list(scans_of([rows], blind, BearingRows(frozenset({"cam1", "cam2"}))))
+    assert len(list(scans_of([rows], blind, BearingRows(frozenset({"cam1"}))))) == 1
 
 
 def test_arrays_count_after_the_cameras():
@@ -150,5 +150,5 @@ def test_arrays_count_after_the_cameras():
     heard = Bearings(
         **{c.name: getattr(rows, c.name) for c in Bearings.columns() if c.name != "sensor"}, sensor=np.array(["array"])
     )
-    (scan,) = scans_of([heard], scene, Rows(frozenset({"array"})))
+    (scan,) = scans_of([heard], scene, BearingRows(frozenset({"array"})))
     assert scan.sensor.tolist() == [8]

@@ -6,7 +6,7 @@ import numpy as np
 from tracker_scenes import room100, with_array
 
 from occlog.records.tables import UNLABELLED, Bearings
-from occlog.scans.grouping import COLUMNS, Scan, concat, in_vain, sensor_names
+from occlog.scans.grouping import COLUMNS, Scan, concat, empty_scan, sensor_names
 
 
 def made(*rows):
@@ -46,7 +46,7 @@ def test_rows_by_sensor_are_those_that_are_seen() -> None:
 
 
 def test_sensors_that_look_in_vain_have_a_row_that_is_not_seen() -> None:
-    scan = concat([in_vain(3, [1, 4]), made((2, 1, True))])
+    scan = concat([empty_scan(3, [1, 4]), made((2, 1, True))])
     assert scan.t_ns == 7  # that of the last
     assert scan.sensor.tolist() == [1, 4, 2]
     assert scan.seen.tolist() == [False, False, True]

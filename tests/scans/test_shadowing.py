@@ -7,7 +7,7 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.records.declared.sensors import Measurements
-from occlog.scans.measured import Shadowing, sigmas, with_sigmas
+from occlog.scans.measured import SignalErrors, sigmas, with_sigmas
 
 
 def reads(t_s: np.ndarray, sensor: list[str], target: list[int], sigma: np.ndarray) -> Measurements:
@@ -25,14 +25,14 @@ def reads(t_s: np.ndarray, sensor: list[str], target: list[int], sigma: np.ndarr
 
 @pytest.mark.parametrize("dt_s", [0.1, 0.5, 3.0])
 def test_the_mean_of_many_reads_has_the_variance_of_correlated_ones(dt_s: float) -> None:
-    how, n = Shadowing(noise_db=4.0, shadow_db=3.0, shadow_s=5.0), 20_000
+    how, n = SignalErrors(noise_db=4.0, shadow_db=3.0, shadow_s=5.0), 20_000
     lags = np.arange(1, n)
     shadow = 9.0 * (n + 2.0 * ((n - lags) * np.exp(-lags * dt_s / 5.0)).sum()) / n  # n times the variance of the mean
     np.testing.assert_allclose(sigmas(how, np.array([dt_s])) ** 2, 16.0 + shadow, rtol=5e-3)
 
 
 def test_reads_far_apart_and_first_ones_count_in_full() -> None:
-    how = Shadowing(noise_db=4.0, shadow_db=3.0, shadow_s=5.0)
+    how = SignalErrors(noise_db=4.0, shadow_db=3.0, shadow_s=5.0)
     np.testing.assert_allclose(sigmas(how, np.array([1e3, np.inf])), 5.0)
     assert np.isfinite(sigmas(how, np.array([0.0]))).all()  # two reads at one time
 
@@ -43,7 +43,7 @@ def test_time_is_since_the_same_station_read_the_same_target_however_tables_are_
     sensor, target = rng.choice(["a", "b"], 60).tolist(), rng.integers(0, 2, 60).tolist()
     told = np.where(rng.random(60) < 0.2, 7.0, np.nan)
     whole = reads(t_s, sensor, target, told)
-    how = Shadowing()
+    how = SignalErrors()
     found = with_sigmas(whole, how, {})
     before: dict[tuple[str, int], float] = {}
     for k in range(60):

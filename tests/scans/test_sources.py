@@ -11,7 +11,7 @@ from tracker_scenes import SECOND, room100, with_array
 
 from occlog.errors import InputError
 from occlog.records.tables import UNLABELLED, Bearings, Doa
-from occlog.scans.sources import bearings_of_doa, in_time, in_turn
+from occlog.scans.sources import bearings_of_doa, round_robin, within_times
 
 SCENE = with_array(room100(), (5.0, 5.0), sigma=0.05)
 
@@ -72,7 +72,7 @@ def test_streams_are_merged_in_the_order_of_time_however_they_are_cut(seed):
         cuts = sorted(rng.integers(0, len(times) + 1, 3).tolist())
         bounds = list(zip([0, *cuts], [*cuts, len(times)], strict=True))
         streams.append([rows(times[a:b], name) for a, b in bounds])
-    found = list(in_time(streams))
+    found = list(within_times(streams))
     merged = Bearings.concat(found)
     pairs = list(zip((merged.t_ns // SECOND).tolist(), merged.sensor.tolist(), strict=True))
     assert sorted(pairs) == sorted(everything)
@@ -81,7 +81,7 @@ def test_streams_are_merged_in_the_order_of_time_however_they_are_cut(seed):
 
 def test_one_stream_is_passed_on_as_it_is():
     chunk = rows([3, 4], "cam1")
-    assert list(in_time([[chunk]])) == [chunk]
+    assert list(within_times([[chunk]])) == [chunk]
 
 
 def test_identities_of_the_log_are_those_of_targets_where_that_is_said():
@@ -112,7 +112,7 @@ def spoken(chunks):
 
 
 def test_sensors_have_turns_in_their_order_from_the_first_row_on():
-    found = spoken(in_turn([of_three()], ["cam1", "cam2", "cam3"], 2.0))
+    found = spoken(round_robin([of_three()], ["cam1", "cam2", "cam3"], 2.0))
     want = [
         (11, "cam1"),
         (12, "cam2"),
@@ -130,7 +130,7 @@ def test_sensors_have_turns_in_their_order_from_the_first_row_on():
 
 
 def test_turns_begin_with_the_first_row_of_the_sensors_that_have_them():
-    found = spoken(in_turn([of_three()], ["cam3", "cam1"], 3.0))
+    found = spoken(round_robin([of_three()], ["cam3", "cam1"], 3.0))
     assert found == [
         (11, "cam3"),
         (12, "cam3"),
@@ -144,8 +144,8 @@ def test_turns_begin_with_the_first_row_of_the_sensors_that_have_them():
         (20, "cam1"),
         (21, "cam1"),
     ]
-    assert spoken(in_turn([of_three()], ["cam2"], 3.0)) == [(t, "cam2") for t in range(10, 22)]
-    assert spoken(in_turn([of_three()], ["cam9"], 3.0)) == []
+    assert spoken(round_robin([of_three()], ["cam2"], 3.0)) == [(t, "cam2") for t in range(10, 22)]
+    assert spoken(round_robin([of_three()], ["cam9"], 3.0)) == []
 
 
 @given(
@@ -157,8 +157,8 @@ def test_turns_do_not_depend_on_where_chunks_are_cut(cuts, seconds, names):
     whole = of_three()
     bounds = [0, *sorted(cuts), len(whole)]
     parts = [whole.take(slice(a, b)) for a, b in pairwise(bounds)]
-    found = spoken(in_turn(parts, names, seconds))
-    assert found == spoken(in_turn([whole], names, seconds))
+    found = spoken(round_robin(parts, names, seconds))
+    assert found == spoken(round_robin([whole], names, seconds))
     turn_ns = round(seconds * 1e9)
     want = [(t, s) for t, s in spoken([whole]) if names[(t - 10) * SECOND // turn_ns % 3] == s]  # one row at a time
     assert found == want

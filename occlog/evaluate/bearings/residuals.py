@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.consistency.verdict import Evidence
+from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.core.sight import triangulate
 from occlog.evaluate.errors.bound import Bounds, Ways
@@ -26,10 +26,10 @@ from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
 from occlog.evaluate.sources import Sources, rows_of
 from occlog.evaluate.verdict import SightEvidence, in_rows_of
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
-from occlog.records.tables import LAST, Bearings, Diagnostics, Errors, Side
+from occlog.records.tables import LAST, Bearings, Diagnostics, Errors, TableBuffer
 
 from .detections import DetectionFigures
 from .held_out import HeldOutFigures
@@ -184,7 +184,7 @@ class AgainstBearings:
         self.rows = 0
         """Bearings so far."""
 
-    def begin(self, pairs: Mapping[int, int], evidence: Evidence, *, high_tracks: bool) -> Beside:
+    def begin(self, pairs: Mapping[int, int], evidence: ConsistencyEvidence, *, high_tracks: bool) -> Beside:
         """Open bearings and measurements; what is to be gone through beside tracks and truth.
 
         Args:
@@ -193,16 +193,18 @@ class AgainstBearings:
             high_tracks: whether any track has a height.
         """
         sources, config = self._sources, self._config
-        self._bearings = Side(rows_of(sources.bearings), Bearings)
-        self._measurements = Side(rows_of(None if sources.measured is None else sources.measured.rows), Measurements)
-        self._diagnostics: Side[Diagnostics] | None = None
+        self._bearings = TableBuffer(rows_of(sources.bearings), Bearings)
+        self._measurements = TableBuffer(
+            rows_of(None if sources.measured is None else sources.measured.rows), Measurements
+        )
+        self._diagnostics: TableBuffer[Diagnostics] | None = None
         margin_ns = 0
         if self._meeting is not None:
             self._sight = SightEvidence(evidence, self._scene, sources.made, config.held_out)
             margin_ns = self._sight.margin_ns
             if sources.diagnostics is not None and evidence.rows == self._known.estimates:
                 rows = in_rows_of(rows_of(sources.tracks), sources.diagnostics())
-                self._diagnostics = Side(rows, Diagnostics)
+                self._diagnostics = TableBuffer(rows, Diagnostics)
         if sources.truth is not None:
             taken = set(pairs.values())
             targets = self._outlines.labels(TARGET)
@@ -214,7 +216,7 @@ class AgainstBearings:
             if sources.measured is not None:
                 how = sources.measured.config, sources.measured.radio
                 self._distances = DistancesOfTargets(self._labels, self._scene, *how)
-        sides: list[Side[Any]] = [self._bearings, *([] if self._diagnostics is None else [self._diagnostics])]
+        sides: list[TableBuffer[Any]] = [self._bearings, *([] if self._diagnostics is None else [self._diagnostics])]
         margins_ns = [margin_ns] * len(sides)
         if self._distances is not None:
             sides, margins_ns = [*sides, self._measurements], [*margins_ns, 0]
@@ -287,7 +289,7 @@ class AgainstBearings:
             for name in np.unique(rows.sensor).tolist()
         }
 
-    def finish(self, take: Callable[[Table], None]) -> None:
+    def finish(self, take: Callable[[ColumnTable], None]) -> None:
         """Say that all stretches came; the bound is given away.
 
         Raises:

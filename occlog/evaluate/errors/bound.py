@@ -25,7 +25,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
 from occlog.evaluate.matching.paths import Path, Sensor
 from occlog.io.files.spill import RECORDS_PER_BLOCK, Blocks, Records
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors
 
@@ -240,7 +240,7 @@ class Bounds:
             out[name], out["n_seen"] = information, np.maximum(out["n_seen"], n_seen)
         return out
 
-    def finish(self, take: Callable[[Table], None]) -> None:
+    def finish(self, take: Callable[[ColumnTable], None]) -> None:
         """Make the bound of all that came, and give it away in pieces, in the order of time.
 
         Raises:

@@ -26,8 +26,8 @@ from occlog.filtering.likelihood.distances import information as distance_inform
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound
-from occlog.scans.config import MeasuredConfig
-from occlog.scans.measured import Differences, LastReads, Radio, make_stations, pack, with_strengths
+from occlog.scans.config import DistanceMeasurementConfig
+from occlog.scans.measured import LastReads, Radio, RangeDifferenceCheck, make_stations, pack, with_strengths
 
 Metrics = dict[str, float]
 
@@ -237,7 +237,9 @@ def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
 class DistancesOfTargets:
     """Packs measurements of those identities that are of targets."""
 
-    def __init__(self, labels: Mapping[int, int], scene: Scene, config: MeasuredConfig, radio: Radio | None) -> None:
+    def __init__(
+        self, labels: Mapping[int, int], scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None
+    ) -> None:
         """No measurements yet.
 
         Args:
@@ -249,7 +251,7 @@ class DistancesOfTargets:
         self._labels, self._config, self._radio = labels, config, radio
         self._stations = make_stations(scene, config, radio)
         self._last: LastReads = {}
-        self._differences = Differences()
+        self._differences = RangeDifferenceCheck()
 
     def add(self, rows: Measurements) -> Measured:
         """Some more rows, with all of each time, in the order of time.

@@ -20,7 +20,7 @@ from occlog.core.metrics.errors import group_medians
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import Path, paths_of, usual_gap_ns
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
-from occlog.records.tables import Limits, Side, Tracks, Truth, in_step
+from occlog.records.tables import Limits, TableBuffer, Tracks, Truth, in_step
 
 
 @dataclass
@@ -190,7 +190,7 @@ class Stretch(NamedTuple):
     tracks: Mapping[int, Path]
     times: Ints
     limits: Limits
-    sides: tuple[Side[Tracks], Side[Truth]]
+    sides: tuple[TableBuffer[Tracks], TableBuffer[Truth]]
 
 
 class Beside(NamedTuple):
@@ -203,7 +203,7 @@ class Beside(NamedTuple):
         truth_ns: of the truth, likewise.
     """
 
-    sides: Sequence[Side[Any]] = ()
+    sides: Sequence[TableBuffer[Any]] = ()
     margins_ns: Sequence[int] = ()
     tracks_ns: int = 0
     truth_ns: int = 0
@@ -232,7 +232,7 @@ def stretches(
     more = beside or Beside()
     limit = max(known.gaps_ns.values(), default=0) if config.limit_ns is None else config.limit_ns
     margin = max(limit, config.bridge_ns, track_gap_ns)
-    ours, theirs = Side(tracks, Tracks), Side(truth, Truth)
+    ours, theirs = TableBuffer(tracks, Tracks), TableBuffer(truth, Truth)
     margins = (max(margin, more.tracks_ns), max(margin, more.truth_ns), *more.margins_ns)
     for limits in in_step((ours, theirs, *more.sides), margins):
         rows, true = limits.of(ours), limits.of(theirs)

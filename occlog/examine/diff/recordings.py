@@ -12,7 +12,7 @@ from occlog.array_types import Ints, Strings
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.io.recording.rows import RECORDED, schema_of
-from occlog.records.columns import Table, check_order, column
+from occlog.records.columns import ColumnTable, check_order, column
 
 from .content import compare_provenance, compare_verdicts, diff_json, values_in
 from .result import Comparison, DiffSettings
@@ -23,7 +23,7 @@ ROWS = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecordedMessages(Table):
+class RecordedMessages(ColumnTable):
     """Frames of a recording, and messages of other programs, one a row; never written to a file."""
 
     NAME: ClassVar[str] = "messages"

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.records.columns import ANY, LENGTHS, Column, Table, in_length_unit
-from occlog.records.tables import FIRST, LAST, Side, times
+from occlog.records.columns import ANY_WIDTH, LENGTHS, Column, ColumnTable, in_length_unit
+from occlog.records.tables import FIRST, LAST, TableBuffer, times
 from occlog.settings import METRES
 
 from .result import ColumnDifference, Comparison, Difference, Limit, Tolerances
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 
 
 class Join(NamedTuple):
@@ -65,7 +65,7 @@ def join(a: T, b: T, time_ns: int = 0) -> Join:
     )
 
 
-def _ranks(a: Table, b: Table, names: tuple[str, ...]) -> tuple[Ints, Ints]:
+def _ranks(a: ColumnTable, b: ColumnTable, names: tuple[str, ...]) -> tuple[Ints, Ints]:
     """Return the rank of each row's key among all keys of both tables; equal keys have equal ranks."""
     rank = np.zeros(len(a) + len(b), dtype=np.int64)
     for name in names:
@@ -100,7 +100,7 @@ def _others(rows: Ints, n: int) -> Ints:
     return np.flatnonzero(mask)
 
 
-def _nearest(a: Table, b: Table, rows_a: Ints, rows_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
+def _nearest(a: ColumnTable, b: ColumnTable, rows_a: Ints, rows_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
     """Pair rows that are each other's nearest in time within a group of equal keys, closest pairs first."""
     t_a, t_b = times(a)[rows_a], times(b)[rows_b]
     rest = tuple(name for name in type(a).KEY if name != "t_ns")
@@ -211,14 +211,14 @@ def _alike(
     c: Column, a: NDArray[np.generic], b: NDArray[np.generic]
 ) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
     """Vectors of any length as long as the longer ones of the two, with NaN where one has no number."""
-    if c.width != ANY or a.shape[1] == b.shape[1]:
+    if c.width != ANY_WIDTH or a.shape[1] == b.shape[1]:
         return a, b
     longest = max(a.shape[1], b.shape[1])
     wide = [np.pad(v, ((0, 0), (0, longest - v.shape[1])), constant_values=np.nan) for v in (a, b)]
     return wide[0], wide[1]
 
 
-def _take_before(side: Side[T], cut: int) -> T:
+def _take_before(side: TableBuffer[T], cut: int) -> T:
     """Take the rows before a time away; at the end, all of them."""
     out = side.between(FIRST, cut)
     side.rows = side.rows.take(slice(len(out), None))
@@ -238,7 +238,7 @@ def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 
     Raises:
         InputError: the chunks of a table are not in the order of time.
     """
-    left, right = Side(a, kind, f"{kind.NAME} A"), Side(b, kind, f"{kind.NAME} B")
+    left, right = TableBuffer(a, kind, f"{kind.NAME} A"), TableBuffer(b, kind, f"{kind.NAME} B")
     while True:
         # The side that lags behind is read first.
         for side in (left, right):
@@ -312,7 +312,7 @@ def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
 class _Tally:
     """Counts and largest differences of the pieces so far."""
 
-    kind: type[Table]
+    kind: type[ColumnTable]
     tolerances: Tolerances
     compared: Sequence[Column]
     length_unit: str
@@ -325,7 +325,7 @@ class _Tally:
     rows: dict[str, int] = field(default_factory=dict)
     largest: dict[str, Difference] = field(default_factory=dict)
 
-    def add(self, a: Table, b: Table) -> None:
+    def add(self, a: ColumnTable, b: ColumnTable) -> None:
         """Compare one piece of both tables, later than all pieces before it."""
         found = join(a, b, self.tolerances.time_ns)
         self.rows_a += len(a)
@@ -340,7 +340,7 @@ class _Tally:
             # At equal keys whole rows go before values, and columns in the table's order: min takes the first.
             self.first = min(firsts, key=lambda item: item[0])[1]
 
-    def _alone(self, a: Table, b: Table, found: Join) -> list[tuple[int, Difference]]:
+    def _alone(self, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, Difference]]:
         """Return the first row that is in A alone, and the first in B alone, with their ranks."""
         out = []
         for kind, table, rows, rank in (
@@ -352,7 +352,7 @@ class _Tally:
                 out.append((int(rank[row]), Difference(kind, self.kind.NAME, _key(table, row))))
         return out
 
-    def _column(self, c: Column, a: Table, b: Table, found: Join) -> list[tuple[int, Difference]]:
+    def _column(self, c: Column, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, Difference]]:
         """Count the rows in which a column differs; return its first difference in this piece, with its rank."""
         values_a, values_b = _alike(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
         if values_a.ndim == 2 and not values_a.shape[1]:
@@ -366,7 +366,7 @@ class _Tally:
         first = int(rows[0])
         return [(int(found.rank_a[found.a[first]]), self._difference(c, a, b, found, values, first))]
 
-    def _keep_largest(self, c: Column, a: Table, b: Table, found: Join, values: Values, rows: Ints) -> None:
+    def _keep_largest(self, c: Column, a: ColumnTable, b: ColumnTable, found: Join, values: Values, rows: Ints) -> None:
         # NaN on one side alone counts as an infinite difference.
         apart = np.where(np.isnan(values.difference[rows]), np.inf, values.difference[rows])
         row = int(rows[np.argmax(apart)])
@@ -374,7 +374,9 @@ class _Tally:
         if before is None or _size(before.difference) < _size(float(values.difference[row])):
             self.largest[c.name] = self._difference(c, a, b, found, values, row)
 
-    def _difference(self, c: Column, a: Table, b: Table, found: Join, values: Values, row: int) -> Difference:
+    def _difference(
+        self, c: Column, a: ColumnTable, b: ColumnTable, found: Join, values: Values, row: int
+    ) -> Difference:
         row_a, row_b = int(found.a[row]), int(found.b[row])
         value_a, value_b = getattr(a, c.name)[row_a], getattr(b, c.name)[row_b]
         name = c.name
@@ -422,7 +424,7 @@ def _size(difference: float | None) -> float:
     return np.inf if difference is None or np.isnan(difference) else difference
 
 
-def _key(table: Table, row: int) -> dict[str, object]:
+def _key(table: ColumnTable, row: int) -> dict[str, object]:
     return {name: getattr(table, name)[row].item() for name in type(table).KEY}
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.tables.parquet import describe, iter_table
 from occlog.io.open import Opened, check_unit, common_unit, open_if_ours
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import TABLES, table_with
 
 from .content import compare_provenance, compare_verdicts
@@ -84,7 +84,7 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     return replace(found, name=name, schema=tuple(schema))
 
 
-def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[Table], name: str) -> list[Difference]:
+def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[ColumnTable], name: str) -> list[Difference]:
     """The first difference of each column that no table of ours has, in the order of the files."""
     unused_a, unused_b = ([n for n in f.source.names if n not in f.layout_of(table).names] for f in (a, b))
     both = [n for n in unused_a if n in unused_b]
@@ -118,7 +118,7 @@ def _plain(value: object) -> Scalar:
     return number if math.isfinite(number) and exact else "" if value is None else str(value)
 
 
-def _columns(opened: Opened, table: type[Table]) -> list[str]:
+def _columns(opened: Opened, table: type[ColumnTable]) -> list[str]:
     """Names of the columns of a table that a file has."""
     if opened.foreign is not None:
         return [s.column.name for s in opened.foreign.layout_of(table).columns]

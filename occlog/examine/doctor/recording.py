@@ -43,7 +43,7 @@ from occlog.io.recording.salvage.records import FAILURES, repeated_records, whol
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import Truth, TruthBoxes
 
 from .clock import Clock, judge_clocks, judge_truth
@@ -179,7 +179,7 @@ def look_at_image(path: Path, findings: Findings) -> None:
         findings.refused("image", error)
 
 
-TRUE: tuple[type[Table], ...] = (Truth, TruthBoxes)
+TRUE: tuple[type[ColumnTable], ...] = (Truth, TruthBoxes)
 TABLES = {schema_of(table): table for table in RECORDED}
 
 
@@ -299,8 +299,8 @@ class _Look:
 
     def __init__(self, path: Path, findings: Findings) -> None:
         self._path, self._findings = path, findings
-        self._collectors: dict[type[Table], RowCollector[Any]] = {}
-        self._watches: dict[type[Table], TableWatch] = {}
+        self._collectors: dict[type[ColumnTable], RowCollector[Any]] = {}
+        self._watches: dict[type[ColumnTable], TableWatch] = {}
         self._clocks: dict[str, Clock] = {}
         self._times: dict[str, list[tuple[int, int]]] = {}  # of frames, with their numbers
 
@@ -329,7 +329,7 @@ class _Look:
         sensors = [c for table, watch in self._watches.items() if table not in TRUE for c in watch.clocks]
         judge_truth(truth, [*self._clocks.values(), *sensors], self._findings)
 
-    def _rows(self, table: type[Table], message: _Message) -> None:
+    def _rows(self, table: type[ColumnTable], message: _Message) -> None:
         if table not in self._collectors:
             self._collectors[table] = RowCollector(table, str(self._path))
             self._watches[table] = TableWatch(table, self._findings)
@@ -338,7 +338,7 @@ class _Look:
         if collector.rows >= ROWS_PER_CHUNK:
             self._sift(table)
 
-    def _sift(self, table: type[Table]) -> None:
+    def _sift(self, table: type[ColumnTable]) -> None:
         values = self._collectors[table].columns()
         order = np.lexsort([values[name] for name in reversed(table.KEY)])
         rows = {name: column[order] for name, column in values.items()}

@@ -24,7 +24,7 @@ from occlog.io.foreign.cells import Cells
 from occlog.io.foreign.source import Source
 from occlog.io.foreign.table import ForeignTable, best_fit
 from occlog.io.gathered import GATHERED
-from occlog.records.columns import Table, repeated_rows
+from occlog.records.columns import ColumnTable, repeated_rows
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES, Bearings, Boxes, Truth, TruthBoxes
 
@@ -43,11 +43,11 @@ MOST_HELD = 65_536
 class TableWatch:
     """What is wrong with rows that are good one by one: repeats, and the clocks of sensors."""
 
-    def __init__(self, table: type[Table], findings: Findings) -> None:
+    def __init__(self, table: type[ColumnTable], findings: Findings) -> None:
         """No row has been seen yet."""
         self.table, self.findings = table, findings
         self._clocks: dict[str, Clock] = {}
-        self._held: Table | None = None
+        self._held: ColumnTable | None = None
         self._last: int | None = None
 
     @property
@@ -66,7 +66,7 @@ class TableWatch:
             self.findings.add("order", f"row {row}", value, count=len(back), alike="order")
         self._last = int(whole[-1]) if len(whole) else None
 
-    def take(self, table: Table) -> None:
+    def take(self, table: ColumnTable) -> None:
         """Take the next rows, in the order of time."""
         if not len(table):
             return
@@ -82,7 +82,7 @@ class TableWatch:
             self._settle(self._held)
         judge_clocks(self.clocks, self.findings)
 
-    def _settle(self, table: Table) -> None:
+    def _settle(self, table: ColumnTable) -> None:
         if not len(table):
             return
         copies, double = repeated_rows(table)
@@ -143,7 +143,7 @@ def _bad(
 
 
 def sift(
-    rows: int, make: Callable[[int, int], Table], watch: TableWatch, place: Callable[[int], str] = lambda _: ""
+    rows: int, make: Callable[[int, int], ColumnTable], watch: TableWatch, place: Callable[[int], str] = lambda _: ""
 ) -> None:
     """Make rows a table, note those that cannot be, and let the others be watched.
 
@@ -153,7 +153,7 @@ def sift(
         watch: takes the table of the good ones.
         place: words for a row, where the error has none.
     """
-    good: list[Table] = []
+    good: list[ColumnTable] = []
     for row, error in halves(rows, make, good):
         # What a table says of its only row, which it calls row 0
         watch.findings.refused("row", InputError(str(error).replace(": row 0: ", ": ", 1)), place=place(row))
@@ -163,7 +163,7 @@ def sift(
         watch.findings.refused("row", error)
 
 
-def _times(table: Table) -> Ints:
+def _times(table: ColumnTable) -> Ints:
     times: Ints = table.t_ns  # type: ignore[attr-defined]
     return times
 
@@ -240,7 +240,7 @@ def look_at_foreign(foreign: ForeignTable, findings: Findings) -> None:
     restarts.judge(findings)
 
 
-def _maker(foreign: ForeignTable, cells: Cells) -> Callable[[int, int], Table]:
+def _maker(foreign: ForeignTable, cells: Cells) -> Callable[[int, int], ColumnTable]:
     return lambda start, stop: foreign.table_of(cells.part(start, stop))
 
 

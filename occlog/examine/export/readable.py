@@ -18,11 +18,11 @@ from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.files.utc import utc
 from occlog.io.foreign.names import MAY_BE_EMPTY
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 BREAKS = ("\n", "\r", "\0")
 """What no cell of a text can hold."""
 
@@ -44,7 +44,7 @@ def readable(chunks: Iterable[T], source: Path, *, text: bool) -> Iterator[T]:
         yield chunk
 
 
-def _check_names(chunk: Table, source: Path) -> None:
+def _check_names(chunk: ColumnTable, source: Path) -> None:
     for c in chunk.columns():
         if c.kind != "U":
             continue
@@ -82,7 +82,9 @@ WORDS = {"t_ns": "times", "target_id": "identities", "z": "heights"}
 class NotHeld:
     """What the rows that go by have, and the format has not."""
 
-    def __init__(self, name: str, table: type[Table], length_unit: str, chosen: tuple[int, ...], camera: str | None):
+    def __init__(
+        self, name: str, table: type[ColumnTable], length_unit: str, chosen: tuple[int, ...], camera: str | None
+    ):
         """Nothing yet.
 
         Args:
@@ -108,7 +110,7 @@ class NotHeld:
             self._see(part)
             yield part
 
-    def _see(self, part: Table) -> None:
+    def _see(self, part: ColumnTable) -> None:
         own = part
         if isinstance(own, Truth):
             own = own.take(own.role == "target")

@@ -25,7 +25,7 @@ from occlog.io.formats.trajectories import FARTHEST, Origin
 from occlog.io.open import Opened, load_scene, open_input
 from occlog.plugins.interface import Exporter, World
 from occlog.plugins.loading import Chosen, said_by
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -97,7 +97,7 @@ def format_of_plugin(exporter: Chosen) -> Format:
     return Format((), tuple(of.tables), str(of.summary))
 
 
-def chosen_rows(rows: Table, name: str, targets: Sequence[int], camera: str | None) -> Table:
+def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: str | None) -> ColumnTable:
     """Rows of some targets and of one camera; UsageError for a table that has no such column."""
     for option, column, given in (("target", "target_id", tuple(targets)), ("camera", "sensor", camera)):
         if not given:
@@ -108,14 +108,14 @@ def chosen_rows(rows: Table, name: str, targets: Sequence[int], camera: str | No
     return rows
 
 
-def write_by_plugin(exporter: Chosen, rows: Table, world: World, file: IO[bytes]) -> None:
+def write_by_plugin(exporter: Chosen, rows: ColumnTable, world: World, file: IO[bytes]) -> None:
     """Write rows; PluginError, in one line, where the plug-in fails."""
     own: Exporter = exporter.make(world.length_unit)
     with said_by(exporter.plugin):
         own.write(rows, world, Sink(file))  # type: ignore[arg-type]
 
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 
 STANDARD = Path("-")
 
@@ -236,7 +236,7 @@ def _check_request(request: ExportRequest, name: str, form: Format) -> None:
         raise UsageError(f"origin: format {name} {said}")
 
 
-def _table(opened: Opened, form: Format, name: str, wanted: str | None) -> type[Table]:
+def _table(opened: Opened, form: Format, name: str, wanted: str | None) -> type[ColumnTable]:
     """The table to write; InputError where the input does not hold one that the format takes."""
     takes = list(form.tables) or list(TABLES)
     if wanted is not None and wanted not in takes:
@@ -253,7 +253,7 @@ def _rows(opened: Opened, table: type[T], *, text: bool = False) -> Iterator[T]:
 def _write_text(
     name: str,
     opened: Opened,
-    table: type[Table],
+    table: type[ColumnTable],
     request: ExportRequest,
     file: IO[bytes],
     world: tuple[str, Scene | None],

@@ -24,7 +24,7 @@ from occlog.io.files.spill import Spool
 from occlog.io.files.texts.csv_rows import no_formula
 from occlog.io.foreign.names import POWERS, ending
 from occlog.io.formats.trajectories import COLLECTION, KEYS, ORIGIN, Origin, degrees_of
-from occlog.records.columns import Column, Table
+from occlog.records.columns import Column, ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
@@ -272,7 +272,7 @@ def shown_name(column: Column, length_unit: str) -> str:
 
 
 def write_csv(
-    rows: Iterable[Table], table: type[Table], file: IO[bytes], length_unit: str
+    rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str
 ) -> tuple[int, tuple[str, ...]]:
     """Write text; the number of rows, and the columns that have more than one number a row and are left out."""
     kept = [c for c in table.columns() if not c.width]
@@ -285,7 +285,7 @@ def write_csv(
     return count, tuple(c.name for c in table.columns() if c.width)
 
 
-def _cells(part: Table, column: Column) -> Sequence[str]:
+def _cells(part: ColumnTable, column: Column) -> Sequence[str]:
     """The values of a column as text; what is not known is empty."""
     values = getattr(part, column.name)
     if column.kind == "U":
@@ -303,7 +303,7 @@ def _quoted(text: str) -> str:
     return CELL + text.replace(CELL, CELL + CELL) + CELL
 
 
-def write_parquet(rows: Iterable[Table], table: type[Table], file: IO[bytes], length_unit: str) -> int:
+def write_parquet(rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str) -> int:
     """Write Parquet without our keys, with null for what is not known; the number of rows."""
     schema = pa.schema([pa.field(shown_name(c, length_unit), _kind(c)) for c in table.columns()])
     count = 0
@@ -321,7 +321,7 @@ def _kind(column: Column) -> pa.DataType:
     return pa.list_(kind) if column.width else kind
 
 
-def _array(part: Table, column: Column) -> pa.Array:
+def _array(part: ColumnTable, column: Column) -> pa.Array:
     values = getattr(part, column.name)
     if column.width:
         flat = pa.array(np.ascontiguousarray(values).reshape(-1), from_pandas=True)

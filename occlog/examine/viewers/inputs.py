@@ -14,7 +14,7 @@ from occlog import console
 from occlog.errors import InputError, UsageError, option
 from occlog.io.open import Opened, open_if_ours, open_input, scene_in
 from occlog.io.recording.reader import Recording
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import (
     Bearings,
@@ -37,11 +37,11 @@ from occlog.records.tables import (
 )
 from occlog.settings import METRES
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 RECORDING = "recording.mcap"
 ROWS = 8192
 """Rows of a table that are held at once: of several tables, each up to three times while one chunk follows another."""
-SHOWN: tuple[type[Table], ...] = (
+SHOWN: tuple[type[ColumnTable], ...] = (
     Truth,
     Diagnostics,
     Particles,
@@ -87,7 +87,7 @@ class Inputs:
         """Every file that is read, each once."""
         return list({opened.path: opened for opened in self.tables.values()}.values())
 
-    def has(self, table: type[Table]) -> bool:
+    def has(self, table: type[ColumnTable]) -> bool:
         """Whether there are rows of a table."""
         return table.NAME in self.tables
 

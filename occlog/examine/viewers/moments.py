@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.frames import Frame
 from occlog.records.scene import Camera
 from occlog.records.tables import (
@@ -53,7 +53,12 @@ from .drawings.world import Sight, moving_occluders
 from .inputs import Inputs
 from .series import Series
 
-LAYERS: dict[type[Table], str] = {ViewTracks: "annotations", Views: "boxes", Boxes: "boxes", TruthBoxes: "true_boxes"}
+LAYERS: dict[type[ColumnTable], str] = {
+    ViewTracks: "annotations",
+    Views: "boxes",
+    Boxes: "boxes",
+    TruthBoxes: "true_boxes",
+}
 """What lies over an image can be shown or not, each for itself: targets, boxes of a detector, true boxes."""
 PARTICLES = "/particles"
 """The topic of dots alone, which all viewers draw of clouds of points."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 
 LEFT_OUT = ("t_ns", "target_id")
 NUMBERS = ("i8", "i4", "f8", "f4", "?")
@@ -33,7 +33,7 @@ class Series:
     fields: Sequence[str]
 
     @classmethod
-    def of_table(cls, table: type[Table]) -> Series:
+    def of_table(cls, table: type[ColumnTable]) -> Series:
         """The columns of numbers of a table, under its name; time and identity are told otherwise."""
         names = [c.name for c in table.columns() if c.kind in NUMBERS and not c.width and c.name not in LEFT_OUT]
         return cls(table.NAME.capitalize(), names)

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from occlog.array_types import Floats
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 
 from .atomic import translate_write_errors
 from .provenance import Provenance
@@ -169,7 +169,7 @@ class Spool:
         yield from self._parts
 
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 
 
 class Aside(Generic[T]):

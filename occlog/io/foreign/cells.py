@@ -14,7 +14,7 @@ from occlog.errors import InputError
 from occlog.io.files.tables.arrow import to_numpy, to_texts
 from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, plain_text
 from occlog.io.files.times import COARSEST_NS, LATEST_S, UNITS, coarse, parse_time, parse_times
-from occlog.records.columns import ANY, MAX_NS
+from occlog.records.columns import ANY_WIDTH, MAX_NS
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
 EXACT = 2.0**53
@@ -37,7 +37,7 @@ class Cells(Protocol):
         """(n,) texts; empty ones where `blank` allows them."""
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers, or as many as the first cell has (`ANY`); NaN for cells that are empty."""
+        """(n, width) numbers, or as many as the first cell has (`ANY_WIDTH`); NaN for cells that are empty."""
 
     def bools(self, name: str) -> Bools:
         """(n,) yes or no."""
@@ -91,7 +91,7 @@ class TextCells:
 
     def lists(self, name: str, width: int) -> Floats:
         """Not in text: a cell has one value."""
-        numbers = "numbers" if width == ANY else f"{width} numbers"
+        numbers = "numbers" if width == ANY_WIDTH else f"{width} numbers"
         raise InputError(f"{self._rows.path}: column {name} wants lists of {numbers}, which text does not hold")
 
     def bools(self, name: str) -> Bools:
@@ -216,16 +216,16 @@ class ArrowCells:
         return texts
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers, or as many as the first cell has (`ANY`); NaN for cells that are null."""
+        """(n, width) numbers, or as many as the first cell has (`ANY_WIDTH`); NaN for cells that are null."""
         column = self._column(name)
         if not (pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or _is_row(column.type)):
-            wanted = "numbers" if width == ANY else f"{width} numbers"
+            wanted = "numbers" if width == ANY_WIDTH else f"{width} numbers"
             raise self._unfit(name, column.type, f"lists of {wanted} were expected")
         if not _is_number(column.type.value_type):
             raise self._unfit(name, column.type, "lists of numbers were expected")
         lengths: Ints = to_numpy(pc.fill_null(pc.cast(pc.list_value_length(column), pa.int64()), 0)).astype(np.int64)
         there = to_numpy(column.is_valid())
-        if width == ANY:
+        if width == ANY_WIDTH:
             there = lengths > 0
             width = int(lengths[there][0]) if there.any() else 0
         bad = there & (lengths != width)

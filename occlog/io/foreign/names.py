@@ -21,7 +21,7 @@ from occlog.io.formats.sound.csv_log import ANGLES
 from occlog.io.formats.sound.csv_log import FORMAT as DIRECTIONS
 from occlog.io.formats.tags import TAG_READS as READS
 from occlog.io.formats.truth import POSITIONS
-from occlog.records.columns import Column, Table
+from occlog.records.columns import Column, ColumnTable
 from occlog.records.declared.sensors import VALUES, Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Failures, Hulls, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
@@ -140,7 +140,7 @@ class Layout(NamedTuple):
         missing: names of columns that the table wants and the file has not.
     """
 
-    table: type[Table]
+    table: type[ColumnTable]
     columns: tuple[Spelling, ...]
     missing: tuple[str, ...]
 
@@ -162,7 +162,7 @@ class Layout(NamedTuple):
         return next(iter(told), None)
 
 
-def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
+def lay_out(names: Sequence[str], table: type[ColumnTable]) -> Layout:
     """Find the columns of a table among the names of a file's columns.
 
     Args:
@@ -206,14 +206,14 @@ def kind_of(column: Column) -> str:
     return "angle" if column.unit == "rad" else "length" if column.unit in POWERS else ""
 
 
-def said_unit(table: type[Table], column: Column, name: str) -> str:
+def said_unit(table: type[ColumnTable], column: Column, name: str) -> str:
     """The unit that a file's name of a column says; empty for none, also for times that are in seconds by default."""
     low = name.strip().lower()
     unit = spellings(column, table).get(low, "")
     return "" if column.name == TIME and not (low.endswith(f"_{unit}") or low in IN_SECONDS) else unit
 
 
-def spellings(column: Column, table: type[Table] | None = None) -> Mapping[str, str]:
+def spellings(column: Column, table: type[ColumnTable] | None = None) -> Mapping[str, str]:
     """What a column (of a table) may be called, its own name first, and the unit that each name states."""
     return _spellings(column, "" if table is None else table.NAME)
 
@@ -279,13 +279,13 @@ def misspelled(layout: Layout, names: Sequence[str]) -> str | None:
 
 
 @cache
-def _sought(table: type[Table]) -> tuple[tuple[Column, Mapping[str, str], bool], ...]:
+def _sought(table: type[ColumnTable]) -> tuple[tuple[Column, Mapping[str, str], bool], ...]:
     """Columns of a table, what they may be called, and whether it cannot do without them."""
     return tuple((c, _spellings(c, table.NAME), _is_wanted(c, table.NAME)) for c in table.columns())
 
 
 @cache
-def _columns_by_name(table: type[Table]) -> Mapping[str, tuple[int, ...]]:
+def _columns_by_name(table: type[ColumnTable]) -> Mapping[str, tuple[int, ...]]:
     """Numbers of the columns of a table that a name may say, or the far edge of them."""
     out: dict[str, tuple[int, ...]] = {}
     for number, (column, known, _) in enumerate(_sought(table)):  # type: ignore[arg-type]

@@ -14,16 +14,16 @@ from occlog.errors import InputError
 from occlog.io.files.limits import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
 from occlog.io.formats.boxes.columns import both_sizes, disagree
-from occlog.records.columns import Table, first_row, key_of, largest, repeated_rows
-from occlog.records.declared.sensors import LEAST_SIGMA_PX, LEAST_SIGMA_RAD, VALUES, WITH_A_RANGE, Measurements
-from occlog.records.tables import TABLES, WIDER, Bearings, Boxes, Doa, Reads, Tracks, Truth, TruthBoxes, has_all
+from occlog.records.columns import ColumnTable, first_row, key_of, largest, repeated_rows
+from occlog.records.declared.sensors import MIN_SIGMA_PX, MIN_SIGMA_RAD, VALUES, WITH_A_RANGE, Measurements
+from occlog.records.tables import TABLES, WIDER, Bearings, Boxes, Doa, Reads, Tracks, Truth, TruthBoxes, has_all_columns
 from occlog.settings import METRES
 
 from .cells import Cells
 from .names import FILLED, MAY_BE_EMPTY, POWERS, SECONDS, TIME, Layout, Spelling, describe_missing, lay_out, misspelled
 from .source import Source
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 Values = dict[str, NDArray[np.generic]]
 WHOSE = ("sensor", "target_id", "source_id", "occluder_id", "tag", "reference")
 """Columns that tell whose a row is."""
@@ -59,7 +59,7 @@ class ForeignTable:
         """Whether a column that is used is a length, or one of its powers or speeds."""
         return any(s.column.unit in POWERS for s in self.layout.columns)
 
-    def fits(self, table: type[Table]) -> bool:
+    def fits(self, table: type[ColumnTable]) -> bool:
         """Whether the file has what a table wants."""
         return not self.layout_of(table).missing
 
@@ -74,7 +74,7 @@ class ForeignTable:
                 found = wider
         return found
 
-    def layout_of(self, table: type[Table]) -> Layout:
+    def layout_of(self, table: type[ColumnTable]) -> Layout:
         """How a table lies in the file; an error names the file."""
         if self.layout.table is table:
             return self.layout
@@ -101,7 +101,7 @@ class ForeignTable:
         frames = _FrameCount()
         for part in self._in_order(layout):
             made = _as_table(self.source, table, _filled(part, table, frames), part["_row"])
-            if has_all(table):
+            if has_all_columns(table):
                 _check_copies(self.source, made, part["_row"])
             yield made
 
@@ -170,7 +170,7 @@ class ForeignTable:
         _check(cells, values, layout)
         return values
 
-    def table_of(self, cells: Cells) -> Table:
+    def table_of(self, cells: Cells) -> ColumnTable:
         """Some cells as the table that fits best, in the order of its key; InputError as for `rows`."""
         values = self._part(cells, self.layout)
         values["_row"] = np.arange(len(cells))
@@ -232,12 +232,12 @@ class ForeignTable:
         return values
 
 
-def fields_of(table: type[Table]) -> frozenset[str]:
+def fields_of(table: type[ColumnTable]) -> frozenset[str]:
     """Names of the columns of a table."""
     return frozenset(c.name for c in table.columns())
 
 
-def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:
+def best_fit(source: Source, tables: Sequence[type[ColumnTable]] = ()) -> Layout:
     """How the table lies in a file that uses most of its columns.
 
     Args:
@@ -277,7 +277,7 @@ def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:
     return best
 
 
-def _lay_out(source: Source, table: type[Table]) -> Layout:
+def _lay_out(source: Source, table: type[ColumnTable]) -> Layout:
     """How a table lies in a file; an error names the file."""
     try:
         return lay_out(source.names, table)
@@ -300,7 +300,7 @@ def check_fits(source: Source, layout: Layout) -> None:
         raise InputError(f"{source.path}: {wrong}")
 
 
-def _every_table() -> tuple[type[Table], ...]:
+def _every_table() -> tuple[type[ColumnTable], ...]:
     """All tables; of those that a file fits equally well the first counts."""
     first = (Tracks, Truth, Bearings, Doa, Boxes)
     return (*first, *(table for table in TABLES.values() if table not in first))
@@ -324,7 +324,7 @@ class _FrameCount:
         return out
 
 
-def _filled(values: Values, table: type[Table], frames: _FrameCount) -> Values:
+def _filled(values: Values, table: type[ColumnTable], frames: _FrameCount) -> Values:
     """The values with those of columns that the file has not, rows in the order of the table's key."""
     rows = len(values[TIME])
     out = {name: column for name, column in values.items() if name != "_row"}
@@ -381,8 +381,8 @@ def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layo
     for name in ("sigma", "sigma_px", "sigma_azimuth", "sigma_elevation", *sigmas):
         refuse(name, lambda v: v <= 0, "above 0")
     for name in ("sigma", "sigma_azimuth", "sigma_elevation"):
-        refuse(name, lambda v: v < LEAST_SIGMA_RAD, f"at least {LEAST_SIGMA_RAD:g} rad")
-    refuse("sigma_px", lambda v: v < LEAST_SIGMA_PX, f"at least {LEAST_SIGMA_PX:g} px")
+        refuse(name, lambda v: v < MIN_SIGMA_RAD, f"at least {MIN_SIGMA_RAD:g} rad")
+    refuse("sigma_px", lambda v: v < MIN_SIGMA_PX, f"at least {MIN_SIGMA_PX:g} px")
     for name in ("confidence", "score"):
         refuse(name, lambda v: (v < 0) | (v > 1), "0 to 1")
     refuse("elevation", lambda v: np.abs(v) > np.pi / 2, "within 90 degrees")
@@ -440,7 +440,7 @@ def _as_table(source: Source, table: type[T], values: Values, row: NDArray[np.ge
         raise InputError(f"{source.path}: among rows {row.min()} to {row.max()}: {error}") from None
 
 
-def _check_copies(source: Source, made: Table, row: NDArray[np.generic]) -> None:
+def _check_copies(source: Source, made: ColumnTable, row: NDArray[np.generic]) -> None:
     """InputError where a row stands there twice."""
     # Boxes were numbered here, so that copies differ in their numbers
     copies, _ = repeated_rows(made, "box" if isinstance(made, Boxes) else "")

@@ -26,7 +26,7 @@ from occlog.io.files.names import natural_sorted, safe_name
 from occlog.io.files.texts.csv_rows import Rows
 from occlog.io.files.texts.formats import LENGTH, TEXT, Column, Format, read_format
 from occlog.io.files.times import to_world_time
-from occlog.records.scene import Reader
+from occlog.records.scene import TagReader
 from occlog.records.tables import Reads
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ READER_POSITIONS = Format(
 )
 
 
-def read_readers(path: Path) -> tuple[Reader, ...]:
+def read_readers(path: Path) -> tuple[TagReader, ...]:
     """Read the readers of a scene, in the order of the table.
 
     An empty cell of range or power stands for a reader of which it is not known.
@@ -54,7 +54,7 @@ def read_readers(path: Path) -> tuple[Reader, ...]:
     Raises:
         InputError: a column is missing, a name stands twice, a range is not above 0.
     """
-    found: dict[str, Reader] = {}
+    found: dict[str, TagReader] = {}
     for part in read_format(path, READER_POSITIONS):
         place = np.column_stack([part[axis] for axis in "xyz"])
         for row, cell in enumerate(part["reader"].tolist()):
@@ -63,7 +63,7 @@ def read_readers(path: Path) -> tuple[Reader, ...]:
                 raise part.rows.fail(row, f"reader {name} is there twice; give every reader its own name")
             power = float(part["power"][row])
             reach, known = float(part["range"][row]), None if math.isnan(power) else power
-            found[name] = Reader(name, place[row], range=reach, power=known)
+            found[name] = TagReader(name, place[row], range=reach, power=known)
     return tuple(found.values())
 
 

@@ -21,7 +21,7 @@ from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.frames.decoders.apart import VideoApart, decode_apart
-from occlog.records.columns import Table, bounded_ns
+from occlog.records.columns import ColumnTable, bounded_ns
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -72,7 +72,7 @@ def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> Li
     return LinkedVideo(path, where)
 
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 IMAGE_SCHEMA = "foxglove.CompressedImage"
 ROWS_PER_CHUNK = 16_384
 
@@ -112,11 +112,11 @@ class Recording:
         """Names of the cameras that have frames, sorted."""
         return tuple(sorted({sensor_of(t.name) for t in self.topics if _is_image(t)}))
 
-    def has(self, table: type[Table]) -> bool:
+    def has(self, table: type[ColumnTable]) -> bool:
         """Whether the recording holds rows of a table."""
         return any(t.schema == schema_of(table) for t in self.topics)
 
-    def messages(self, table: type[Table]) -> int:
+    def messages(self, table: type[ColumnTable]) -> int:
         """How many messages with rows of a table there are; a message has the rows of a sensor at a time."""
         return sum(t.messages for t in self.topics if t.schema == schema_of(table))
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.limits import check_texts
-from occlog.records.columns import Column, Table, check_copies
-from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes, has_all
+from occlog.records.columns import Column, ColumnTable, check_copies
+from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes, has_all_columns
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 
-RECORDED: tuple[type[Table], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Reads, Occluders)
+RECORDED: tuple[type[ColumnTable], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Reads, Occluders)
 """Tables that a recording can hold."""
 
 MAX_MESSAGE_BYTES, MAX_ROWS_AT_ONCE = 32_000_000, 1_000_000
@@ -29,27 +29,27 @@ _PYTHON_TYPES = {"i8": int, "i4": int, "f8": float, "f4": float, "?": bool, "U":
 _JSON_TYPES = {"i8": "integer", "i4": "integer", "f8": "number", "f4": "number", "?": "boolean", "U": "string"}
 
 
-def schema_of(table: type[Table]) -> str:
+def schema_of(table: type[ColumnTable]) -> str:
     """Name of the message schema, e.g. `occlog.Bearings`."""
     return f"occlog.{table.__name__}"
 
 
-def topic_of(table: type[Table], sensor: str) -> str:
+def topic_of(table: type[ColumnTable], sensor: str) -> str:
     """Topic of a table's messages, one a sensor where the table has sensors."""
     return f"/{table.NAME}/{sensor}" if _has_sensor(table) else f"/{table.NAME}"
 
 
-def _has_sensor(table: type[Table]) -> bool:
+def _has_sensor(table: type[ColumnTable]) -> bool:
     # Asked for every message, so not through `columns()`.
     return "sensor" in getattr(table, "__dataclass_fields__", {})
 
 
-def _listed(table: type[Table]) -> list[Column]:
+def _listed(table: type[ColumnTable]) -> list[Column]:
     """Columns that are lists in a message; the time and the sensor stand once."""
     return [c for c in table.columns() if c.name not in ("t_ns", "sensor")]
 
 
-def message_schema(table: type[Table]) -> dict[str, object]:
+def message_schema(table: type[ColumnTable]) -> dict[str, object]:
     """JSON Schema of the messages of a table."""
     properties: dict[str, object] = {"t_ns": {"type": "integer", "description": "ns since the Unix epoch, of all rows"}}
     if _has_sensor(table):
@@ -70,7 +70,7 @@ def message_schema(table: type[Table]) -> dict[str, object]:
     }
 
 
-def table_to_messages(table: Table) -> Iterator[tuple[str, int, bytes]]:
+def table_to_messages(table: ColumnTable) -> Iterator[tuple[str, int, bytes]]:
     """(topic, t_ns, JSON) of the rows of a table sorted by time."""
     if not len(table):
         return
@@ -90,7 +90,7 @@ def table_to_messages(table: Table) -> Iterator[tuple[str, int, bytes]]:
 
 
 @cache
-def _decoder(table: type[Table]) -> msgspec.json.Decoder[Any]:
+def _decoder(table: type[ColumnTable]) -> msgspec.json.Decoder[Any]:
     """Decoder of a table's messages, which takes no text for a number and no 1.5 for a time."""
     fields: list[Any] = [("t_ns", int), *([("sensor", str)] if _has_sensor(table) else [])]
     for c in sorted(_listed(table), key=lambda c: c.optional):
@@ -149,7 +149,7 @@ class RowCollector(Generic[T]):
         values = self.columns()
         try:
             table = self._table(**values).sorted()
-            if has_all(self._table):
+            if has_all_columns(self._table):
                 check_copies(table)
             return table
         except (InputError, ValueError) as error:

@@ -19,7 +19,7 @@ from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.formats.scenes.scene import scene_to_yaml
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 
 from .chunks import PROGRAM
@@ -116,7 +116,7 @@ class RecordingWriter:
         channel = self._channel(f"/camera/{sensor}/video", VIDEO_FRAME, "json")
         self._add(channel, t_ns, json.dumps({"t_ns": t_ns, "index": index}).encode(), index)
 
-    def table(self, table: Table) -> None:
+    def table(self, table: ColumnTable) -> None:
         """Add rows (sorted by time) of one of the tables that a recording can hold."""
         name = schema_of(type(table))
         for topic, t_ns, data in table_to_messages(table):

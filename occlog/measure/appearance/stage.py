@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.image import bins_of, corrected
 from occlog.errors import InputError
-from occlog.records.declared.people import MOST_BINS, OTHER, SAME, SUSPENDED, AppearanceMatches, Gallery
+from occlog.records.declared.people import MAX_BINS, OTHER, SAME, SUSPENDED, AppearanceMatches, Gallery
 from occlog.records.tables import Tracks
 
 from .config import LearnConfig, MatchConfig, SightingConfig
@@ -45,7 +45,7 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
     if not keys:
         return Gallery.empty()
     whole = np.stack([counts[key] for key in keys])
-    densities = np.zeros((len(keys), MOST_BINS))
+    densities = np.zeros((len(keys), MAX_BINS))
     densities[:, : whole.shape[1]] = whole / whole.sum(axis=1, keepdims=True)
     return Gallery(
         t_ns=np.full(len(keys), last_ns),

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.consistency.verdict import beyond
+from occlog.consistency.verdict import exceeds_share
 from occlog.records.scene import Scene
 from occlog.records.tables import Views
 from occlog.records.verdicts import Check, finding, outcome
@@ -96,7 +96,7 @@ class Checked:
     def _wide(self) -> Iterator[Check]:
         """Cameras with boxes outside the image."""
         for name, count in sorted(self._boxes.items()):
-            if beyond(self._outside[name], count, OUTSIDE):
+            if exceeds_share(self._outside[name], count, OUTSIDE):
                 yield finding(
                     INSIDE,
                     "warning",

@@ -29,7 +29,7 @@ from occlog.measure.networks.config import NetworkConfig
 from occlog.measure.networks.detector import Detector, open_detector, open_embedder
 from occlog.measure.networks.running.runtimes import opencv_threads
 from occlog.plugins.loading import DETECTOR, Chosen, find
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Tracks, Views
@@ -119,7 +119,7 @@ def write_detections(
     fields = {job.request.table_of(name): name for name in job.request.files(output=True)}
     with job.tables(provenance, scene.length_unit) as tables:
         for part in parts:
-            found: dict[str, Table] = {Bearings.NAME: part.bearings, Views.NAME: part.views}
+            found: dict[str, ColumnTable] = {Bearings.NAME: part.bearings, Views.NAME: part.views}
             tables.write(**{field: found[table] for table, field in fields.items()})
             checked.add(part.views)
             losses += part.losses

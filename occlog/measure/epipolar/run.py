@@ -21,7 +21,7 @@ from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TruthBoxes
-from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
+from occlog.records.view_pairs import PointMatches, ViewPair, ViewPairs
 from occlog.runner import Job
 
 from .config import EpipolarConfig
@@ -113,7 +113,7 @@ def _checks(
     return checked_pairs(pairs, _matches(request, config), scene, config.threshold_px)
 
 
-def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[Matches, ...]:
+def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMatches, ...]:
     """Matches of the cameras asked for; InputError if there are none."""
     found = _of_tracks(request.tracks, config.points) if request.tracks is not None else ()
     if request.matches is not None:
@@ -126,7 +126,7 @@ def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[Matches,
     return kept
 
 
-def _of_tracks(path: Path, points: str) -> tuple[Matches, ...]:
+def _of_tracks(path: Path, points: str) -> tuple[PointMatches, ...]:
     """Matches from view tracks or true boxes."""
     opened = open_input(path, TruthBoxes, ViewTracks)
     if opened.has(TruthBoxes):

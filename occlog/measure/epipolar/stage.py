@@ -18,7 +18,7 @@ from occlog.errors import InputError
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import TruthBoxes
-from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
+from occlog.records.view_pairs import PointMatches, ViewPair, ViewPairs
 
 from .config import EpipolarConfig
 from .geometry import bends
@@ -57,7 +57,7 @@ def calibrated_pairs(scene: Scene) -> ViewPairs:
 
 
 def estimated_pairs(
-    matches: Iterable[Matches],
+    matches: Iterable[PointMatches],
     scene: Scene | None = None,
     config: EpipolarConfig | None = None,
 ) -> ViewPairs:
@@ -76,7 +76,7 @@ def estimated_pairs(
 
 
 def checked_pairs(
-    pairs: ViewPairs, matches: Iterable[Matches], scene: Scene | None, tolerance_px: float
+    pairs: ViewPairs, matches: Iterable[PointMatches], scene: Scene | None, tolerance_px: float
 ) -> tuple[PairCheck, ...]:
     """How well the matches of each pair agree with its matrix.
 
@@ -87,7 +87,7 @@ def checked_pairs(
     return tuple(_checked(pairs, m, scene, tolerance_px) for m in matches)
 
 
-def _estimated(m: Matches, scene: Scene | None, config: EpipolarConfig) -> ViewPair:
+def _estimated(m: PointMatches, scene: Scene | None, config: EpipolarConfig) -> ViewPair:
     a, b, undistorted = _ideal(m, scene)
     try:
         fit = estimate_fundamental(a, b, config)
@@ -108,7 +108,7 @@ def _estimated(m: Matches, scene: Scene | None, config: EpipolarConfig) -> ViewP
     )
 
 
-def _checked(pairs: ViewPairs, m: Matches, scene: Scene | None, tolerance_px: float) -> PairCheck:
+def _checked(pairs: ViewPairs, m: PointMatches, scene: Scene | None, tolerance_px: float) -> PairCheck:
     pair = pairs.find(m.a, m.b)
     if pair is None:
         raise InputError(f"{m.where}: no fundamental matrix of these views to check; choose other cameras")
@@ -134,7 +134,7 @@ def _checked(pairs: ViewPairs, m: Matches, scene: Scene | None, tolerance_px: fl
     )
 
 
-def _ideal(m: Matches, scene: Scene | None) -> tuple[Floats, Floats, bool]:
+def _ideal(m: PointMatches, scene: Scene | None) -> tuple[Floats, Floats, bool]:
     """The points of both views without lens distortion, and whether there was any."""
     cameras = [None if scene is None else _camera(scene, name, m.where) for name in (m.a, m.b)]
     points = [
@@ -161,7 +161,7 @@ VISIBLE = 0.8
 
 def matches_of_tracks(
     chunks: Iterable[ViewTracks] | Iterable[TruthBoxes], where: str, points: str = "centres", window_ns: int = 0
-) -> tuple[Matches, ...]:
+) -> tuple[PointMatches, ...]:
     """Points of the same target at the same time in two views, for each pair of views that has some.
 
     Args:
@@ -206,14 +206,14 @@ class _Sample:
             self.kept = [(lot, block) for lot, block in self.kept if lot < self.share] or self.kept[:1]
             self.size = sum(len(block) for _, block in self.kept)
 
-    def matches(self, a: str, b: str, where: str) -> Matches:
+    def matches(self, a: str, b: str, where: str) -> PointMatches:
         """What was kept, at most `MOST`, but at least a moment."""
         lots = np.array([lot for lot, _ in self.kept])
         order = np.argsort(lots)
         sizes = np.cumsum([len(self.kept[k][1]) for k in order])
         chosen = order[: max(int(np.searchsorted(sizes, MOST, side="right")), 1)]
         both = np.concatenate([self.kept[k][1] for k in np.sort(chosen)])
-        return Matches(a, b, both[:, 0], both[:, 1], where)
+        return PointMatches(a, b, both[:, 0], both[:, 1], where)
 
 
 Shown = dict[int, tuple[Floats, float]]

@@ -8,14 +8,14 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from occlog import console
-from occlog.consistency.verdict import FEWEST, beyond
+from occlog.consistency.verdict import MIN_SAMPLES, exceeds_share
 from occlog.errors import UsageError, option
 from occlog.io.open import open_input
-from occlog.records.frames import carried
+from occlog.records.frames import skipped_frames_of
 from occlog.records.tables import Tracks, Views
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
-from occlog.scans.inputs import Inputs
+from occlog.scans.inputs import MeasurementInputs
 from occlog.settings import configure
 
 from .config import FuseConfig
@@ -43,11 +43,11 @@ def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[L
             f"{request.bearings}: holds tracks; name those of another group of cameras with {option('with')}, or give "
             "bearings"
         )
-    inputs = Inputs(request.bearings, request.scene)
+    inputs = MeasurementInputs(request.bearings, request.scene)
     views = [] if request.views is None else inputs.open(request.views, Views)
     unit = inputs.scene.length_unit
     config = configure(FuseConfig.in_unit(unit), request.settings)
-    kept = {} if request.views is None else carried(open_input(request.views).provenance.parameters)
+    kept = {} if request.views is None else skipped_frames_of(open_input(request.views).provenance.parameters)
     provenance = job.provenance({**asdict(config), **kept}, inputs.losses)
     chunks = job.progress(inputs.chunks, "fuse")
     tally = FuseTally(inputs.scene, config)
@@ -95,13 +95,13 @@ class FuseTally:
         """Whether the cameras agree on where targets are: detections with a label that the fusion removes."""
         removed = {name: own["removed"] for name, own in self._of_targets.items()}
         whole = {name: own.total() for name, own in self._of_targets.items()}
-        told = [name for name, count in whole.items() if count >= FEWEST]
-        few = f"no camera has {FEWEST} detections with a label; of those without one many may be false"
+        told = [name for name, count in whole.items() if count >= MIN_SAMPLES]
+        few = f"no camera has {MIN_SAMPLES} detections with a label; of those without one many may be false"
         limits = {name: MOST_REMOVED + self._false[name] for name in told}
         worst = max(told, key=lambda name: removed[name] / whole[name] - limits[name], default="")
         share, limit = (removed[worst] / whole[worst], limits[worst]) if told else (math.nan, math.nan)
         found: tuple[Check, ...] = ()
-        if told and beyond(removed[worst], whole[worst], limit):
+        if told and exceeds_share(removed[worst], whole[worst], limit):
             found = (
                 finding(
                     AGREE,

@@ -22,7 +22,7 @@ from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks, Tracks
 from occlog.runner import Job
 from occlog.scans.grouping import choose_sensors
-from occlog.scans.inputs import Inputs
+from occlog.scans.inputs import MeasurementInputs
 from occlog.settings import configure
 
 from .config import LabelConfig, NamingConfig
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Label and write; the summary, and what had been lost before."""
-    inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels)
+    inputs = MeasurementInputs(request.bearings, request.scene, request.doa, request.doa_labels)
     tracks = inputs.open(request.tracks, Tracks)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without)
     config = configure(LabelConfig(), request.settings)

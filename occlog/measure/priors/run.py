@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.errors import InputError, UsageError, option
 from occlog.io.open import check_unit, load_scene, losses_of, open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import Bearings, Doa, Occluders, Tracks, Truth, Views
 from occlog.runner import Job
 from occlog.scans.grouping import nearest
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 S = TypeVar("S", Views, Bearings)
 Result = tuple[dict[str, object], tuple["Loss", ...]]
 

@@ -18,7 +18,7 @@ from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of, quotient_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
-from occlog.scans.grouping import Rows, choose_sensors, scans_of
+from occlog.scans.grouping import BearingRows, choose_sensors, scans_of
 from occlog.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
@@ -104,7 +104,7 @@ def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -
     target = truth.take(truth.target_id == 0)
     rng = np.random.default_rng(size.seed)
     read = read_noise(scene)
-    use = Rows(choose_sensors(scene, names(SQUARE_ORDER[:n])))
+    use = BearingRows(choose_sensors(scene, names(SQUARE_ORDER[:n])))
     for place, group in enumerate(scans_of([bearings], scene, use)):
         scan, exact, prior = group.of_target(0), known.at(group.t_ns), guessed.at(group.t_ns)
         if scan is None or exact is None or prior is None:

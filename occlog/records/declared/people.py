@@ -17,16 +17,16 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.records.columns import Table, check_order, column, first_row
+from occlog.records.columns import ColumnTable, check_order, column, first_row
 
 from .tracks import Tracks
 from .views import ViewTracks
 
 KINDS = ("birth", "death", "doubt", "named")
 """`kind` of an event."""
-BOX, FLOOR = "box", "floor"
+BOX, GROUND = "box", "floor"
 """`mode` of a row of everybody in the images: the camera has a box of the person, or the place on the floor alone."""
-UNSEEN, ONE_VIEW, EXCHANGE, CONTRADICTION = "unseen", "one-view", "exchange", "contradiction"
+COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = "unseen", "one-view", "exchange", "contradiction"
 """Words of the column `doubt`, in the order in which they stand there."""
 
 
@@ -97,7 +97,7 @@ class PeopleViews(ViewTracks):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Support(Table):
+class Support(ColumnTable):
     """Which box of which camera speaks for which row of `tracks`, and how probably.
 
     A box may be of one of several people; its probabilities sum to at most 1, and what is left is that of nobody.
@@ -122,7 +122,7 @@ class Support(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Events(Table):
+class Events(ColumnTable):
     """What happened to the identities of a tracker of everybody."""
 
     NAME: ClassVar[str] = "events"
@@ -167,7 +167,7 @@ class Events(Table):
             raise InputError(f"Events: row {row}: kind {self.kind[row]!r} must be {', '.join(KINDS)}")
 
 
-MOST_BINS = 256
+MAX_BINS = 256
 """Greatest number m of bins of a histogram of colours ([Lee] Sec. 5.2.1)."""
 SAME, OTHER, SUSPENDED = "same", "other", "suspended"
 DECISIONS = (SAME, OTHER, SUSPENDED)
@@ -175,7 +175,7 @@ DECISIONS = (SAME, OTHER, SUSPENDED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gallery(Table):
+class Gallery(ColumnTable):
     """How people look from several sides: a density of colours for each target and each viewing angle it was seen at.
 
     All rows have the same number of bins and of angles, so that any two can be compared.
@@ -192,11 +192,11 @@ class Gallery(Table):
         "number n of the viewing angle: 1 the front, `angles` the back; (n - 1) pi / (angles - 1) to either side",
     )
     angles: Ints32 = column("i4", "1", "number N of viewing angles, at least 1; 1: all sides together")
-    bins: Ints32 = column("i4", "1", f"number m of colours, 2 to {MOST_BINS}")
+    bins: Ints32 = column("i4", "1", f"number m of colours, 2 to {MAX_BINS}")
     samples: Ints32 = column("i4", "1", "boxes that were learnt from")
     pixels: Ints = column("i8", "1", "pixels in them that count")
     density: Floats = column(
-        "f8", "1", "share of the pixels of each colour, the first `bins` of them; 0 after these", width=MOST_BINS
+        "f8", "1", "share of the pixels of each colour, the first `bins` of them; 0 after these", width=MAX_BINS
     )
 
     def check(self) -> None:
@@ -209,9 +209,9 @@ class Gallery(Table):
             if (bad := values != values[0]).any():
                 row = first_row(bad)
                 raise InputError(f"Gallery: row {row}: {name} is {values[row]}, but {values[0]} in the first row")
-        if not 2 <= self.bins[0] <= MOST_BINS or self.angles[0] < 1:
+        if not 2 <= self.bins[0] <= MAX_BINS or self.angles[0] < 1:
             raise InputError(
-                f"Gallery: {self.bins[0]} bins and {self.angles[0]} angles; want 2 to {MOST_BINS}, 1 or more"
+                f"Gallery: {self.bins[0]} bins and {self.angles[0]} angles; want 2 to {MAX_BINS}, 1 or more"
             )
         if (bad := (self.target_id < 0) | (self.angle < 1) | (self.angle > self.angles)).any():
             row = first_row(bad)
@@ -236,7 +236,7 @@ class Gallery(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AppearanceMatches(Table):
+class AppearanceMatches(ColumnTable):
     """How like the people of a gallery each box is, seen from the same side: a row for each box and target."""
 
     NAME: ClassVar[str] = "appearance_matches"

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Floats32, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.records.columns import ANY, Table, check_order, column, first_row
+from occlog.records.columns import ANY_WIDTH, ColumnTable, check_order, column, first_row
 
 APPEARANCE_BINS = 72
 """Length of an appearance histogram: 8 x 8 hue-saturation bins, then 8 brightness bins of grey pixels."""
@@ -22,9 +22,9 @@ UNLABELLED = -1
 """`target_id` of a measurement that has not been assigned to a target."""
 
 
-LEAST_SIGMA_RAD = 1e-15
+MIN_SIGMA_RAD = 1e-15
 """Smallest standard deviation of an angle: an angle of 1 rad is not told to less than this."""
-LEAST_SIGMA_PX = 1e-9
+MIN_SIGMA_PX = 1e-9
 """Smallest standard deviation of a reading in an image."""
 MAX_FRAMES = 10**9
 """Frames that a camera can have: a year at 30 a second."""
@@ -57,7 +57,7 @@ def check_ids(ids: Ints32, column: str, name: str) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bearings(Table):
+class Bearings(ColumnTable):
     """What each sensor says about the direction of a target.
 
     A camera that delivered a frame but did not see the target has a row with
@@ -115,17 +115,17 @@ class Bearings(Table):
         if (wrong := value != self.seen).any():
             row = first_row(wrong)
             raise InputError(f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}")
-        if (wrong := self.sigma_px < LEAST_SIGMA_PX).any():
+        if (wrong := self.sigma_px < MIN_SIGMA_PX).any():
             row = first_row(wrong)
             raise InputError(
-                f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be above 0, at least {LEAST_SIGMA_PX:g}"
+                f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be above 0, at least {MIN_SIGMA_PX:g}"
             )
-        bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma >= LEAST_SIGMA_RAD))
+        bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma >= MIN_SIGMA_RAD))
         if bad.any():
             row = first_row(bad)
             raise InputError(
                 f"Bearings: row {row}: bearing {self.bearing[row]:g} rad must be in [-pi, pi) "
-                f"and sigma {self.sigma[row]:g} rad above 0, at least {LEAST_SIGMA_RAD:g}"
+                f"and sigma {self.sigma[row]:g} rad above 0, at least {MIN_SIGMA_RAD:g}"
             )
         told = np.isfinite(self.elevation)
         bad = (told != np.isfinite(self.sigma_elevation)) | (told & ~self.seen)
@@ -140,7 +140,7 @@ class Bearings(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Views(Table):
+class Views(ColumnTable):
     """People-sized clusters (or detector boxes) of every camera and frame."""
 
     NAME: ClassVar[str] = "views"
@@ -198,7 +198,7 @@ class Views(Table):
         "how a network for re-identification describes who is in the box: a vector of length 1, of as many numbers as "
         "the network gives; empty in a table without any",
         nan="none of this box",
-        width=ANY,
+        width=ANY_WIDTH,
         optional=True,
     )
 
@@ -217,7 +217,7 @@ class Views(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Boxes(Table):
+class Boxes(ColumnTable):
     """A person detector's boxes, or the true ones: what is ingested instead of, or beside, video.
 
     A frame without any box is one row with `box` = -1 and NaN elsewhere, so that
@@ -270,7 +270,7 @@ class TruthBoxes(Boxes):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Doa(Table):
+class Doa(ColumnTable):
     """Directions of arrival from microphone arrays (or any direction finder)."""
 
     NAME: ClassVar[str] = "doa"
@@ -297,7 +297,7 @@ class Doa(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reads(Table):
+class Reads(ColumnTable):
     """Tags that readers detected: a row for each read; a reader that detects no tag has no row."""
 
     NAME: ClassVar[str] = "reads"
@@ -326,7 +326,7 @@ DIFFERENCES = ("tdoa", "range_difference")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measurements(Table):
+class Measurements(ColumnTable):
     """What stations measure of targets that say who they are (radio tags, beacons, one source of sound).
 
     A row has a range, a signal strength, a difference of arrival times to another station, or several of them; with a

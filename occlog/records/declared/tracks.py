@@ -9,11 +9,11 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.records.columns import Table, check_order, column, first_row, semidefinite
+from occlog.records.columns import ColumnTable, check_order, column, first_row, semidefinite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracks(Table):
+class Tracks(ColumnTable):
     """Estimated states on the ground, or in space, with their covariance."""
 
     NAME: ClassVar[str] = "tracks"
@@ -109,7 +109,7 @@ class TagTracks(Tracks):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VirtualSensors(Table):
+class VirtualSensors(ColumnTable):
     """Regions into which the ranges of readers cut the floor: a row for each set of readers that cover one together."""
 
     NAME: ClassVar[str] = "virtual_sensors"
@@ -133,7 +133,7 @@ class VirtualSensors(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Diagnostics(Table):
+class Diagnostics(ColumnTable):
     """How a filter fared at each step."""
 
     NAME: ClassVar[str] = "diagnostics"
@@ -202,7 +202,7 @@ class Diagnostics(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Particles(Table):
+class Particles(ColumnTable):
     """Where a particle filter thinks that each target is: weighted places at each time."""
 
     NAME: ClassVar[str] = "particles"
@@ -224,7 +224,7 @@ class Particles(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Residuals(Table):
+class Residuals(ColumnTable):
     """How each bearing that was used agrees with the estimate, and whether it is believed."""
 
     NAME: ClassVar[str] = "residuals"
@@ -253,7 +253,7 @@ class Residuals(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration(Table):
+class Calibration(ColumnTable):
     """Errors of the sensors' poses, true minus stated, as a filter that estimates them has them after each scan."""
 
     NAME: ClassVar[str] = "calibration"
@@ -275,7 +275,7 @@ class Calibration(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Errors(Table):
+class Errors(ColumnTable):
     """Estimate minus truth at each time of the estimate."""
 
     NAME: ClassVar[str] = "errors"
@@ -311,12 +311,12 @@ class Errors(Table):
         check_order(self)
 
 
-LEAST_SMOOTHED = "with everything known that was seen later, too: lower bound of the error"
+MIN_SMOOTHED = "with everything known that was seen later, too: lower bound of the error"
 NO_SMOOTHED = "made by an older version"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bound(Table):
+class Bound(ColumnTable):
     """Posterior Cramer-Rao bound of the position for the sensors that really saw the target."""
 
     NAME: ClassVar[str] = "bound"
@@ -346,15 +346,13 @@ class Bound(Table):
         nan="a bound on the ground",
         optional=True,
     )
-    smoothed_xx: Floats = column("f8", "m^2", f"{LEAST_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
-    smoothed_xy: Floats = column("f8", "m^2", f"{LEAST_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
-    smoothed_yy: Floats = column("f8", "m^2", f"{LEAST_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
-    smoothed: Floats = column("f8", "m", f"{LEAST_SMOOTHED} RMSE on the ground", nan=NO_SMOOTHED, optional=True)
-    smoothed_zz: Floats = column(
-        "f8", "m^2", f"{LEAST_SMOOTHED} covariance", nan="a bound on the ground", optional=True
-    )
+    smoothed_xx: Floats = column("f8", "m^2", f"{MIN_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
+    smoothed_xy: Floats = column("f8", "m^2", f"{MIN_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
+    smoothed_yy: Floats = column("f8", "m^2", f"{MIN_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
+    smoothed: Floats = column("f8", "m", f"{MIN_SMOOTHED} RMSE on the ground", nan=NO_SMOOTHED, optional=True)
+    smoothed_zz: Floats = column("f8", "m^2", f"{MIN_SMOOTHED} covariance", nan="a bound on the ground", optional=True)
     smoothed_space: Floats = column(
-        "f8", "m", f"{LEAST_SMOOTHED} RMSE in space", nan="a bound on the ground", optional=True
+        "f8", "m", f"{MIN_SMOOTHED} RMSE in space", nan="a bound on the ground", optional=True
     )
 
     def check(self) -> None:
@@ -363,7 +361,7 @@ class Bound(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cooperation(Table):
+class Cooperation(ColumnTable):
     """When a tracker of sounds asked cameras where its targets are, why, and what they said.
 
     Each row is one request for one target; several at one time share their frames, which

@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.records.columns import Table, check_order, column, first_row
+from occlog.records.columns import ColumnTable, check_order, column, first_row
 
 from .sensors import Boxes
 
@@ -20,7 +20,7 @@ COUNTERPARTS = ("", "none", "bad", "good")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ViewTracks(Table):
+class ViewTracks(ColumnTable):
     """Targets tracked in the images: a row for each tracker and frame of its view.
 
     A target has one tracker in each view; the trackers of one target share its identity.
@@ -88,7 +88,7 @@ class ViewTracks(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Failures(Table):
+class Failures(ColumnTable):
     """Each failure of a tracker that has a target of its own, by frame and view ([Qu] Eq. 9)."""
 
     NAME: ClassVar[str] = "failures"
@@ -119,7 +119,7 @@ class Failures(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Counts(Table):
+class Counts(ColumnTable):
     """How many targets and tracks on the ground there are over time, and how many of them are pairs."""
 
     NAME: ClassVar[str] = "counts"

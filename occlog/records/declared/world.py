@@ -17,11 +17,11 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.core.navigation.steering import STATES
 from occlog.errors import InputError
-from occlog.records.columns import Table, check_order, column, first_row, semidefinite
+from occlog.records.columns import ColumnTable, check_order, column, first_row, semidefinite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Occluders(Table):
+class Occluders(ColumnTable):
     """Gaussian priors of the moving occluders' positions.
 
     A row holds everything that is known at its time: an occluder that has no row then is
@@ -54,7 +54,7 @@ class Occluders(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hulls(Table):
+class Hulls(ColumnTable):
     """Polygons on the ground in which the moving occluders are: the visual hull of several views.
 
     An occluder is anywhere in its polygon with equal probability.  As in `Occluders` a time
@@ -88,7 +88,7 @@ class Hulls(Table):
             )
 
 
-def _check_there(table: Table, identity: Ints32, there: Bools) -> None:
+def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
     """InputError where an occluder has no place or a row that says "none" has one."""
     if (wrong := (identity >= 0) != there).any():
         row = first_row(wrong)
@@ -99,7 +99,7 @@ def _check_there(table: Table, identity: Ints32, there: Bools) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth(Table):
+class Truth(ColumnTable):
     """True positions on the ground of the targets and of the objects that hide them."""
 
     NAME: ClassVar[str] = "truth"
@@ -123,7 +123,7 @@ class Truth(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlanMap(Table):
+class PlanMap(ColumnTable):
     """What is expected of a filter at places spread over the floor."""
 
     NAME: ClassVar[str] = "plan"
@@ -162,7 +162,7 @@ PATH_STATES = (*STATES, "end")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RobotPath(Table):
+class RobotPath(ColumnTable):
     """Places of a robot in a potential field, and the forces that decide on its next step."""
 
     NAME: ClassVar[str] = "robot_path"
@@ -209,7 +209,7 @@ END_TO_END = "end-to-end"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Delays(Table):
+class Delays(ColumnTable):
     """Messages between sensors, routers and a server, and their delays.
 
     A row is a message with all of its packets; rows of the kind `end-to-end` are of a router, from the detection of its

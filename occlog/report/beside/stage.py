@@ -13,7 +13,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import TimeAxis
@@ -25,7 +25,7 @@ MOVED = 1e-6
 """Sensors that are farther than this share of a unit of length from where they were stand elsewhere."""
 
 
-def same_rows(a: Table, b: Table) -> bool:
+def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
     """Whether two tables have the same values."""
     if len(a) != len(b):
         return False

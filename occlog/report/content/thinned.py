@@ -17,10 +17,10 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import Sum
 from occlog.evaluate.errors.sums import median_of
 from occlog.io.files.spill import Spool
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import Errors, times, whole_times
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 MOST_ROWS = 200_000
 """Rows of a table that are drawn whole."""
 MOST_MOMENTS = 10_000
@@ -162,7 +162,7 @@ def _in_place(kind: type[T], parts: list[T], numbers: list[Ints]) -> tuple[T, In
     return kind(**{name: np.concatenate(columns.pop(name))[place] for name in list(columns)}), found
 
 
-def _targets(table: Table) -> Ints:
+def _targets(table: ColumnTable) -> Ints:
     found: Ints = getattr(table, "target_id")  # noqa: B009
     return found.astype(np.int64)
 

@@ -20,7 +20,7 @@ from occlog.io.recording.reader import Recording
 from occlog.measure.detect.by_background.one_camera import stretches
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.epipolar.views import View
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
@@ -74,7 +74,7 @@ class LostFrames:
         )
 
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 GOOD_HEIGHT = 360
 """Images lower than this are enlarged, by a whole number."""
 LARGEST = (3840, 2160)

@@ -31,7 +31,7 @@ from occlog.examine.viewers.drawings.shapes import rim
 from occlog.examine.viewers.drawings.world import placed
 from occlog.examine.viewers.inputs import alike
 from occlog.io.open import check_unit, open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
@@ -144,7 +144,7 @@ def _pixel(at: Floats) -> tuple[int, int]:
     return round(float(at[0])), round(float(at[1]))
 
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 
 
 class Latest(Generic[T]):

@@ -16,7 +16,7 @@ from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.sight.path_loss import received_power
 from occlog.records.declared.sensors import Measurements
-from occlog.records.scene import Reader, Scene
+from occlog.records.scene import Scene, TagReader
 from occlog.records.tables import Reads, Truth
 from occlog.settings import METRES
 from occlog.simulate.config import MeasureConfig, ReadConfig
@@ -27,7 +27,7 @@ from occlog.simulate.world.scripted_paths import truth_grid
 class SimulatedReader:
     """A reader with its own random numbers, and the shadowing of each tag at its last look."""
 
-    reader: Reader
+    reader: TagReader
     noise: np.random.Generator  # of the strengths
     chance: np.random.Generator  # of which tags are read
     shadow: np.random.Generator  # of the shadowing
@@ -146,7 +146,7 @@ def stations_of(scene: Scene, seed: int) -> list[Station]:
             noise=generator(seed, RandomStream.STATION_NOISE, i),
             chance=generator(seed, RandomStream.STATION_CHANCE, i),
             signal=SimulatedReader(
-                Reader(name, place),
+                TagReader(name, place),
                 noise=generator(seed, RandomStream.STATION_NOISE, i, 1),
                 chance=generator(seed, RandomStream.STATION_CHANCE, i, 1),
                 shadow=generator(seed, RandomStream.STATION_SHADOW, i),

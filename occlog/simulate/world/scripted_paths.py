@@ -22,7 +22,7 @@ from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.core.plane import inside_polygon
 from occlog.errors import InputError
 from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
-from occlog.records.scene import PLANES, Scene, Script, ScriptedTarget, Segment, to_ns
+from occlog.records.scene import PLANES, MotionScript, Scene, ScriptedTarget, Segment, to_ns
 from occlog.records.tables import Truth
 
 CHUNK_STEPS = 256
@@ -34,7 +34,9 @@ def step_times(first: int, count: int, step_s: float) -> Ints:
     return times
 
 
-def simulate_paths(script: Script, steps: int, step_s: float, z: float, start_ns: int, seed: int) -> Iterator[TimeGrid]:
+def simulate_paths(
+    script: MotionScript, steps: int, step_s: float, z: float, start_ns: int, seed: int
+) -> Iterator[TimeGrid]:
     """True places of all scripted objects, chunk after chunk; NaN where one is not there.
 
     Args:
@@ -72,7 +74,7 @@ def grid_truth(grid: TimeGrid) -> Truth:
     )
 
 
-def silences(script: Script, start_ns: int) -> dict[int, Ints]:
+def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
     """For each object that is silent at times: (k, 2) times from and to [ns]."""
     return {
         t.id: start_ns + np.array([[to_ns(a), to_ns(b)] for a, b in t.silent], dtype=np.int64)

@@ -11,7 +11,7 @@ from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Calibration, Diagnostics, Hulls, Occluders, Residuals, Tracks
 from occlog.scans.grouping import Scan, sensor_names
-from occlog.scans.measured import MeasuredFeed
+from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.track.interface import Batch, Config, Smoothed, State
 
 from .rows import Solve, Tracked, residual_rows
@@ -38,7 +38,7 @@ def track_batch(
     method: Batch[State, Config],
     tracking: Tracking[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
-    measured: MeasuredFeed | None = None,
+    measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all labelled targets; see `occlog.track.drivers.stage.track`.
 

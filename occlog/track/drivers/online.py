@@ -18,7 +18,7 @@ from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.scans.grouping import Scan, sensor_names
-from occlog.scans.measured import MeasuredFeed
+from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.track.interface import Config, Online, Smoothing, State
 from occlog.track.methods.apf.selector import Selector, TargetFilter
 from occlog.track.smoothing_and_lag import MOST_STEPS
@@ -133,7 +133,7 @@ def track_online(
     method: Online[State, Config],
     tracking: Tracking[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
-    measured: MeasuredFeed | None = None,
+    measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all targets, chunk by chunk; see `occlog.track.drivers.stage.track`."""
     config, names = tracking.config, sensor_names(scene) if measured is None else measured.names

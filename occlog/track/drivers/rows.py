@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
-from occlog.consistency.bearings import Frames
+from occlog.consistency.bearings import CandidateFrames
 from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
 from occlog.track.interface import Cloud, Estimate, Fit, Height, Noise
@@ -75,7 +75,7 @@ class Tracked(NamedTuple):
     cooperation: Cooperation | None = None  # of a method that asks cameras
     offered: int = 0  # frames that it could have asked for
     residuals: Residuals | None = None  # None: nothing was compared
-    frames: tuple[Frames, ...] = ()  # what candidates without a label were left
+    frames: tuple[CandidateFrames, ...] = ()  # what candidates without a label were left
     particles: Particles | None = None  # None: not asked for
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import cast
 
-from occlog.consistency.bearings import Witness
-from occlog.consistency.estimates import Disagreement, Doubts
+from occlog.consistency.bearings import BearingBuffer
+from occlog.consistency.estimates import QualityFlags, SensorDisagreement
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
-from occlog.scans.measured import MeasuredFeed
+from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.track.catalogue import tracker
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online, Together
 from occlog.track.methods.imm.config import ImmConfig
@@ -27,7 +27,7 @@ def track(
     scene: Scene,
     tracking: Tracking[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
-    measured: MeasuredFeed | None = None,
+    measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
 
@@ -56,10 +56,12 @@ def track(
     if measured is not None and tracking.selection is not None:
         raise UsageError("select: cameras are selected by what they see alone; leave select or the measurements out")
     started = not isinstance(method, Joint) and method.started(tracking.config)
-    doubts = Doubts(scene, online=not isinstance(method, Batch), started=started, distances=measured is not None)
+    doubts = QualityFlags(scene, online=not isinstance(method, Batch), started=started, distances=measured is not None)
     # A batch method judges its bearings itself
-    witness = None if isinstance(method, Batch) else Witness(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
-    disagreement = Disagreement()
+    witness = (
+        None if isinstance(method, Batch) else BearingBuffer(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
+    )
+    disagreement = SensorDisagreement()
     watched = bearings if witness is None else witness.watch(bearings)
     for part in _tracked(watched, scene, method, tracking, occluders, measured):
         tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
@@ -83,7 +85,7 @@ def _tracked(
     method: AnyMethod,
     tracking: Tracking[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
-    measured: MeasuredFeed | None,
+    measured: DistanceMeasurementFeed | None,
 ) -> Iterator[Tracked]:
     """Tracks by the driver for the kind of the method."""
     if isinstance(method, Online):

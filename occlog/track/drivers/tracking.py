@@ -10,8 +10,8 @@ from occlog.array_types import NS
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
-from occlog.scans.grouping import Rows, Scan, scans_of, sensor_names
-from occlog.scans.measured import MeasuredFeed
+from occlog.scans.grouping import BearingRows, Scan, scans_of, sensor_names
+from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.scans.occluder_priors import OccluderFeed
 from occlog.track.interface import Batch, Config, Online, State
 from occlog.track.methods.apf.config import SelectConfig
@@ -43,12 +43,14 @@ class Tracking(Generic[Config]):
     selection: SelectConfig | None = None
     particles: bool = False
 
-    def rows(self, scene: Scene) -> Rows:
+    def rows(self, scene: Scene) -> BearingRows:
         """Which rows of the bearings to use."""
         used = frozenset(sensor_names(scene)) if self.sensors is None else self.sensors
-        return Rows(used, self.targets, self.unlabelled)
+        return BearingRows(used, self.targets, self.unlabelled)
 
-    def scans(self, bearings: Iterable[Bearings], scene: Scene, measured: MeasuredFeed | None) -> Iterator[Scan]:
+    def scans(
+        self, bearings: Iterable[Bearings], scene: Scene, measured: DistanceMeasurementFeed | None
+    ) -> Iterator[Scan]:
         """Scans of the chosen rows, with the measurements beside directions."""
         scans = scans_of(bearings, scene, self.rows(scene), self.window_ns)
         return scans if measured is None else measured.joined(scans, self.sensors, self.targets, self.window_ns)

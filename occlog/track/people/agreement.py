@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.consistency.verdict import FEWEST as FEWEST_BOXES
-from occlog.consistency.verdict import beyond
+from occlog.consistency.verdict import MIN_SAMPLES as FEWEST_BOXES
+from occlog.consistency.verdict import exceeds_share
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.methods.jipda.interface import Moment
@@ -143,7 +143,7 @@ class Agreement:
         """Most boxes are of nobody who was found: the cameras stand otherwise, or the boxes are of something else."""
         boxes = int(tally.boxes.sum())
         nobodys = boxes - round(float(self.used.sum()))
-        if boxes < FEWEST_BOXES or not beyond(nobodys, boxes, UNEXPLAINED):
+        if boxes < FEWEST_BOXES or not exceeds_share(nobodys, boxes, UNEXPLAINED):
             return
         buried = [name for name, place in zip(self.names, self.heights, strict=True) if place < 0.0]
         yield finding(

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.records.columns import Table, column
+from occlog.records.columns import ColumnTable, column
 from occlog.records.scene import Camera
 from occlog.records.tables import APPEARANCE_BINS, Boxes, Views
 from occlog.scans.grouping import nearest
@@ -90,7 +90,7 @@ def _edges(table: Boxes | Views) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrameTimes(Table):
+class FrameTimes(ColumnTable):
     """The columns of `views` that say which frames have regions."""
 
     NAME: ClassVar[str] = Views.NAME

@@ -15,7 +15,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
-from occlog.records.frames import holes, inside
+from occlog.records.frames import gaps_of, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, Doa, Views
@@ -224,7 +224,7 @@ class PeopleInput:
         """Frames of a table of regions, or of boxes of others, in which nobody was detected, counted."""
         if self.opened.recording is not None:
             return
-        lost = holes(self.opened.provenance.parameters)
+        lost = gaps_of(self.opened.provenance.parameters)
         for each in empty_frames(self.opened.rows(FrameTimes), place, self.numbers):
             if not inside(lost.get(self.cameras[each.look.camera].name, []), each.frame):
                 self.tally.saw(each.look)

@@ -27,7 +27,7 @@ from occlog.measure.appearance.sightings import FrameBoxes, SightingTally, boxes
 from occlog.measure.appearance.stage import Evidence, EvidenceTally, identities, match, sides_of
 from occlog.measure.label.config import NamingConfig
 from occlog.measure.label.run import DecisionTally
-from occlog.records.declared.people import EXCHANGE, has_word
+from occlog.records.declared.people import POSSIBLE_SWITCH, has_word
 from occlog.records.frames import Frame
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, Events, Gallery, PeopleTracks, Tracks, Views
@@ -221,9 +221,9 @@ def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: Pieces, names: Na
     left = {(t, k) for t, k, kind in zip(*(c.tolist() for c in (doubts.t_ns, doubts.target_id, doubts.kind)),
                                          strict=True) if kind == DOUBT}  # fmt: skip
     words = tracks.doubt.tolist()
-    for row in np.flatnonzero(has_word(tracks.doubt, EXCHANGE)).tolist():
+    for row in np.flatnonzero(has_word(tracks.doubt, POSSIBLE_SWITCH)).tolist():
         if (int(tracks.t_ns[row]), int(name[row])) not in left:
-            words[row] = ",".join(w for w in words[row].split(",") if w != EXCHANGE)
+            words[row] = ",".join(w for w in words[row].split(",") if w != POSSIBLE_SWITCH)
     return replace(tracks, target_id=name, doubt=np.array(words, dtype=np.str_)).sorted()
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.records.declared.people import BOX, EXCHANGE, FLOOR, ONE_VIEW, UNSEEN, words_of
+from occlog.records.declared.people import BOX, COASTING, GROUND, POSSIBLE_SWITCH, SINGLE_VIEW, words_of
 from occlog.records.scene import Camera
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.methods.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
@@ -18,7 +18,7 @@ from .boxes_by_moment import FrameLook
 
 LIKELY = 0.5
 """A box is a person's if it is more probably of this person than not."""
-DOUBTS = (UNSEEN, ONE_VIEW, EXCHANGE)
+DOUBTS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH)
 """Values of the column `doubt`, in the order in which they stand there."""
 COVARIANCES = {
     "cov_xx": (X, X),
@@ -165,7 +165,7 @@ class EverybodyInViews:
             cov_yy_px=rows.spread[:, 2],
             likeness=unknown,
             ess=unknown,
-            mode=np.where(rows.own, BOX, FLOOR),
+            mode=np.where(rows.own, BOX, GROUND),
             counterpart=nothing,
             neighbours=nothing,
             helpers=nothing,

@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from occlog import console
-from occlog.records.declared.people import UNSEEN
+from occlog.records.declared.people import COASTING
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.tables import PeopleTracks, PeopleViews
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
@@ -53,7 +53,7 @@ class PeopleSummary:
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         self.times += len(np.unique(part.tracks.t_ns))
-        self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.doubt, UNSEEN)))
+        self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.doubt, COASTING)))
         self.existence += float(part.tracks.existence.sum())
         self.events.update(part.events.kind.tolist())
         # Both of the two have a row

@@ -17,7 +17,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.open import open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TABLES, Boxes, Tracks, Truth
@@ -27,12 +27,12 @@ NARROW = [table for table in TABLES.values() if not any(c.width and c.nan is Non
 """Tables whose lists of numbers may be unknown, so that text can hold the rest."""
 
 
-def put(folder: Path, table: Table, unit: str = "m") -> str:
+def put(folder: Path, table: ColumnTable, unit: str = "m") -> str:
     write_table(folder / "in.parquet", table, MADE, overwrite=True, length_unit=unit)
     return str(folder / "in.parquet")
 
 
-def export(folder: Path, table: Table, output: str, *args: str, unit: str = "m") -> Path:
+def export(folder: Path, table: ColumnTable, output: str, *args: str, unit: str = "m") -> Path:
     assert run(["export", put(folder, table, unit), "-o", str(folder / output), "--overwrite", *args]) == ExitCode.DONE
     return folder / output
 
@@ -61,7 +61,7 @@ def boxes() -> Boxes:
 
 @pytest.mark.parametrize("table", NARROW, ids=[t.NAME for t in NARROW])
 @pytest.mark.parametrize("ending", [".csv", ".csv.gz", "-plain.parquet"])
-def test_what_is_exported_and_read_again_is_the_same(tmp_path: Path, table: type[Table], ending: str) -> None:
+def test_what_is_exported_and_read_again_is_the_same(tmp_path: Path, table: type[ColumnTable], ending: str) -> None:
     wanted = random_table(table, 24).sorted()
     found = open_input(export(tmp_path, wanted, f"out{ending}"), table).read(table)
     for c in table.columns():

@@ -13,7 +13,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import Boxes, Tracks, Truth
 
 START = "the time of the first row, 1970-01-01T00:00:05.000Z (5000000000 ns)"
@@ -57,7 +57,7 @@ def boxes(frames: tuple[int, ...], boxed: tuple[int, ...], names: tuple[int, ...
     ],
 )
 def test_what_is_not_held_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], table: Table, to: str, unit: str, told: list[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], table: ColumnTable, to: str, unit: str, told: list[str]
 ) -> None:
     write_table(tmp_path / "in.parquet", table, Provenance("test"), length_unit=unit)
     args = ["export", str(tmp_path / "in.parquet"), "-o", str(tmp_path / "out.txt"), "--to", to]

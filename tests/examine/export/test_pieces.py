@@ -17,7 +17,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.trajectories import Origin
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth
 
@@ -81,7 +81,7 @@ CASES = [
 
 @pytest.mark.parametrize(("table", "name", "args"), CASES, ids=[f"{t.NAME}-{a or n}" for t, n, a in CASES])
 def test_small_pieces_make_the_same_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, table: Table, name: str, args: tuple[str, ...]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, table: ColumnTable, name: str, args: tuple[str, ...]
 ) -> None:
     write_table(tmp_path / "in.parquet", table, Provenance("test"))
     made = []

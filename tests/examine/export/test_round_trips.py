@@ -24,7 +24,7 @@ from occlog.io.formats.trajectories import Origin, degrees_of, places_of_degrees
 from occlog.io.formats.truth import TruthOptions, read_truth
 from occlog.io.frames.streams import rate_times
 from occlog.io.open import check_unit, of_others, open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import TABLES, Boxes, Tracks, Truth
 
 EPOCH = 1_714_564_800 * NS
@@ -67,7 +67,7 @@ def boxes(draw: st.DrawFn) -> Boxes:
     return Boxes.of(t_ns=t_ns, sensor=["a"] * n, frame=frames, box=number, target_id=names, **column, confidence=sure)
 
 
-def exported(folder: Path, table: Table, name: str, unit: str = "m", **options: object) -> Path:
+def exported(folder: Path, table: ColumnTable, name: str, unit: str = "m", **options: object) -> Path:
     write_table(folder / "in.parquet", table, Provenance("test"), overwrite=True, length_unit=unit)
     usual: dict[str, object] = {"to": None, "table": None, "targets": (), "camera": None, "origin": None, "scene": None}
     run_export(ExportRequest(input=folder / "in.parquet", output=folder / name, overwrite=True, **(usual | options)))  # type: ignore[arg-type]
@@ -173,7 +173,7 @@ TEXT = st.text(st.one_of(st.characters(exclude_categories=("Cs", "Cc")), st.samp
 
 
 @st.composite
-def odd_cells(draw: st.DrawFn) -> tuple[Table, str, str]:
+def odd_cells(draw: st.DrawFn) -> tuple[ColumnTable, str, str]:
     """A table with values in one column that are as odd as the column takes, that column, and how it is written."""
     made = random_table(draw(st.sampled_from(NARROW)), 6).sorted()
     named = draw(st.sampled_from([c for c in made.columns() if not c.width and c.name not in ("t_ns", *made.KEY)]))
@@ -194,7 +194,7 @@ def odd_cells(draw: st.DrawFn) -> tuple[Table, str, str]:
 
 @settings(FEW, max_examples=40)
 @given(odd_cells())
-def test_text_and_plain_parquet_are_the_same_or_refused_by_the_column(drawn: tuple[Table, str, str]) -> None:
+def test_text_and_plain_parquet_are_the_same_or_refused_by_the_column(drawn: tuple[ColumnTable, str, str]) -> None:
     wanted, odd, ending = drawn
     with TemporaryDirectory() as folder:
         source, out = Path(folder) / "in.parquet", Path(folder) / f"out{ending}"

@@ -15,10 +15,10 @@ from occlog.filtering.likelihood.distances import PLAIN, RANGE, RangeMeasurement
 from occlog.filtering.likelihood.measurement_model import StationPositions
 from occlog.filtering.motion.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from occlog.records.declared.sensors import Measurements
-from occlog.records.scene import Reader, Scene
+from occlog.records.scene import Scene, TagReader
 from occlog.records.tables import Bearings, Tracks
-from occlog.scans.config import MeasuredConfig
-from occlog.scans.measured import MeasuredFeed
+from occlog.scans.config import DistanceMeasurementConfig
+from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
@@ -82,7 +82,7 @@ def simulated() -> tuple[Scene, Measurements, Floats]:
         truth[:, k] = states[:, :2]
     places = {"east": (32.0, 10.0), "south": (14.0, -2.0)}
     room = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 30.0], [0.0, 30.0]])
-    readers = tuple(Reader(name=name, position=np.array([*xy, 0.0])) for name, xy in places.items())
+    readers = tuple(TagReader(name=name, position=np.array([*xy, 0.0])) for name, xy in places.items())
     columns: dict[str, list[Floats]] = {"t_ns": [], "sensor": [], "target_id": [], "range": [], "bearing": []}
     for k in range(STEPS):
         for name, xy in places.items():
@@ -124,7 +124,7 @@ def test_covariances_are_those_of_the_errors(
     """
     scene, table, truth = simulated
     config = configure(settings_of(method).in_unit("m"), settings)
-    feed = MeasuredFeed([table], scene, MeasuredConfig.in_unit("m"))
+    feed = DistanceMeasurementFeed([table], scene, DistanceMeasurementConfig.in_unit("m"))
     tracking = Tracking(config, 0, method=method, sensors=frozenset({"east", "south"}), targets=tuple(range(targets)))
     found = Tracks.concat(part.tracks for part in track([Bearings.empty()], scene, tracking, measured=feed))
     at = found.take(found.t_ns == round(12 * DT * NS))

@@ -6,17 +6,17 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.io.foreign.names import describe_missing, ending, lay_out, misspelled, spellings
-from occlog.records.columns import Column, Table
+from occlog.records.columns import Column, ColumnTable
 from occlog.records.declared.sensors import Measurements
 from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Tracks, Truth
 
 
-def found(table: type[Table], *names: str) -> dict[str, tuple[str, str]]:
+def found(table: type[ColumnTable], *names: str) -> dict[str, tuple[str, str]]:
     return {s.column.name: (s.name, s.unit) for s in lay_out(names, table).columns}
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
-def test_a_table_has_its_own_names(table: type[Table]) -> None:
+def test_a_table_has_its_own_names(table: type[ColumnTable]) -> None:
     names = [c.name for c in table.columns()]
     layout = lay_out(names, table)
     assert [s.name for s in layout.columns] == names

@@ -20,7 +20,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.foreign import source
 from occlog.io.open import check_unit, of_others, open_if_ours, open_input
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Tracks, Truth, TruthBoxes, Views
 
 
@@ -29,7 +29,7 @@ def text(path: Path, *lines: str) -> Path:
     return path
 
 
-def same(a: Table, b: Table) -> None:
+def same(a: ColumnTable, b: ColumnTable) -> None:
     for c in a.columns():
         np.testing.assert_array_equal(getattr(a, c.name), getattr(b, c.name), err_msg=c.name)
 
@@ -52,7 +52,7 @@ def bearings(rows: int, seed: int = 0) -> Bearings:
     ).sorted()
 
 
-def frame_of(table: Table) -> pd.DataFrame:
+def frame_of(table: ColumnTable) -> pd.DataFrame:
     """The columns as pandas has them; NaN becomes a gap."""
     wide = {c.name for c in table.columns() if c.width}
     return pd.DataFrame({c.name: getattr(table, c.name) for c in table.columns() if c.name not in wide})
@@ -262,7 +262,7 @@ def test_frames_are_numbered_on_from_part_to_part(tmp_path: Path, monkeypatch: p
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_place(
-    tmp_path: Path, wants: type[Table], lines: tuple[str, ...], message: str
+    tmp_path: Path, wants: type[ColumnTable], lines: tuple[str, ...], message: str
 ) -> None:
     path = text(tmp_path / "w.csv", *lines)
     with pytest.raises(InputError, match=message) as error:

@@ -6,7 +6,7 @@ import pytest
 
 from occlog.measure.detect import left_out
 from occlog.measure.detect.left_out import LeftOut
-from occlog.records.frames import Frame, holes, inside
+from occlog.records.frames import Frame, gaps_of, inside
 from occlog.records.losses import Loss
 
 
@@ -16,7 +16,7 @@ def told(numbers: list[int], *losses: Loss) -> dict[str, list[tuple[int, int]]]:
     for _ in gathered.watch(Frame(10 * n, "a", n, lambda: None) for n in numbers):  # type: ignore[arg-type, return-value]
         pass
     gathered.lost(losses)
-    return holes(gathered.parameters())
+    return gaps_of(gathered.parameters())
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from occlog.records.columns import ANY
-from occlog.records.declared.people import KINDS, MOST_BINS, OTHER, AppearanceMatches, Events, Gallery
+from occlog.records.columns import ANY_WIDTH
+from occlog.records.declared.people import KINDS, MAX_BINS, OTHER, AppearanceMatches, Events, Gallery
 from occlog.records.declared.sensors import Measurements
 from occlog.records.declared.views import COUNTERPARTS, EVENTS, Failures, ViewTracks
 from occlog.records.declared.world import PATH_STATES, RobotPath
@@ -45,7 +45,7 @@ def random_table(table: type, rows: int, seed: int = 0):
             values[c.name] = np.ones(rows, bool)
         elif c.kind in ("i8", "i4"):
             values[c.name] = rng.integers(0, 99, rows)
-        elif c.width == ANY:
+        elif c.width == ANY_WIDTH:
             values[c.name] = rng.normal(size=(rows, 3)).astype(np.float32)
         elif c.width:
             values[c.name] = np.full((rows, c.width), np.nan)
@@ -64,5 +64,5 @@ def random_table(table: type, rows: int, seed: int = 0):
         values |= {name: np.full(rows, 5) for name in ("angles", "bins")}
         values |= {"target_id": np.arange(rows), "angle": np.arange(rows) % 5 + 1}
         values |= {"samples": values["samples"] + 1, "pixels": values["pixels"] + 1}
-        values["density"] = np.zeros((rows, MOST_BINS)) + (np.arange(MOST_BINS) < 5) / 5
+        values["density"] = np.zeros((rows, MAX_BINS)) + (np.arange(MAX_BINS) < 5) / 5
     return table.of(**values)

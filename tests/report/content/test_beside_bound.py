@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up import run
 
-from occlog.records.tables import Bound, Errors, Side, in_step
+from occlog.records.tables import Bound, Errors, TableBuffer, in_step
 from occlog.report.content.accuracy import BesideBound
 
 
@@ -50,8 +50,8 @@ def running_rms(values: np.ndarray) -> np.ndarray:
 def test_figures_are_the_same_in_chunks_of_any_length(rows: int, smoothed: bool) -> None:
     errors, bound = tables(smoothed=smoothed)
     sides = (
-        Side((errors.take(slice(s, s + rows)) for s in range(0, len(errors), rows)), Errors),
-        Side((bound.take(slice(s, s + rows + 3)) for s in range(0, len(bound), rows + 3)), Bound),
+        TableBuffer((errors.take(slice(s, s + rows)) for s in range(0, len(errors), rows)), Errors),
+        TableBuffer((bound.take(slice(s, s + rows + 3)) for s in range(0, len(bound), rows + 3)), Bound),
     )
     found, so_far = BesideBound(), [np.zeros((0, 2))]
     for limits in in_step(sides, (0, 0)):

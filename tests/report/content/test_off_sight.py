@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bearing_scenes import CASES, Case
 
-from occlog.consistency.verdict import Evidence
+from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.evaluate.verdict import Made
 from occlog.records.tables import Bearings
 from occlog.report.gather import Beside, Found, Posts, bearings_of
@@ -34,7 +34,7 @@ def streamed(case: Case, rows: int = 10**6, most: int = 10**6) -> Found:
     for chunk in chunks(case.tracks, rows):
         posts.add(chunk)
     targets = tuple(np.unique(case.tracks.target_id).tolist())
-    beside = Beside(lambda: chunks(case.tracks, rows), None, posts, Evidence(), Made(), frozenset(targets))
+    beside = Beside(lambda: chunks(case.tracks, rows), None, posts, ConsistencyEvidence(), Made(), frozenset(targets))
     moments = np.unique(case.tracks.t_ns)[::3]
     return bearings_of(lambda: chunks(case.bearings, rows + 1), case.place, targets, (moments, 2.5e8), beside, most)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_up import run
 
-from occlog.records.tables import Diagnostics, Errors, Side, Tracks, in_step
+from occlog.records.tables import Diagnostics, Errors, TableBuffer, Tracks, in_step
 from occlog.report.content.looks import SelectionStreams
 from occlog.report.content.model import ReportInput
 
@@ -39,7 +39,7 @@ def test_selections_are_the_same_in_chunks_of_any_length(
     for chunk in chunks:
         streams.add(chunk)
     assert streams.any
-    ours, its = Side(chunks, Diagnostics), Side[Errors | Tracks]([beside], kind)
+    ours, its = TableBuffer(chunks, Diagnostics), TableBuffer[Errors | Tracks]([beside], kind)
     for limits in in_step((ours, its), (0, 0)):
         streams.came_out(limits.of(ours), limits.of(its))
     found = streams.finish()

@@ -7,7 +7,7 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.core.numerics.interpolate import TimeGrid
-from occlog.records.scene import Reader, Scene
+from occlog.records.scene import Scene, TagReader
 from occlog.records.tables import Reads
 from occlog.simulate.config import ReadConfig
 from occlog.simulate.sensors.stations import observe_readers
@@ -24,7 +24,7 @@ def grid(places: list[list[tuple[float, float, float]]], step_s: float = 1.0) ->
 
 def scene(**own: object) -> Scene:
     """One reader at the origin, 2 m up."""
-    return Scene(readers=(Reader("door", np.array([0.0, 0.0, 2.0]), **own),), length_unit="m")  # type: ignore[arg-type]
+    return Scene(readers=(TagReader("door", np.array([0.0, 0.0, 2.0]), **own),), length_unit="m")  # type: ignore[arg-type]
 
 
 def read(where: Scene, config: ReadConfig, *chunks: TimeGrid, seed: int = 0) -> Reads:
@@ -53,7 +53,7 @@ def test_strength_falls_with_the_distance_in_space_and_begins_with_the_reader_s_
 
 
 def test_a_length_in_feet_is_read_at_its_distance_in_metres() -> None:
-    where = Scene(readers=(Reader("door", np.zeros(3)),), length_unit="ft")
+    where = Scene(readers=(TagReader("door", np.zeros(3)),), length_unit="ft")
     found = read(where, SURE, grid([[(10.0, 0.0, 0.0), (0.0, 1.0, 0.0)]]))
     np.testing.assert_allclose(found.rssi, -60.0 - 20.0 * np.log10(np.array([0.3048, 3.048])))
 

@@ -8,7 +8,7 @@ import pytest
 from occlog.core.numerics.interpolate import TimeGrid
 from occlog.errors import InputError
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move
-from occlog.records.scene import Occluder, Scene, Script, ScriptedTarget, Segment
+from occlog.records.scene import MotionScript, Occluder, Scene, ScriptedTarget, Segment
 from occlog.simulate.config import ObserveConfig, SoundConfig
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.world.scripted_paths import check_inside, grid_truth, moved, silences, simulate_paths
@@ -20,7 +20,7 @@ START = 10**18
 def places(
     *targets: ScriptedTarget, steps: int = 201, step_s: float = 0.1, z: float = NAN, seed: int = 0
 ) -> np.ndarray:
-    grids = list(simulate_paths(Script(targets), steps, step_s, z, START, seed))
+    grids = list(simulate_paths(MotionScript(targets), steps, step_s, z, START, seed))
     assert [len(g.t_ns) for g in grids[:-1]] == [256] * (len(grids) - 1)
     assert np.array_equal(np.concatenate([g.t_ns for g in grids]), START + np.rint(np.arange(steps) * step_s * 1e9))
     return np.concatenate([g.xyz for g in grids])
@@ -87,7 +87,9 @@ def test_coming_going_and_heights() -> None:
     assert np.allclose(got[3:7, 0], 1.0 + np.arange(0.05, 0.36, 0.1))
     assert (got[3:7, 2] == 1.7).all()
     assert np.isnan(places(here)[..., 2]).all()
-    grid = next(simulate_paths(Script((here, ScriptedTarget(5, (0.0, 0.0, 2.0), role="occluder"))), 9, 0.1, NAN, 0, 0))
+    grid = next(
+        simulate_paths(MotionScript((here, ScriptedTarget(5, (0.0, 0.0, 2.0), role="occluder"))), 9, 0.1, NAN, 0, 0)
+    )
     truth = grid_truth(grid)
     assert truth.target_id.tolist() == [5, 5, 5, 3, 5, 3, 5, 3, 5, 3, 5, 5, 5]
     assert set(zip(truth.target_id.tolist(), truth.role.tolist(), strict=True)) == {(3, "target"), (5, "occluder")}
@@ -107,7 +109,7 @@ def test_noise_has_the_variance_of_white_acceleration() -> None:
 
 
 def test_silence_is_counted_from_the_first_step() -> None:
-    script = Script((ScriptedTarget(2, (0, 0, 0), silent=((1.5, 2.0), (3.0, 4.0))), ScriptedTarget(7, (0, 0, 0))))
+    script = MotionScript((ScriptedTarget(2, (0, 0, 0), silent=((1.5, 2.0), (3.0, 4.0))), ScriptedTarget(7, (0, 0, 0))))
     got = silences(script, 100)
     assert list(got) == [2]
     assert got[2].tolist() == [[1_500_000_100, 2_000_000_100], [3_000_000_100, 4_000_000_100]]
@@ -120,16 +122,16 @@ def test_people_are_drawn_on_the_free_floor_only() -> None:
         (3.0, 3.0, "target 6 is outside the room at 2 s"),
         (0.5, 1.5, "target 6 is inside pillar at 1 s"),
     ):
-        path = Script((ScriptedTarget(6, (x, y, NAN), (0.6, 0.0, 0.0)),))
+        path = MotionScript((ScriptedTarget(6, (x, y, NAN), (0.6, 0.0, 0.0)),))
         with pytest.raises(InputError, match=message):
             check_inside(scene, next(simulate_paths(path, 4, 1.0, NAN, START, 0)), START)
-    check_inside(scene, next(simulate_paths(Script((ScriptedTarget(6, (3.0, 3.0, NAN)),)), 4, 1.0, NAN, 0, 0)), 0)
+    check_inside(scene, next(simulate_paths(MotionScript((ScriptedTarget(6, (3.0, 3.0, NAN)),)), 4, 1.0, NAN, 0, 0)), 0)
 
 
 def test_nobody_for_a_whole_chunk_is_no_gap() -> None:
     from occlog.records.scene import MicrophoneArray
 
-    path = Script((ScriptedTarget(0, (1.0, 0.0, NAN), from_s=300.0),))
+    path = MotionScript((ScriptedTarget(0, (1.0, 0.0, NAN), from_s=300.0),))
     grids: list[TimeGrid] = list(simulate_paths(path, 400, 1.0, NAN, START, 0))
     scene = Scene(arrays=(MicrophoneArray("m", np.zeros(3), planar=True),))
     rows = list(observe_arrays(scene, grids, ObserveConfig(), 0, SoundConfig(label=True)))

@@ -11,7 +11,7 @@ from tracker_scenes import room100
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.records.tables import Bearings, Truth
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import BearingRows, scans_of
 from occlog.scans.occluder_priors import OccluderFeed
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
@@ -65,7 +65,7 @@ def tracked(bearings, truth, seed, priors=None, skip_s=20.0, use=range(1, 9)):
     rng = generator(seed, RandomStream.TRACK, 0)
     state, times, places = apf.init(scene, config, rng), [], []
     feed = None if priors is None else OccluderFeed(priors, config.occluder_diameter, 5 * SECOND)
-    for scan in scans_of([bearings], scene, Rows({f"cam{i}" for i in use})):
+    for scan in scans_of([bearings], scene, BearingRows({f"cam{i}" for i in use})):
         scan = scan.of_target(0)
         if feed is not None:
             scan = scan._replace(occluders=feed.at(scan.t_ns))

@@ -13,7 +13,7 @@ from occlog.core.sight.visibility import seen_from
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import BearingRows, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
@@ -29,7 +29,7 @@ def recorded(scene, noise, seed, steps):
     """Bearings, scans and true places of one target."""
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=steps), seed))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(noise=noise), seed))
-    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    found = scans_of([bearings], scene, BearingRows({c.name for c in scene.cameras}))
     return bearings, [g.of_target(0) for g in found], np.column_stack([truth.x, truth.y])
 
 

@@ -9,7 +9,7 @@ import pytest
 from tracker_scenes import room100
 
 from occlog.records.tables import Bearings, Truth
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import BearingRows, scans_of
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
@@ -27,7 +27,7 @@ def recorded(scene, seed):
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=130, occluders=40), seed))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), seed))
     own = truth.target_id == 0
-    scans = [g.of_target(0) for g in scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))]
+    scans = [g.of_target(0) for g in scans_of([bearings], scene, BearingRows({c.name for c in scene.cameras}))]
     return scans, np.column_stack([truth.x[own], truth.y[own]])
 
 

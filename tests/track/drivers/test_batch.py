@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.errors import InputError, UsageError
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
 from occlog.scans.grouping import Scan
 from occlog.track.drivers.batch import track_batch
@@ -51,7 +51,7 @@ def by_map(chunks, config=CONFIG, **options):
     return whole(track(chunks, SCENE, Tracking(config, 0, method="map", **options)))
 
 
-def same(a: Table, b: Table) -> bool:
+def same(a: ColumnTable, b: ColumnTable) -> bool:
     return all(np.array_equal(getattr(a, c.name), getattr(b, c.name), equal_nan=c.kind == "f8") for c in a.columns())
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from heard_scenes import ROOM, line, room, rows, table
 
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import BearingRows, scans_of
 from occlog.track.methods.imm.ask_cameras import Ask, CameraRequests
 from occlog.track.methods.imm.config import ImmConfig
 
@@ -19,7 +19,7 @@ HERE, THERE = (9.0, 6.0), (12.0, 9.0)
 
 def requests(bearings, scene=SCENE, config=CONFIG):
     made = CameraRequests(scene, config)
-    for scan in scans_of([bearings], scene, Rows(frozenset(c.name for c in scene.cameras))):
+    for scan in scans_of([bearings], scene, BearingRows(frozenset(c.name for c in scene.cameras))):
         made.put(scan)
     return made
 

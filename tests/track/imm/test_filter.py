@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from heard_scenes import NS, ROOM, room
 
-from occlog.scans.grouping import Scan, concat, in_vain
+from occlog.scans.grouping import Scan, concat, empty_scan
 from occlog.track.methods.imm import kernel as imm
 from occlog.track.methods.imm.association import hear
 from occlog.track.methods.imm.config import ImmConfig
@@ -43,7 +43,7 @@ def look(*degrees, array=0):
     """What one array hears; no bearings: it listens in vain."""
     sensor = len(SCENE.cameras) + array
     if not degrees:
-        return in_vain(0, [sensor])
+        return empty_scan(0, [sensor])
     n = len(degrees)
     return Scan.of(0, [sensor] * n, bearing=np.radians(degrees), sigma=np.full(n, SIGMA))
 

@@ -8,7 +8,7 @@ import pytest
 from heard_scenes import NS, room
 
 from occlog.errors import InputError
-from occlog.scans.grouping import Scan, concat, in_vain
+from occlog.scans.grouping import Scan, concat, empty_scan
 from occlog.track.methods.imm import kernel as imm
 from occlog.track.methods.imm.ask_cameras import Answer, Memory, asks, located, others
 from occlog.track.methods.imm.config import ImmConfig
@@ -43,7 +43,7 @@ def asked(state, report, memory=FRESH):
 def look(*degrees, array=0, sigma=2.0):
     sensor, n = len(SCENE.cameras) + array, len(degrees)
     if not n:
-        return in_vain(0, [sensor])
+        return empty_scan(0, [sensor])
     return Scan.of(0, [sensor] * n, bearing=np.radians(degrees), sigma=np.full(n, math.radians(sigma)))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, RangeMeasurements, log_likelihood
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.scans.grouping import Measured, Scan
+from occlog.scans.grouping import Scan, ScanMeasurements
 from occlog.track.methods.map import mixed
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.interior_point import covariance
@@ -31,7 +31,7 @@ def ranges(xy: np.ndarray, sigma: float = 0.05, kind: int = RANGE) -> RangeMeasu
 
 def scans(path: np.ndarray, step_ns: int = NS) -> list[Scan]:
     zero = np.zeros(3, dtype=np.int32)
-    return [Scan.of(k * step_ns, [])._replace(measured=Measured(zero, ranges(xy))) for k, xy in enumerate(path)]
+    return [Scan.of(k * step_ns, [])._replace(measured=ScanMeasurements(zero, ranges(xy))) for k, xy in enumerate(path)]
 
 
 @pytest.mark.parametrize("kind", [RANGE, LOGARITHM, DIFFERENCE])
@@ -65,7 +65,7 @@ def test_a_search_begins_near_the_path_although_ranges_fit_other_places_at_first
     given = scans(path)
     # Two stations alone see it for the first ten times: two places fit, then the third one decides
     both, zero = np.arange(2), np.zeros(2, dtype=np.int32)
-    blind = [s._replace(measured=Measured(zero, s.measured.distances.take(both))) for s in given[:10]]
+    blind = [s._replace(measured=ScanMeasurements(zero, s.measured.distances.take(both))) for s in given[:10]]
     record = record_of([*blind, *given[10:]])
     pending = begin(scene, MapConfig())
     found = local(record.measured, pending.origin)
@@ -89,7 +89,9 @@ def walk(seed: int, *, late: float, told: float, n: int = 60) -> tuple[list[Scan
         RangeMeasurements(own, z, np.full(4, 0.1), CORNERS, blank, CORNERS, blank, np.arange(4), late=told)
         for z in exact + by
     ]
-    return [Scan.of(round(0.2 * k * NS), [])._replace(measured=Measured(zero, row)) for k, row in enumerate(rows)], path
+    return [
+        Scan.of(round(0.2 * k * NS), [])._replace(measured=ScanMeasurements(zero, row)) for k, row in enumerate(rows)
+    ], path
 
 
 def solved(given: list[Scan]) -> tuple[np.ndarray, np.ndarray]:

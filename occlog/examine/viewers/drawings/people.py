@@ -25,7 +25,7 @@ from occlog.examine.viewers.drawings.shapes import (
     faded,
     rim,
 )
-from occlog.records.declared.people import FLOOR, PeopleTracks
+from occlog.records.declared.people import GROUND, PeopleTracks
 from occlog.records.scene import Camera
 from occlog.records.tables import Boxes, Diagnostics, Tracks, Truth, TruthBoxes, Views, ViewTracks
 
@@ -266,7 +266,7 @@ def corners(box: Floats) -> Floats:
 def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[Thing]:
     """Ellipses of trackers in an image; dashed where neighbours push them and no view helps, or they are hidden."""
     helped = rows.helpers != ""
-    dashed = ((rows.neighbours != "") & ~helped) | (rows.mode == FLOOR)
+    dashed = ((rows.neighbours != "") & ~helped) | (rows.mode == GROUND)
     things = []
     for k, target in enumerate(rows.target_id.tolist()):
         rho = float(rows.rho[k])

@@ -18,7 +18,7 @@ from occlog.array_types import Strings
 from occlog.errors import InputError
 from occlog.io.files.limits import check_texts
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
-from occlog.records.columns import ANY, Column, Table, in_length_unit
+from occlog.records.columns import ANY_WIDTH, Column, ColumnTable, in_length_unit
 from occlog.records.tables import TABLES, WIDER
 
 
@@ -66,7 +66,7 @@ UNIT_KEY = "occlog.length_unit"
 SUM_KEY = "occlog.crc32"
 MOST_NUMBERS = 1 << 25
 """Numbers that a column of vectors may have, most of which the file has not: NaN in rows without a vector."""
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=ColumnTable)
 _ARROW = {
     "i8": pa.int64(),
     "i4": pa.int32(),
@@ -81,14 +81,14 @@ def arrow_field(c: Column, unit: str) -> pa.Field:
     """Arrow field of a column with its unit, meaning and the meaning of NaN as metadata."""
     kind = _ARROW[c.kind]
     if c.width:
-        kind = pa.list_(kind) if c.width == ANY else pa.list_(kind, c.width)
+        kind = pa.list_(kind) if c.width == ANY_WIDTH else pa.list_(kind, c.width)
     metadata = {"unit": unit, "doc": c.doc}
     if c.nan is not None:
         metadata["nan"] = c.nan
     return pa.field(c.name, kind, nullable=False, metadata=metadata)
 
 
-def arrow_schema(table: type[Table], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
+def arrow_schema(table: type[ColumnTable], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
     """Arrow schema of a table; `length_unit` replaces metres in the units."""
     fields = [arrow_field(c, in_length_unit(c.unit, length_unit)) for c in table.columns()]
     metadata = {
@@ -121,14 +121,14 @@ def _sum(unit: bytes, provenance: bytes) -> str:
     return f"{zlib.crc32(unit + bytes(1) + provenance):08x}"
 
 
-def to_arrow(table: Table, schema: pa.Schema) -> pa.Table:
+def to_arrow(table: ColumnTable, schema: pa.Schema) -> pa.Table:
     """Arrow table of a record."""
     arrays = []
     for c, f in zip(table.columns(), schema, strict=True):
         values = getattr(table, c.name)
         if c.width:
             flat = pa.array(np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False)
-            if c.width == ANY:
+            if c.width == ANY_WIDTH:
                 starts = pa.array(np.arange(len(values) + 1, dtype=np.int32) * values.shape[1], pa.int32())
                 arrays.append(pa.ListArray.from_arrays(starts, flat, type=f.type))
             else:
@@ -152,7 +152,7 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
         values = values.combine_chunks()
     if values.null_count:
         raise InputError(f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)")
-    if c.width == ANY:
+    if c.width == ANY_WIDTH:
         return vectors(c, values)
     if c.width:
         return np.array(to_numpy(values.flatten()), c.dtype).reshape(-1, c.width)
@@ -175,7 +175,7 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
     return out
 
 
-def check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
+def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> None:
     """InputError unless a schema is that of a table in its version of today, but for optional columns."""
     found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
     name, _, version = found.partition("/")
@@ -195,7 +195,7 @@ def check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
                 continue
             raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")
         have, kind = schema.field(c.name).type, _ARROW[c.kind]
-        if c.width == ANY:
+        if c.width == ANY_WIDTH:
             if not (pa.types.is_list(have) and have.value_type == kind):
                 raise InputError(f"{path}: column {c.name} is {have}, want lists of {kind}")
             continue

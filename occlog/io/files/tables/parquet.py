@@ -24,8 +24,8 @@ from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input, check_promise, most_unpacked
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
-from occlog.records.columns import Table, check_copies
-from occlog.records.tables import has_all
+from occlog.records.columns import ColumnTable, check_copies
+from occlog.records.tables import has_all_columns
 
 from .arrow import SCHEMA_KEY, UNIT_KEY, T, check_schema, check_statements, from_arrow
 from .sizes import SizedFile, read_groups
@@ -149,7 +149,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
     with opened_table(path) as file:
         check_schema(path, file.schema_arrow, table)
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
-        whole = has_all(table)
+        whole = has_all_columns(table)
         last: T | None = None
         held: T | None = None
         size, texts = path.stat().st_size, 0
@@ -213,7 +213,7 @@ class RowGroup:
 
     path: Path
     file: SizedFile
-    table: type[Table]
+    table: type[ColumnTable]
     number: int
     first: int
     rows: int
@@ -226,7 +226,7 @@ class RowGroup:
             yield from in_parts(self.path, self.path.stat().st_size, found)
 
 
-def groups_of(path: Path, tables: Mapping[str, type[Table]]) -> Iterator[RowGroup]:
+def groups_of(path: Path, tables: Mapping[str, type[ColumnTable]]) -> Iterator[RowGroup]:
     """The groups of rows of a table; InputError unless it is one of the tables, by their names, and has its columns."""
     with opened_table(path) as file:
         name, first = schema_name_of(path, file.schema_arrow), 0

@@ -13,7 +13,7 @@ from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.names import TABLE, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.arrow import arrow_schema, statements, to_arrow
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 
 ROWS_PER_GROUP = 65_536
 BYTES_PER_GROUP = 4 * 1024 * 1024
@@ -32,7 +32,7 @@ class TableWriter:
     def __init__(
         self,
         path: Path,
-        table: type[Table],
+        table: type[ColumnTable],
         provenance: Provenance,
         *,
         overwrite: bool = False,
@@ -47,7 +47,7 @@ class TableWriter:
         self.rows = 0
         self._table = table
         self._schema, self._length_unit = arrow_schema(table, provenance, length_unit), length_unit
-        self._pending: list[Table] = []
+        self._pending: list[ColumnTable] = []
         self._pending_rows = self._pending_bytes = 0
         self._output = open_output(Path(path), overwrite, together)
         self._writer: pq.ParquetWriter | None = None
@@ -64,7 +64,7 @@ class TableWriter:
             raise
         return self
 
-    def write(self, table: Table) -> None:
+    def write(self, table: ColumnTable) -> None:
         """Append rows; they are written in groups, so many small chunks cost no space."""
         self.rows += len(table)
         self._pending.append(table)
@@ -111,7 +111,7 @@ class TableWriter:
 
 
 def write_table(
-    path: Path, table: Table, provenance: Provenance, *, overwrite: bool = False, length_unit: str = "m"
+    path: Path, table: ColumnTable, provenance: Provenance, *, overwrite: bool = False, length_unit: str = "m"
 ) -> None:
     """Write a whole table, sorted by its key."""
     with TableWriter(path, type(table), provenance, overwrite=overwrite, length_unit=length_unit) as writer:

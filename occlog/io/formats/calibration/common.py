@@ -19,7 +19,7 @@ from occlog.errors import InputError
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.formats import Probe
 from occlog.io.files.texts.yaml import yaml_documents
-from occlog.records.scene import FARTHEST, LEAST_FOCAL_PX, MOST_FOCAL_PX, Camera, camera_fov
+from occlog.records.scene import MAX_COORDINATE, MAX_FOCAL_PX, MIN_FOCAL_PX, Camera, camera_fov
 
 MAX_ERROR_PX = 0.5
 """Largest difference [px] between a lens and its fit anywhere in the image."""
@@ -230,12 +230,12 @@ def build_camera(pose: Pose, where: str) -> Camera:
     focal = _vector(pose.focal_px, 2, "focal length", where)
     principal = _vector(pose.principal_px, 2, "principal point", where)
     centre = _vector(pose.centre, 3, "camera centre", where)
-    if not ((focal >= LEAST_FOCAL_PX) & (focal <= MOST_FOCAL_PX)).all():
+    if not ((focal >= MIN_FOCAL_PX) & (focal <= MAX_FOCAL_PX)).all():
         raise InputError(
-            f"{where}: focal length {focal[0]:g}, {focal[1]:g} px; it must be {LEAST_FOCAL_PX:g} to {MOST_FOCAL_PX:g}"
+            f"{where}: focal length {focal[0]:g}, {focal[1]:g} px; it must be {MIN_FOCAL_PX:g} to {MAX_FOCAL_PX:g}"
         )
-    if (far := np.abs(centre).max()) > FARTHEST:
-        raise InputError(f"{where}: a camera centre {far:g} away; it must be within {FARTHEST:g}")
+    if (far := np.abs(centre).max()) > MAX_COORDINATE:
+        raise InputError(f"{where}: a camera centre {far:g} away; it must be within {MAX_COORDINATE:g}")
     size = pose.image_size
     if size is None:
         raise InputError(f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT")

@@ -20,7 +20,7 @@ from occlog.io.files.texts.documents import parse_json, read_json, struct_of, wr
 from occlog.io.files.texts.formats import RAW, Column, Format, read_format
 from occlog.io.open import open_if_ours
 from occlog.io.recording.reader import Recording
-from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
+from occlog.records.view_pairs import PointMatches, ViewPair, ViewPairs
 
 EPIPOLAR_ATTACHMENT = "epipolar.json"
 LARGE_PX = 1_000.0
@@ -166,7 +166,7 @@ FORMAT = Format(
 )
 
 
-def read_matches(path: Path) -> tuple[Matches, ...]:
+def read_matches(path: Path) -> tuple[PointMatches, ...]:
     """The matches of each pair of views, in the order in which pairs first come; either order of a pair is one."""
     names: list[tuple[str, str]] = []
     points: dict[tuple[str, str], list[np.ndarray]] = {}
@@ -185,6 +185,6 @@ def read_matches(path: Path) -> tuple[Matches, ...]:
     return tuple(_matches(path, pair, np.array(points[pair]), lines[pair]) for pair in names)
 
 
-def _matches(path: Path, pair: tuple[str, str], values: np.ndarray, lines: list[int]) -> Matches:
+def _matches(path: Path, pair: tuple[str, str], values: np.ndarray, lines: list[int]) -> PointMatches:
     where = f"{path}: lines {lines[0]} to {lines[-1]}: {pair[0]} and {pair[1]}"
-    return Matches(*pair, values[:, :2], values[:, 2:], where)
+    return PointMatches(*pair, values[:, :2], values[:, 2:], where)

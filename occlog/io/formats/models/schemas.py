@@ -13,7 +13,7 @@ from occlog.io.formats.scenes.paths import paths_schema
 from occlog.io.formats.scenes.scene import SceneSpec
 from occlog.io.recording.rows import RECORDED, message_schema, schema_of
 from occlog.io.recording.writer import VIDEO_FRAME, VIDEO_FRAME_SCHEMA
-from occlog.records.columns import ANY, Table
+from occlog.records.columns import ANY_WIDTH, ColumnTable
 from occlog.records.tables import TABLES
 from occlog.records.verdicts import Verdict
 
@@ -24,7 +24,7 @@ from .networks import network_schema
 _KINDS = {"i8": "int64", "i4": "int32", "f8": "float64", "f4": "float32", "?": "bool", "U": "string"}
 
 
-def table_definition(table: type[Table]) -> dict[str, object]:
+def table_definition(table: type[ColumnTable]) -> dict[str, object]:
     """Columns of a table as JSON-ready values."""
     return {
         "name": table.NAME,
@@ -34,7 +34,7 @@ def table_definition(table: type[Table]) -> dict[str, object]:
         "columns": [
             {
                 "name": c.name,
-                "type": f"{_KINDS[c.kind]}[{'' if c.width == ANY else c.width}]" if c.width else _KINDS[c.kind],
+                "type": f"{_KINDS[c.kind]}[{'' if c.width == ANY_WIDTH else c.width}]" if c.width else _KINDS[c.kind],
                 "unit": c.unit,
                 "description": c.doc,
                 **({"nan": c.nan} if c.nan is not None else {}),

@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from occlog.errors import InputError
 from occlog.io.files.texts.yaml import parse_yaml, read_yaml
-from occlog.records.scene import Script, ScriptedTarget, Segment, Triple
+from occlog.records.scene import MotionScript, ScriptedTarget, Segment, Triple
 
 from .scene import Spec
 
@@ -80,24 +80,24 @@ def paths_schema() -> dict[str, object]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(PathsSpec)}
 
 
-def read_paths(path: Path) -> Script:
+def read_paths(path: Path) -> MotionScript:
     """The targets of a file; InputError, one line, names what does not fit and where."""
     return _build(read_yaml(path, PathsSpec, "a path file (YAML)"), str(path))
 
 
-def paths_from_yaml(text: str, source: str) -> Script:
+def paths_from_yaml(text: str, source: str) -> MotionScript:
     """As `read_paths`, from text; `source` names it in messages."""
     return _build(parse_yaml(text, source, PathsSpec), source)
 
 
-def _build(spec: PathsSpec, source: str) -> Script:
+def _build(spec: PathsSpec, source: str) -> MotionScript:
     seen: set[int] = set()
     for t in spec.targets:
         if t.id in seen:
             raise InputError(f"{source}: two targets have the id {t.id}; ids must differ, occluders' too")
         seen.add(t.id)
     targets = [_target(t, f"{source}: target {t.id}") for t in spec.targets]
-    return Script(tuple(sorted(targets, key=lambda t: t.id)), spec.length_unit, spec.seconds, spec.rate_hz)
+    return MotionScript(tuple(sorted(targets, key=lambda t: t.id)), spec.length_unit, spec.seconds, spec.rate_hz)
 
 
 def _target(spec: TargetSpec, where: str) -> ScriptedTarget:

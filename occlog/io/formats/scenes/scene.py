@@ -19,20 +19,20 @@ from shapely.validation import explain_validity
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.texts.yaml import parse_yaml, read_yaml
-from occlog.records.declared.sensors import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
+from occlog.records.declared.sensors import MIN_SIGMA_PX, MIN_SIGMA_RAD
 from occlog.records.names import first_double
 from occlog.records.scene import (
-    FARTHEST,
-    LEAST_FOCAL_PX,
-    LEAST_SIGMA_DEG,
-    MOST_FOCAL_PX,
-    MOST_SIGMA_DEG,
+    MAX_COORDINATE,
+    MAX_FOCAL_PX,
+    MAX_SIGMA_DEG,
+    MIN_FOCAL_PX,
+    MIN_SIGMA_DEG,
     Camera,
     Clock,
     MicrophoneArray,
     Occluder,
-    Reader,
     Scene,
+    TagReader,
     camera_fov,
     camera_rotation,
 )
@@ -41,21 +41,21 @@ MOST_PX = 100_000
 """Width and height of an image at most [px]."""
 MOST_OFFSET_NS = 4 * 10**18
 """Of a clock at most, either way: 126 years, so that times and offsets together are whole numbers of 64 bits."""
-Positive = Annotated[float, Meta(gt=0, le=FARTHEST)]
+Positive = Annotated[float, Meta(gt=0, le=MAX_COORDINATE)]
 Rate = Annotated[float, Meta(ge=1e-9, le=1e6)]
 """[Hz]: periods from a microsecond to 32 years are whole nanoseconds that a time can hold."""
 Radians = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Degrees = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """Of larger angles rounding leaves no direction."""
-SigmaRadians = Annotated[float, Meta(ge=LEAST_SIGMA_RAD, le=6.2832)]
-SigmaDegrees = Annotated[float, Meta(ge=LEAST_SIGMA_DEG, le=MOST_SIGMA_DEG)]
-FocalLength = Annotated[float, Meta(ge=LEAST_FOCAL_PX, le=MOST_FOCAL_PX)]
+SigmaRadians = Annotated[float, Meta(ge=MIN_SIGMA_RAD, le=6.2832)]
+SigmaDegrees = Annotated[float, Meta(ge=MIN_SIGMA_DEG, le=MAX_SIGMA_DEG)]
+FocalLength = Annotated[float, Meta(ge=MIN_FOCAL_PX, le=MAX_FOCAL_PX)]
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^(?!\.{1,2}$)[^\s,/=:\x00-\x1f\x7f]+$")]
-Coordinate = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
+Coordinate = Annotated[float, Meta(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
 Point2 = tuple[Coordinate, Coordinate]
 Point3 = Annotated[list[Coordinate], Meta(min_length=3, max_length=3)]
 Place = Annotated[list[Coordinate], Meta(min_length=2, max_length=3)]
-Pixel = Annotated[float, Meta(ge=-MOST_FOCAL_PX, le=MOST_FOCAL_PX)]
+Pixel = Annotated[float, Meta(ge=-MAX_FOCAL_PX, le=MAX_FOCAL_PX)]
 Corners = Annotated[list[Point2], Meta(min_length=3)]
 
 
@@ -66,12 +66,12 @@ class Spec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 class NoiseSpec(Spec, kw_only=True):
     """Standard deviations of [Ercan] Eq. 2, and how reliable detection is."""
 
-    position: Annotated[float, Meta(ge=0, le=FARTHEST, description="of the camera's position, in the length unit")] = (
-        0.0
-    )
+    position: Annotated[
+        float, Meta(ge=0, le=MAX_COORDINATE, description="of the camera's position, in the length unit")
+    ] = 0.0
     yaw: Annotated[float, Meta(ge=0, le=6.2832, description="of the camera's yaw, in radians")] | None = None
     yaw_deg: Annotated[float, Meta(ge=0, le=360, description="of the camera's yaw, in degrees")] | None = None
-    read_px: Annotated[float, Meta(ge=LEAST_SIGMA_PX, le=1e9, description="of a reading in the image, in pixels")] = 2.0
+    read_px: Annotated[float, Meta(ge=MIN_SIGMA_PX, le=1e9, description="of a reading in the image, in pixels")] = 2.0
     detection: (
         Annotated[float, Meta(gt=0, le=1, description="probability that a target in plain view is detected")] | None
     ) = None
@@ -235,7 +235,8 @@ def _build(spec: SceneSpec, source: str) -> Scene:
         cameras=tuple(_camera(c, f"{source}: camera {c.name}") for c in spec.cameras),
         arrays=tuple(_array(a, f"{source}: microphone array {a.name}") for a in spec.microphone_arrays),
         readers=tuple(
-            Reader(r.name, _place(r.position), r.range or math.inf, r.power, r.rate_hz, r.clock) for r in spec.readers
+            TagReader(r.name, _place(r.position), r.range or math.inf, r.power, r.rate_hz, r.clock)
+            for r in spec.readers
         ),
         occluders=tuple(
             Occluder(o.name, _polygon(o.polygon, f"{source}: static occluder {o.name}"), o.height)
@@ -436,7 +437,7 @@ def _array_spec(a: MicrophoneArray) -> ArraySpec:
     )
 
 
-def _reader_spec(r: Reader) -> ReaderSpec:
+def _reader_spec(r: TagReader) -> ReaderSpec:
     return ReaderSpec(
         name=r.name,
         position=_floats(r.position),

@@ -14,7 +14,7 @@ from occlog.errors import InputError
 from occlog.io.files.names import safe_name
 from occlog.io.files.stated_units import STATED
 from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_rows
-from occlog.records.scene import FARTHEST, LEAST_SIGMA_DEG, MOST_SIGMA_DEG, MicrophoneArray, Scene
+from occlog.records.scene import MAX_COORDINATE, MAX_SIGMA_DEG, MIN_SIGMA_DEG, MicrophoneArray, Scene
 from occlog.settings import METRES
 
 WHAT = "a table of stations"
@@ -67,11 +67,11 @@ def read_stations(path: Path) -> Scene:
             name = safe_name(cell)
             if name in found:
                 raise rows.fail(row, f"station {name} is there twice; give every station its own name")
-            if sigma is not None and not LEAST_SIGMA_DEG <= sigma[row] <= MOST_SIGMA_DEG:
-                limits = f"above 0, from {LEAST_SIGMA_DEG:g} to {MOST_SIGMA_DEG:g}"
+            if sigma is not None and not MIN_SIGMA_DEG <= sigma[row] <= MAX_SIGMA_DEG:
+                limits = f"above 0, from {MIN_SIGMA_DEG:g} to {MAX_SIGMA_DEG:g}"
                 raise rows.fail(row, f"sigma_deg of station {name} is {sigma[row]:g}; it must be {limits}")
-            if (far := float(np.abs(place[row]).max())) > FARTHEST:
-                raise rows.fail(row, f"station {name} is {far:g} away; it must be within {FARTHEST:g}")
+            if (far := float(np.abs(place[row]).max())) > MAX_COORDINATE:
+                raise rows.fail(row, f"station {name} is {far:g} away; it must be within {MAX_COORDINATE:g}")
             station = MicrophoneArray(name, place[row], planar=spelled["z"] is None)
             found[name] = station if sigma is None else replace(station, sigma=math.radians(float(sigma[row])))
     return Scene(arrays=tuple(found.values()), length_unit=unit)

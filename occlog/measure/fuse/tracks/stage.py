@@ -17,7 +17,14 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.records.declared.people import CONTRADICTION, EXCHANGE, ONE_VIEW, UNSEEN, has_word, words_of
+from occlog.records.declared.people import (
+    COASTING,
+    INCONSISTENT_VIEWS,
+    POSSIBLE_SWITCH,
+    SINGLE_VIEW,
+    has_word,
+    words_of,
+)
 from occlog.records.tables import Events, JoinedTracks, PeopleTracks
 
 from .config import TrackFusionConfig
@@ -103,7 +110,7 @@ COVARIANCE = (
     ("cov_x_vy", "cov_y_vy", "cov_vx_vy", "cov_vy_vy"),
 )
 """Columns of the state and of its covariance."""
-DOUBTS = (UNSEEN, ONE_VIEW, EXCHANGE, CONTRADICTION)
+DOUBTS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS)
 """Values of the column `doubt`, in the order in which they stand there."""
 NOT_THERE = "-"
 
@@ -188,7 +195,7 @@ def _join(
     rows, here, also = JoinedTracks(**columns), here[order], also[order]
     identity, doubts, exchanged = _identities(rows.t_ns, here, also)
     doubted = words_of(
-        np.column_stack([has_word(rows.doubt, word) for word in DOUBTS]) | _only(EXCHANGE, exchanged), DOUBTS
+        np.column_stack([has_word(rows.doubt, word) for word in DOUBTS]) | _only(POSSIBLE_SWITCH, exchanged), DOUBTS
     )
     rows = replace(rows, target_id=identity, doubt=doubted).sorted()
     return rows, doubts, _agreement(first, second, mine, theirs)
@@ -234,10 +241,10 @@ def _both(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -
     one = np.array([bool(text) and "," not in text for text in seen_by], dtype=np.bool_)
     doubted = np.column_stack(
         [
-            has_word(mine.doubt, UNSEEN) & has_word(theirs.doubt, UNSEEN),
-            one & (has_word(mine.doubt, ONE_VIEW) | has_word(theirs.doubt, ONE_VIEW)),
-            has_word(mine.doubt, EXCHANGE) | has_word(theirs.doubt, EXCHANGE),
-            has_word(mine.doubt, CONTRADICTION) | apart,
+            has_word(mine.doubt, COASTING) & has_word(theirs.doubt, COASTING),
+            one & (has_word(mine.doubt, SINGLE_VIEW) | has_word(theirs.doubt, SINGLE_VIEW)),
+            has_word(mine.doubt, POSSIBLE_SWITCH) | has_word(theirs.doubt, POSSIBLE_SWITCH),
+            has_word(mine.doubt, INCONSISTENT_VIEWS) | apart,
         ]
     )
     columns = {c.name: getattr(mine, c.name) for c in JoinedTracks.columns()} | values

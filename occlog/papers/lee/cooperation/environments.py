@@ -25,9 +25,9 @@ from occlog.core.numerics.interpolate import TimeGrid
 from occlog.core.plane import inside_polygon
 from occlog.io.formats.scenes.paths import paths_from_yaml
 from occlog.io.formats.scenes.scene import scene_from_yaml
-from occlog.records.scene import Scene, Script
+from occlog.records.scene import MotionScript, Scene
 from occlog.records.tables import Bearings
-from occlog.scans.sources import bearings_of_doa, in_time
+from occlog.scans.sources import bearings_of_doa, within_times
 from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe
@@ -172,11 +172,11 @@ def environment(name: str, seed: int, run: int, variance: float | None = None) -
     silent = silences(script, 0)
     looks = ObserveConfig(diameter=0.0)
     cameras, sounds = observe(scene, grids, looks, own), observe_arrays(scene, grids, looks, own, silent=silent)
-    bearings = Bearings.concat(list(in_time([list(cameras), list(bearings_of_doa(sounds, scene))])))
+    bearings = Bearings.concat(list(within_times([list(cameras), list(bearings_of_doa(sounds, scene))])))
     return Environment(scene, truth, bearings, _heard(scene, truth, silent))
 
 
-def _steps(script: Script) -> tuple[int, float]:
+def _steps(script: MotionScript) -> tuple[int, float]:
     """Return the number of steps of a script and the time between them [s]."""
     assert script.rate_hz is not None
     assert script.seconds is not None

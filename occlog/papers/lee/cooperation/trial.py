@@ -16,7 +16,7 @@ from occlog.array_types import Floats
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec
-from occlog.scans.grouping import Rows, scans_of
+from occlog.scans.grouping import BearingRows, scans_of
 from occlog.settings import configure
 from occlog.track.methods.imm.ask_cameras import CAUSES, CameraRequest, CameraRequests, Memory, asks, located, others
 from occlog.track.methods.imm.config import ImmConfig
@@ -146,7 +146,7 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
     values = {**SCENES[spec["scene"]], **FORMS[spec["form"]], **spec["settings"]}
     config: ImmConfig = configure(ImmConfig(), values)
     scene, array = made.scene, spec["array"]
-    use = Rows(frozenset({scene.arrays[array].name, *(c.name for c in scene.cameras)}))
+    use = BearingRows(frozenset({scene.arrays[array].name, *(c.name for c in scene.cameras)}))
     rng, helping = (
         generator(spec["seed"], RandomStream.TRACK, array, run=spec["run"]),
         generator(spec["seed"], RandomStream.COOPERATE, array, run=spec["run"]),

@@ -24,7 +24,7 @@ from occlog.core.navigation.steering import NearbyObstacles
 from occlog.core.plane import inside_polygon, pack_polygons
 from occlog.errors import InputError
 from occlog.records.scene import Scene
-from occlog.scans.occluder_priors import People
+from occlog.scans.occluder_priors import PeopleAsObstacles
 
 from .config import NavigateConfig
 
@@ -148,9 +148,9 @@ class Course:
                 raise InputError(f"{at} is inside the circle about {name}, which repels robots; take shape polygon")
 
 
-def people_of(config: NavigateConfig) -> People:
+def people_of(config: NavigateConfig) -> PeopleAsObstacles:
     """How the settings take people as obstacles."""
-    return People(
+    return PeopleAsObstacles(
         radius=config.obstacle_radius,
         sigmas=config.sigmas,
         max_gap_s=config.max_gap_s,

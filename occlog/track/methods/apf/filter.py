@@ -23,7 +23,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
-from occlog.consistency.estimates import FEW
+from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
 from occlog.core.occlusion.priors import Priors, without_own
 from occlog.errors import InputError
 from occlog.filtering.lifecycle import advance, elapsed, is_lost, track_loss_count
@@ -195,7 +195,7 @@ def _track_loss(state: ApfState, draw: Draw, looks: PackedScan) -> tuple[int, bo
 def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
     size, fallback = min(effective_sample_size(draw.weights), draw.effective), draw.fallback
-    if size < FEW:
+    if size < MIN_EFFECTIVE_SAMPLE_SIZE:
         # A few particles look more certain than they are: at least what they were drawn from is open, too
         covariance = covariance * (size / (size - 1.0) if size > 1.5 else 3.0) + draw.sharpness * np.eye(2)
         fallback = fallback or "depleted"

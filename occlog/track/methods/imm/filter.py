@@ -25,11 +25,11 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.consistency.estimates import FEW
+from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
 from occlog.filtering.particles import effective_sample_size
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED
-from occlog.scans.grouping import Scan, concat, in_vain
+from occlog.scans.grouping import Scan, concat, empty_scan
 from occlog.track.interface import Estimate, Joint, Smoothing
 
 from . import kernel as imm
@@ -150,7 +150,7 @@ def _rests_on(track: Track, lineage: Lineage, estimate: imm.Estimate, config: Im
     Families are counted anew once the motion's noise has made up for those that were lost.
     """
     families = lineage.effective()
-    if families >= FEW:
+    if families >= MIN_EFFECTIVE_SAMPLE_SIZE:
         return track, math.inf
     if made_up(lineage, estimate.covariance[::2, ::2], config.sigma_v):
         return track._replace(lineage=begun(len(lineage.families))), math.inf
@@ -354,7 +354,7 @@ def _estimate(belief: Belief, report: Report, cameras: int) -> Estimate:
         log_likelihood=evidence if math.isfinite(evidence) else math.nan,
         n_looked=len(report.counts),
         n_seen=int(m.heard),
-        fallback="depleted" if belief.ess < FEW else "",
+        fallback="depleted" if belief.ess < MIN_EFFECTIVE_SAMPLE_SIZE else "",
         used=tuple(cameras + a for a in m.arrays),
     )
 
@@ -455,7 +455,7 @@ class Listener:
             if scan.t_ns - clock.last_ns >= period:
                 silent.append(self._cameras + a)
                 clock.last_ns += period
-        yield _ordered(concat([in_vain(scan.t_ns, silent), rows]))
+        yield _ordered(concat([empty_scan(scan.t_ns, silent), rows]))
 
     def _in_vain(self, t_ns: int) -> Iterator[Scan]:
         """Times before t_ns at which arrays listened in vain."""
@@ -465,7 +465,7 @@ class Listener:
             for at in clock.due(t_ns, max(1, self._forget_ns // period)):
                 silent.setdefault(at, []).append(self._cameras + a)
         for at in sorted(silent):
-            yield in_vain(at, silent[at])
+            yield empty_scan(at, silent[at])
 
 
 def _ordered(scan: Scan) -> Scan:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats
-from occlog.consistency.estimates import FEW
+from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
 from occlog.core.sight.visibility import seen_from
 from occlog.filtering.gaussian import Gaussian, predicted
 from occlog.filtering.lifecycle import elapsed, is_lost, track_loss_count
@@ -272,7 +272,7 @@ def _estimate(own: Floats, weights: Floats, look: Look, fallback: str, log_likel
         log_likelihood=log_likelihood if math.isfinite(log_likelihood) else math.nan,
         n_looked=len(look.packed.sensor),
         n_seen=int(np.count_nonzero(seen)),
-        fallback=fallback or ("depleted" if size < FEW else ""),
+        fallback=fallback or ("depleted" if size < MIN_EFFECTIVE_SAMPLE_SIZE else ""),
         used=tuple(look.packed.sensor.tolist()),
         seen_by=tuple(look.packed.sensor[seen].tolist()),
     )

@@ -17,7 +17,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.formats.models.motion_models import PathLossSpec, lost_in_models, read_path_loss
 from occlog.io.open import load_scene, losses_of, open_input
 from occlog.records.losses import Loss
-from occlog.records.scene import Camera, Reader, Scene
+from occlog.records.scene import Camera, Scene, TagReader
 from occlog.records.tables import Bearings, Reads
 from occlog.scans.grouping import nearest
 from occlog.settings import METRES, configure
@@ -202,7 +202,7 @@ class ReadsInput:
             thresholds = np.full(len(places), -np.inf if config.threshold is None else config.threshold)
         return config, virtual_sensors(places[:, :2], ranges, self.scene.room), thresholds
 
-    def _range(self, reader: Reader, usual: float | None) -> float:
+    def _range(self, reader: TagReader, usual: float | None) -> float:
         """How far a reader reads; InputError where nothing says it."""
         if np.isfinite(reader.range):
             return reader.range
@@ -278,7 +278,7 @@ class ReadsInput:
         }
 
 
-def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[Reader, ...]:
+def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]:
     """The readers to use; UsageError for a name that there is not, or where none is left."""
     known = tuple(r.name for r in scene.readers)
     if not known:
@@ -300,7 +300,7 @@ def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
         raise UsageError(f"the file of path losses and the setting {twice} say the same; give one of them")
 
 
-def path_loss_of(spec: PathLossSpec, readers: tuple[Reader, ...]) -> PathLoss:
+def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss:
     """The model of a file, for these readers."""
     power = {r.name: r.power for r in spec.readers}
     return PathLoss(

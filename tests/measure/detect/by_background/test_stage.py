@@ -14,7 +14,7 @@ from occlog.measure.detect.by_background.stage import Learned, batches, detect
 from occlog.measure.detect.config import BATCH, DetectConfig
 from occlog.measure.detections import Detections
 from occlog.measure.regions.regions import histogram
-from occlog.records.columns import Table
+from occlog.records.columns import ColumnTable
 from occlog.records.frames import Frame
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views
@@ -54,7 +54,7 @@ def run(
     )
 
 
-def assert_same(a: Table, b: Table) -> None:
+def assert_same(a: ColumnTable, b: ColumnTable) -> None:
     for c in type(a).columns():
         np.testing.assert_array_equal(getattr(a, c.name), getattr(b, c.name))
 

@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from occlog.consistency.estimates import FEW, Particles
-from occlog.consistency.verdict import DEPLETED, beyond
+from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE, EffectiveSampleSizes
+from occlog.consistency.verdict import MAX_DEPLETED_SHARE, exceeds_share
 from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError, option
 from occlog.measure.detect.by_background.one_camera import stretches
@@ -68,7 +68,7 @@ class ViewsSummary:
         self.dropped: list[tuple[int, int]] = []
         self.places: Counter[str] = Counter()
         self.verdict = Verdict()
-        self.particles = Particles()
+        self.particles = EffectiveSampleSizes()
         self.rows_of: Counter[str] = Counter()
 
     def add(self, part: ViewsPart) -> None:
@@ -195,15 +195,16 @@ class ViewsSummary:
     def _depleted(self) -> Iterator[Check]:
         """Particles that ran out."""
         few, rows = self.particles.few, self.particles.rows
-        if beyond(few, rows, DEPLETED):
+        if exceeds_share(few, rows, MAX_DEPLETED_SHARE):
             yield finding(
                 PARTICLES,
                 "note",
                 "depleted",
-                f"{few / rows:.0%} of the rows rest on fewer than {FEW:.0f} effective particles (median "
-                f"{self.particles.median:.0f}; allowed in {DEPLETED:.0%} of the rows): use more particles",
+                f"{few / rows:.0%} of the rows rest on fewer than {MIN_EFFECTIVE_SAMPLE_SIZE:.0f} effective "
+                "particles (median "
+                f"{self.particles.median:.0f}; allowed in {MAX_DEPLETED_SHARE:.0%} of the rows): use more particles",
                 share=few / rows,
-                allowed=DEPLETED,
+                allowed=MAX_DEPLETED_SHARE,
             )
 
     def _first(self) -> Iterator[Check]:

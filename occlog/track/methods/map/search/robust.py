@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats
-from occlog.consistency.bearings import OVERLAP, near_another
+from occlog.consistency.bearings import MIN_OVERLAP_SHARE, confirmed_by_another
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.hiding import Told, told_by_occluders
 from occlog.track.methods.map.kernels.detours import Detours, Hold, Obstacle, find_detours, settle
@@ -249,7 +249,7 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
     first = path(pending.scales)
     found = search_from(pending, record, around, watch, first, pending.scales)
     # Where one camera sees it at a time, distances hang on the motion: the paper's start may lead to a lower minimum
-    sparse = _overlap(record) < OVERLAP
+    sparse = _overlap(record) < MIN_OVERLAP_SHARE
     if sparse:
         far = _from_axes(pending, whole, trust_of(config, pending.scales[0]))
         other = search_from(pending, record, around, watch, far, pending.scales)
@@ -273,7 +273,7 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
 def _overlap(record: Record) -> float:
     """Share of sight lines near to which, in time, another sensor has one; 1 without any."""
     seen = record.rows.seen
-    near = near_another(record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS)
+    near = confirmed_by_another(record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS)
     return float(near.mean()) if len(near) else 1.0
 
 

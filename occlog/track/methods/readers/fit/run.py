@@ -12,7 +12,7 @@ from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError, UsageError
 from occlog.io.formats.models.motion_models import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
 from occlog.io.open import Opened, load_scene, losses_of, open_input
-from occlog.records.scene import Reader, Scene
+from occlog.records.scene import Scene, TagReader
 from occlog.records.tables import Reads, Truth
 from occlog.runner import Job
 from occlog.settings import configure
@@ -35,7 +35,7 @@ START_SHADOW_DB, START_SHADOW_S = 3.0, 5.0
 class _Gathered:
     """Strengths with their distances, and windows with true places, of all recordings."""
 
-    def __init__(self, readers: tuple[Reader, ...], config: FitReadersConfig, metre: float) -> None:
+    def __init__(self, readers: tuple[TagReader, ...], config: FitReadersConfig, metre: float) -> None:
         self.readers, self.config, self.metre = readers, config, metre
         self.reader: list[Ints] = []
         self.distance: list[Floats] = []
