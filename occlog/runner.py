@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from occlog import console
 from occlog.errors import ExitCode
-from occlog.io.files.atomic import Together, check_outputs, open_output
+from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
@@ -134,7 +134,7 @@ class Job:
             later: fields of tables that `Tables.open` opens.
         """
         with ExitStack() as stack:
-            tables = Tables(self, length_unit, stack, stack.enter_context(Together()))
+            tables = Tables(self, length_unit, stack, stack.enter_context(OutputGroup()))
             for name in self.request.files(output=True):
                 if name not in later:
                     tables.open(name, provenance, (wider or {}).get(name))
@@ -144,7 +144,7 @@ class Job:
 class Tables:
     """Tables that are being written, by the fields of the request."""
 
-    def __init__(self, job: Job, length_unit: str, stack: ExitStack, together: Together) -> None:
+    def __init__(self, job: Job, length_unit: str, stack: ExitStack, together: OutputGroup) -> None:
         """Without a table yet.
 
         Args:

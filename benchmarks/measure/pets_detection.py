@@ -32,7 +32,7 @@ from occlog.cli.main import run as occlog
 from occlog.core.metrics.errors import intersection_areas, intersection_over_union, pair_within
 from occlog.core.sight.camera import wrap_angle
 from occlog.evaluate.bearings.detections import CLASSES, SHARED, box_classes
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.measure.detect.by_background.learning import learn
 from occlog.measure.detect.by_background.stage import detect
 from occlog.measure.detect.config import DetectConfig
@@ -54,7 +54,7 @@ class Matched(NamedTuple):
     regions: int
 
 
-def ingest(folder: Path, work: Path) -> Recording:
+def ingest(folder: Path, work: Path) -> McapRecording:
     """The recording, linked to the video."""
     annotations = next((folder / "annotations").glob("*.xml"))
     args = ["--calibration", str(folder / "calibration" / f"{CAMERA}.xml")]
@@ -88,7 +88,7 @@ def costs(rule: str, found: Views, boxes: Floats) -> Floats:
     return 2.0 * away.max(axis=2)
 
 
-def match(recording: Recording, views: Views, frames: range, rule: str) -> Matched:
+def match(recording: McapRecording, views: Views, frames: range, rule: str) -> Matched:
     """Regions of some frames paired with the true boxes."""
     camera = recording.scene.camera(CAMERA)  # type: ignore[union-attr]
     truth = recording.read(TruthBoxes)
@@ -124,7 +124,7 @@ def figures(m: Matched) -> dict[str, Any]:
     return out
 
 
-def cases(recording: Recording) -> Iterator[tuple[str, Views]]:
+def cases(recording: McapRecording) -> Iterator[tuple[str, Views]]:
     """Regions of every combination of method and background model."""
     scene = recording.scene
     if scene is None:

@@ -14,7 +14,7 @@ import numpy as np
 from occlog.errors import InputError
 from occlog.io.files.texts.by_reader import as_text, fault_of
 from occlog.io.files.texts.csv_rows import first_line
-from occlog.io.foreign.source import Source
+from occlog.io.foreign.source import ColumnSource
 from occlog.io.foreign.table import ForeignTable, best_fit
 from occlog.plugins.interface import Columns
 from occlog.records.tables import TABLES
@@ -72,7 +72,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             path = Path(other) / "as_read.csv"
             path.write_text(found, encoding="utf-8")
             try:
-                source = Source(path, "CSV", tuple(first_line(path, "columns")))
+                source = ColumnSource(path, "CSV", tuple(first_line(path, "columns")))
                 yield ForeignTable(source, best_fit(source, [TABLES[of.table]]))
             except InputError as error:
                 reason = str(error).replace(f"{path}: ", "")

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.spill import Aside
-from occlog.io.open import Opened, check_unit, common_unit, load_scene, losses_of, open_if_ours, open_input
+from occlog.io.files.spill import SpilledTable
+from occlog.io.open import Opened, check_unit, common_unit, input_losses, load_scene, open_if_ours, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.sensors import Measurements
@@ -86,7 +86,7 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
     said = dict(made) if isinstance(made, dict) else {}
     radio = said.get("radio")
     known = {f.name: said[f.name] for f in fields(DistanceMeasurementConfig) if f.name in said}
-    again = rows if opened.recording is None else Aside(Measurements, rows).chunks
+    again = rows if opened.recording is None else SpilledTable(Measurements, rows).chunks
     return MeasuredSource(again, DistanceMeasurementConfig(**known), _radio(radio) if isinstance(radio, dict) else None)
 
 
@@ -119,4 +119,4 @@ def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None
 
 def lost_earlier(paths: Iterable[Path]) -> tuple[Loss, ...]:
     """What was lost in making the inputs."""
-    return losses_of(open_if_ours(path) for path in paths)
+    return input_losses(open_if_ours(path) for path in paths)

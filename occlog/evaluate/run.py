@@ -28,7 +28,7 @@ from occlog.io.files.texts.documents import write_json
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.formats.sound.csv_log import DoaOptions
 from occlog.io.formats.sound.directions import read_doa
-from occlog.io.open import Opened, of_others, open_if_ours, open_input
+from occlog.io.open import Opened, is_external, open_if_ours, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
@@ -154,7 +154,7 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
     for side, (sources, scene, _) in zip(sides, opened, strict=True):
         if sources.truth is None:
             raise UsageError(f"{option('also')}: {side.truth} holds no true positions")
-        born = born_from_detections(side.tracks) or of_others(side.tracks)
+        born = born_from_detections(side.tracks) or is_external(side.tracks)
         own = "start" if born else own_targets_by(chosen, numbered_itself=False)
         config = configure(ManyConfig.in_unit(scene.length_unit), {"own": own, **side.many})
         figures = Evaluator(sources, scene, chosen).of_many(config)
@@ -261,7 +261,7 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
     sources, scene, tracks = open_sources(request, held_boxes=held_boxes)
     unit = scene.length_unit
     # A tracker that numbers its tracks itself gives them numbers of targets by chance only
-    numbered_itself = born_from_detections(request.tracks) or of_others(request.tracks)
+    numbered_itself = born_from_detections(request.tracks) or is_external(request.tracks)
     own_numbers = "match" not in given and numbered_itself
     paired = {"match": "optimal"} if own_numbers else {}
     config = configure(EvaluateConfig.in_unit(unit), {**simulated(request.truth), **paired, **given})

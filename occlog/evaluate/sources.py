@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.spill import Aside
+from occlog.io.files.spill import SpilledTable
 from occlog.io.open import Opened, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
@@ -136,7 +136,7 @@ def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
         return None
     rows = partial(opened.rows, table)
     slow = opened.recording is not None or opened.foreign is not None
-    return partial(_gathered, Aside(table, rows).chunks if slow else rows)
+    return partial(_gathered, SpilledTable(table, rows).chunks if slow else rows)
 
 
 def _gathered(chunks: Chunks[T]) -> Iterator[T]:
@@ -197,7 +197,7 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
     if not own and directions is None:
         return None
     aside = any(each is not None and each.recording is not None for each in (measured, directions))
-    return partial(_gathered, Aside(Bearings, rows).chunks if aside else rows)
+    return partial(_gathered, SpilledTable(Bearings, rows).chunks if aside else rows)
 
 
 def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | None:

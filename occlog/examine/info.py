@@ -26,7 +26,7 @@ from occlog.records.losses import Loss
 if TYPE_CHECKING:
     from occlog.io.foreign.names import Spelling
     from occlog.io.foreign.table import ForeignTable
-    from occlog.io.recording.reader import Recording
+    from occlog.io.recording.reader import McapRecording
     from occlog.records.scene import Camera, MicrophoneArray, Scene, TagReader
 
 
@@ -142,7 +142,7 @@ class Description(NamedTuple):
 
 def describe(path: Path, rows: int) -> Description:
     """Describe a file by its content; of a table also the first rows."""
-    from occlog.io.files.limits import mistaken_for
+    from occlog.io.files.limits import describe_unsupported
     from occlog.io.open import open_if_ours, open_input
 
     pass  # MERGED
@@ -163,7 +163,7 @@ def describe(path: Path, rows: int) -> Description:
         return _describe_foreign(opened.foreign)
     if opened is not None:
         return _describe_table(path, rows) if opened.recording is None else _describe_recording(opened.recording)
-    mistaken = mistaken_for(path)
+    mistaken = describe_unsupported(path)
     if mistaken is not None:
         raise InputError(f"{path}: is {mistaken}")
     known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv, .tum, .trc, .geojson)"
@@ -201,8 +201,8 @@ def _says_occlog(path: Path) -> bool:
 def _describe_bag(path: Path) -> Description:
     """Describe a bag: topics, rates, what would be taken of it, and by which command."""
     from occlog.errors import UsageError
-    from occlog.io.messages.bag import open_bag, survey, taken_lines
-    from occlog.io.messages.kinds import Kind, kind_of
+    from occlog.io.messages.bag import open_bag, survey, topic_lines
+    from occlog.io.messages.kinds import TopicKind, kind_of
 
     with open_bag([path]) as bag:
         topics, span = bag.topics(), bag.span()
@@ -217,14 +217,14 @@ def _describe_bag(path: Path) -> Description:
         remark = ""
         try:
             found = survey(bag, (), transforms_too=False)
-            taken = [line for line in taken_lines(found) if not line.startswith("not taken")]
+            taken = [line for line in topic_lines(found) if not line.startswith("not taken")]
         except (InputError, UsageError) as error:
             remark = str(error)
         remark = "; ".join(([remark] if remark else []) + [f"{topic}: {said}" for topic, said in bag.remarks.items()])
         lines += [f"taken     {line}" for line in taken] + ([f"note      {remark}"] if remark else [])
         if taken or any(kind_of(t.kind) for t in topics.values()):
             lines.append(f"command   occlog ingest {path} -o recording.mcap")
-        names = {Kind.BOX: "CAMERA", Kind.POSE: "0", Kind.DIRECTION: "ARRAY"}
+        names = {TopicKind.BOX: "CAMERA", TopicKind.POSE: "0", TopicKind.DIRECTION: "ARRAY"}
         more = [(t.name, names[k]) for t in topics.values() if (k := kind_of(t.kind)) in names]
         lines += [f"more      --topic {name}={topic}" for topic, name in more]
         lines += [f"lost      {loss}" for loss in bag.losses]
@@ -336,7 +336,7 @@ def _camera_lines(scene: Scene) -> Iterator[str]:
         )
 
 
-def _describe_recording(recording: Recording) -> Description:
+def _describe_recording(recording: McapRecording) -> Description:
     topics = [{"topic": t.name, "schema": t.schema, "messages": t.messages} for t in recording.topics]
     span = recording.time_ns
     lines = [f"recording, {counted(sum(t.messages for t in recording.topics), 'message')}"]
@@ -361,7 +361,7 @@ def _describe_recording(recording: Recording) -> Description:
     return Description(values, lines)
 
 
-def _epipolar_lines(recording: Recording) -> Iterator[str]:
+def _epipolar_lines(recording: McapRecording) -> Iterator[str]:
     """Iterate over the pairs of views whose fundamental matrix a recording holds, a line each."""
     from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 

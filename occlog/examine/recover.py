@@ -35,13 +35,13 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
       occlog recover hall.mcap -o whole.mcap
       occlog recover hall.mcap -o whole.mcap --video cam1=hall.cam1.avi
     """
-    from occlog.io.files.limits import Content, content_of, mistaken_for
+    from occlog.io.files.limits import Content, content_of, describe_unsupported
 
     given = dict(map(_named, videos))
     check_outputs([file, *given.values()], [output], overwrite)
     content = content_of(file)
     if content is Content.OTHER:
-        what = mistaken_for(file) or content.value
+        what = describe_unsupported(file) or content.value
         raise InputError(f"{file}: is {what}; nothing of it can be salvaged here: copy it again, or make it again")
     if content is Content.TABLE:
         raise InputError(_made_again(file))

@@ -16,18 +16,26 @@ from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
 from occlog.io.formats.calibration.common import Pose, build_camera
-from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagSurvey, Messages, survey, taken_lines
-from occlog.io.messages.contents import BoxRows, Placed, Transforms, direction_rows, intrinsics, stored, truth_rows
+from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, BagSurvey, survey, topic_lines
+from occlog.io.messages.contents import (
+    FramePose,
+    MessageBoxRows,
+    Transforms,
+    direction_rows,
+    intrinsics,
+    stored,
+    truth_rows,
+)
 from occlog.io.messages.kinds import (
     BoxMessage,
     DirectionMessage,
-    Header,
     ImageMessage,
     InfoMessage,
+    MessageStamp,
     PoseMessage,
     kind_of,
 )
-from occlog.io.messages.mcap_file import Message
+from occlog.io.messages.mcap_file import BagMessage
 from occlog.io.messages.topics import is_rectified, read_topic_map
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
@@ -66,7 +74,7 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
         named = any(kind_of(t.kind) is not None for t in found.topics.values())
         remedy = "name boxes and true positions by their topics" if named else "no topic is of a type that is known"
         raise InputError(f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}")
-    for line in taken_lines(found):
+    for line in topic_lines(found):
         note(f"bag: {line}")
     return found
 
@@ -164,19 +172,19 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
     return next(iter(roots), None)
 
 
-def _placed(tree: Transforms, frame: str, world: str | None) -> Placed:
+def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
     if world is None or not tree.knows(frame):
         raise InputError(f"no transforms tell where its frame {frame!r} is")
     return tree.placed(frame, world)
 
 
-def _pose(camera: str, frame: str, placed: Placed, plan: IngestPlan) -> Placed:
+def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> FramePose:
     """World-from-camera pose of a frame whose axes are those of an image, or of a body (x forward, z up).
 
     UsageError for a frame that is not called optical and whose z axis points up: as that of an image it cannot be.
     """
     if plan.camera_axes == "body":
-        return Placed(placed.rotation @ BODY, placed.translation)
+        return FramePose(placed.rotation @ BODY, placed.translation)
     if plan.camera_axes is None and "optical" not in frame.lower() and placed.rotation[2, 2] > STEEP:
         raise UsageError(
             f"camera {camera}: the z axis of its frame {frame!r} points up, so that it would look at the sky; say "
@@ -220,7 +228,7 @@ class Taking:
         self.rows: dict[str, int] = {}
         self.times: dict[str, str] = {}
         self._clocks, self._placement, self._turn = clocks, placement, turn
-        self._messages = Messages(found.topics)
+        self._messages = BagDecoder(found.topics)
         self._states: dict[str, _CameraState] = {}
         chosen = found.map
         self._cameras = {topic: name for name, topic in chosen.images.items()}
@@ -231,7 +239,7 @@ class Taking:
         self._infos = {topic: name for name, topic in chosen.infos.items() if name in placed}
         self._changed: dict[str, list[str]] = {}
         scale = plan.confidence_scale
-        self._boxes = {t: BoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
+        self._boxes = {t: MessageBoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
         self._span = None if plan.frames is None or not self._targets else span_of(plan.frames, self._frame_times())
         self._of_other_times = 0
 
@@ -244,7 +252,7 @@ class Taking:
     def _wanted(self) -> set[str]:
         return {*self._cameras, *self._arrays, *self._targets, *self._boxes, *self._infos}
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self) -> Iterator[BagMessage]:
         """The messages that `take` wants."""
         return self.bag.messages(self._wanted())
 
@@ -264,7 +272,7 @@ class Taking:
         tables = {topic: np.array(each, dtype=np.int64) for topic, each in times.items()}
         return {topics[topic]: FrameTimes(topic, table_ns=table) for topic, table in tables.items() if len(table)}
 
-    def take(self, message: Message, writer: RecordingWriter) -> None:
+    def take(self, message: BagMessage, writer: RecordingWriter) -> None:
         """Write what a message says; one that is damaged or out of order is counted."""
         if message.topic in self._infos:
             self._compare(message)
@@ -286,7 +294,7 @@ class Taking:
             state.damaged += 1
             state.reason = state.reason or str(error)
 
-    def _compare(self, message: Message) -> None:
+    def _compare(self, message: BagMessage) -> None:
         """Remember a calibration that is another than the first one of its camera, which holds for all images."""
         with suppress(InputError):  # the first one was good
             told = self._messages.read(message.topic, message.data)
@@ -296,7 +304,7 @@ class Taking:
                 what = f"fx {first.k[0, 0]:g}, then {told.k[0, 0]:g} px for {sizes} px at {utc(message.log_ns)}"
                 self._changed.setdefault(message.topic, []).append(what)
 
-    def _time(self, state: _CameraState, message: Message, header: Header) -> int:
+    def _time(self, state: _CameraState, message: BagMessage, header: MessageStamp) -> int:
         """World time of a message: of its header, or of recording."""
         if state.by_log is None:
             state.by_log = self.plan.stamp == "log" or header.stamp_ns == 0
@@ -364,11 +372,11 @@ class Taking:
         """Whether a frame is among those that the user chooses."""
         return self.plan.frames is None or self.plan.frames[0] <= number < self.plan.frames[1]
 
-    def _frame_of_truth(self, frame: str) -> Placed:
+    def _frame_of_truth(self, frame: str) -> FramePose:
         """Where the frame of true positions is; UsageError for one that no transforms connect with the world."""
         tree, world = self.found.transforms, self._placement.world
         if world is None or frame in ("", world):
-            return Placed(np.eye(3), np.zeros(3))
+            return FramePose(np.eye(3), np.zeros(3))
         try:
             return tree.placed(frame, world)
         except InputError as error:

@@ -23,7 +23,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.names import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.formats.calibration.common import CalibrationOptions
-from occlog.io.formats.calibration.reader import Calibration, describe, read_calibration
+from occlog.io.formats.calibration.reader import CalibrationFile, describe, read_calibration
 from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.formats.tags import read_readers
 from occlog.io.open import load_scene
@@ -247,7 +247,7 @@ def add_bag_cameras(
         return scene, None
     if scene.length_unit != "m":
         raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m")
-    note(describe(Calibration(cameras, f"camera_info and transforms of the bag, world {world!r}", "m")))
+    note(describe(CalibrationFile(cameras, f"camera_info and transforms of the bag, world {world!r}", "m")))
     turn = find_turn(cameras, plan.up, plan.ground, note)
     placed = cameras if turn is None else tuple(turn.camera(c) for c in cameras)
     return replace(scene, cameras=(*scene.cameras, *placed)), turn

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from occlog.console.notes import tell
 from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
-from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, SQLITE_MAGIC, Content, content_of, mistaken_for
+from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, SQLITE_MAGIC, Content, content_of, describe_unsupported
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
 from occlog.io.files.tables.parquet import describe, is_ours, iter_table, read_header
@@ -25,9 +25,9 @@ from occlog.records.losses import Loss
 from occlog.records.tables import table_with
 
 if TYPE_CHECKING:
-    from occlog.io.foreign.source import Source
+    from occlog.io.foreign.source import ColumnSource
     from occlog.io.foreign.table import ForeignTable
-    from occlog.io.recording.reader import Recording
+    from occlog.io.recording.reader import McapRecording
     from occlog.records.scene import Scene
 
 T = TypeVar("T", bound=ColumnTable)
@@ -72,7 +72,7 @@ class Opened:
     provenance: Provenance
     scene: Scene | None
     length_unit: str | None
-    recording: Recording | None
+    recording: McapRecording | None
     table: str
     foreign: ForeignTable | None = None
 
@@ -165,12 +165,12 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
     if opened is None:
         source = _source(path)
         try:
-            opened = None if source is None else _of_others(source, wants)
+            opened = None if source is None else _external_table(source, wants)
         except InputError:
             _refuse_stations(path)
             raise
     if opened is None:
-        mistaken = mistaken_for(path)
+        mistaken = describe_unsupported(path)
         if mistaken is not None:
             raise InputError(f"{path}: is {mistaken}")
         if path.suffix.lower() == ".json":
@@ -178,11 +178,11 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
                 f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
             )
         # The reader of the kind that the name says explains what is wrong with the content
-        opened = _recording(path) if names_recording(path) else _table(path)
+        opened = _recording(path) if is_recording_name(path) else _table(path)
     if wants:
         opened.require(*wants, remedy=remedy)
         if opened.foreign is not None:
-            opened = _of_others(opened.foreign.source, wants)
+            opened = _external_table(opened.foreign.source, wants)
     return opened
 
 
@@ -200,7 +200,7 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
         return _table(path)
     source = _source(path)
     try:
-        return None if source is None else _of_others(source)
+        return None if source is None else _external_table(source)
     except InputError:
         return None
 
@@ -213,20 +213,20 @@ def _refuse_stations(path: Path) -> None:
         raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
 
 
-def _source(path: Path) -> Source | None:
+def _source(path: Path) -> ColumnSource | None:
     from occlog.io.foreign.source import find_source
 
     return find_source(path)
 
 
-def _of_others(source: Source, wants: Sequence[type[ColumnTable]] = ()) -> Opened:
+def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = ()) -> Opened:
     """A table that another program made, as that wanted table which it fits best; InputError if it fits none."""
-    from occlog.io.foreign.names import kind_of, said_unit
+    from occlog.io.foreign.names import kind_of, unit_in_name
     from occlog.io.foreign.table import ForeignTable, best_fit
 
     table = ForeignTable(source, best_fit(source, wants))
     for column, name, *_ in table.layout.columns:
-        STATED.get().note_use(name, kind_of(column), said_unit(table.layout.table, column, name))
+        STATED.get().note_use(name, kind_of(column), unit_in_name(table.layout.table, column, name))
     names = (f"{s.name} is {s.column.name}" + (f" [{s.unit}]" if s.unit else "") for s in table.layout.columns)
     tell(f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}")
     return Opened(
@@ -258,7 +258,7 @@ def _table(path: Path) -> Opened:
     return Opened(path, header.provenance, None, header.length_unit, None, header.table)
 
 
-def of_others(path: Path | None) -> bool:
+def is_external(path: Path | None) -> bool:
     """Whether a file is a table that another program made, so that its identities are that program's own."""
     return path is not None and _source(path) is not None
 
@@ -288,7 +288,7 @@ def scene_in(path: Path) -> Scene | None:
     return read_stations(path) if content is Content.OTHER and holds_stations(path) else read_scene(path)
 
 
-def names_recording(output: Path) -> bool:
+def is_recording_name(output: Path) -> bool:
     """Whether the name of an output asks for a recording: the name of an output says its format."""
     return output.suffix.lower() == RECORDING_SUFFIX
 
@@ -342,6 +342,6 @@ def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable])
     return opened
 
 
-def losses_of(inputs: Iterable[Opened | None]) -> tuple[Loss, ...]:
+def input_losses(inputs: Iterable[Opened | None]) -> tuple[Loss, ...]:
     """Losses of several inputs, each once, in the order of the inputs; None has none."""
     return tuple(dict.fromkeys(loss for opened in inputs if opened is not None for loss in opened.losses))

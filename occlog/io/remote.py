@@ -44,7 +44,7 @@ _SIGNATURE = re.compile(
     r"(?:x-amz-|x-goog-|awsaccesskeyid=|googleaccessid=|signature=|expires=|key-pair-id=|policy=)", re.IGNORECASE
 )
 """Beginning of the parts of a query that differ each time that a URL is signed."""
-MOST_WORDS = 160
+MAX_WORDS = 160
 """Characters of the words of a library that a message repeats."""
 
 
@@ -58,7 +58,7 @@ def kind_of(url: str) -> str:
     found = _URL.match(url)
     kind = found.group(1).lower() if found else ""
     if kind not in EXTRAS or "::" in url:
-        raise UsageError(f"{shown(url)}: {kind}: is not taken; give a file, or one of {', '.join(EXTRAS)}")
+        raise UsageError(f"{public_url(url)}: {kind}: is not taken; give a file, or one of {', '.join(EXTRAS)}")
     return kind
 
 
@@ -68,7 +68,7 @@ def without_end(place: str) -> str:
     return f"{kind}{mark}{path.rstrip('/')}" if is_url(place) else place
 
 
-def shown(url: str) -> str:
+def public_url(url: str) -> str:
     """The URL without user, password, query and fragment."""
     kind, mark, rest = url.partition("://")
     path = re.split(r"[?#]" if kind.lower() in READ_ONLY else r"[?]", rest, maxsplit=1)[0]
@@ -80,12 +80,12 @@ def identity(url: str) -> str:
     """The URL without what only opens it: without user and password, and without signatures in its query."""
     query = url.partition("?")[2].partition("#")[0]
     asked = "&".join(part for part in query.split("&") if not _SIGNATURE.match(part))
-    return f"{shown(url)}?{asked}" if asked else shown(url)
+    return f"{public_url(url)}?{asked}" if asked else public_url(url)
 
 
-def scrubbed(text: str) -> str:
+def without_secrets(text: str) -> str:
     """Words of a library about a URL, in one line and without what opens it."""
-    return _SECRETS.sub("", " ".join(text.split()))[:MOST_WORDS]
+    return _SECRETS.sub("", " ".join(text.split()))[:MAX_WORDS]
 
 
 MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
@@ -116,7 +116,7 @@ class Version(NamedTuple):
 
 
 @contextmanager
-def _told(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
+def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
     """Turn what file systems raise into one line."""
     try:
         yield
@@ -124,17 +124,19 @@ def _told(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
         raise
     except ImportError as error:
         extra = EXTRAS[kind_of(url)]
-        raise UsageError(f"{shown(url)}: wants a package that is not installed; install occlog[{extra}]") from error
+        raise UsageError(
+            f"{public_url(url)}: wants a package that is not installed; install occlog[{extra}]"
+        ) from error
     except FileNotFoundError as error:
         reason = _unreached(error)
         if reason is not None:
-            raise failure(f"{shown(url)}: cannot be reached: {scrubbed(str(reason))}; try again") from error
-        raise failure(f"{shown(url)}: no such file") from None
+            raise failure(f"{public_url(url)}: cannot be reached: {without_secrets(str(reason))}; try again") from error
+        raise failure(f"{public_url(url)}: no such file") from None
     except Exception as error:  # each file system has errors of its own
         if isinstance(error, OSError) and error.errno in FULL:
             raise  # of this machine
-        words = scrubbed(str(error))
-        raise failure(f"{shown(url)}: {type(error).__name__}{f': {words}' if words else ''}; try again") from None
+        words = without_secrets(str(error))
+        raise failure(f"{public_url(url)}: {type(error).__name__}{f': {words}' if words else ''}; try again") from None
 
 
 def _unreached(error: FileNotFoundError) -> BaseException | None:
@@ -164,7 +166,7 @@ def find(pattern: str) -> list[str]:
     if not any(mark in pattern.partition("?")[0] for mark in "*["):
         kind_of(pattern)
         return [pattern]
-    with _told(pattern):
+    with _as_output_error(pattern):
         system, path = _opened(pattern)
         there = system.glob(path, detail=True).items()
         found = sorted(str(system.unstrip_protocol(each)) for each, told in there if told.get("type") != "directory")
@@ -173,7 +175,7 @@ def find(pattern: str) -> list[str]:
 
 def version(url: str) -> Version:
     """What is known of a file; InputError where it is not there, or may not be read."""
-    with _told(url):
+    with _as_output_error(url):
         system, path = _opened(url)
         told = system.info(path)
         marks = [str(told[key]) for key in MARKS if key in told]
@@ -185,13 +187,13 @@ def fetch(url: str, file: Path) -> int:
     """Copy a file to this machine; its size. What was there is replaced by the whole file or not at all."""
     part = file.with_name(PART)
     try:
-        with _told(url):
+        with _as_output_error(url):
             system, path = _opened(url)
             system.get_file(path, str(part))
         part.replace(file)
         return file.stat().st_size
     except OSError as error:
-        raise OutputError(f"{file.parent}: cannot keep {shown(url)}: {error.strerror or error}") from error
+        raise OutputError(f"{file.parent}: cannot keep {public_url(url)}: {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
 
@@ -200,20 +202,20 @@ def check_output(url: str) -> None:
     """UsageError for a URL that nothing can be written to."""
     if kind_of(url) in READ_ONLY:
         raise UsageError(
-            f"{shown(url)}: nothing can be written to a web server; name a folder, or one in s3:// or gs://"
+            f"{public_url(url)}: nothing can be written to a web server; name a folder, or one in s3:// or gs://"
         )
 
 
 def put(file: Path, url: str) -> None:
     """Write a whole file, replacing what was there."""
-    with _told(url, OutputError):
+    with _as_output_error(url, OutputError):
         system, path = _opened(url)
         system.pipe_file(path, file.read_bytes())
 
 
 def names_in(url: str) -> list[str]:
     """Names of files and folders in a folder, sorted; none where it is not there."""
-    with _told(url):
+    with _as_output_error(url):
         system, path = _opened(url)
         system.invalidate_cache()
         try:
@@ -227,7 +229,7 @@ def names_in(url: str) -> list[str]:
 def remove(urls: Iterable[str]) -> None:
     """Remove files, where they are there."""
     for url in urls:
-        with _told(url, OutputError):
+        with _as_output_error(url, OutputError):
             system, path = _opened(url)
             if system.exists(path):
                 system.rm_file(path)
@@ -257,11 +259,13 @@ class Cache:
         """
         told = version(url)
         if told.size is not None and told.size > self.limit:
-            raise InputError(f"{shown(url)}: has {told.size} bytes, limit {self.limit}; raise {option('cache_limit')}")
+            raise InputError(
+                f"{public_url(url)}: has {told.size} bytes, limit {self.limit}; raise {option('cache_limit')}"
+            )
         key = hashlib.sha256(f"{identity(url)}\0{told.size}\0{told.mark}".encode()).hexdigest()[:32]
         # Without a mark nobody knows whether the file is still what it was
         with self._using(key) if told.mark else self.scratch() as entry:
-            file = entry / PurePosixPath(shown(url)).name
+            file = entry / PurePosixPath(public_url(url)).name
             with _fetching(entry):
                 if not file.exists():
                     self._fetch(url, file, told.size)
@@ -288,7 +292,7 @@ class Cache:
         if hash_file(video) not in [link.get("sha256") for link in open_recording(recording).videos.values()]:
             video.unlink()
             raise InputError(
-                f"{shown(there)}: is not the video that {recording.name} links to (SHA-256); put that one there"
+                f"{public_url(there)}: is not the video that {recording.name} links to (SHA-256); put that one there"
             )
 
     def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
@@ -297,7 +301,7 @@ class Cache:
         size = fetch(url, file)
         if wanted is not None and size != wanted:
             file.unlink()
-            raise InputError(f"{shown(url)}: came with {size} bytes of {wanted}; try again")
+            raise InputError(f"{public_url(url)}: came with {size} bytes of {wanted}; try again")
 
     @contextmanager
     def _using(self, key: str) -> Iterator[Path]:

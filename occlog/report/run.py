@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from occlog.console.notes import begin_work
 from occlog.console.text import as_bytes
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.atomic import OutputGroup, open_output
 from occlog.io.files.limits import Content, content_of
 from occlog.records.verdicts import summary_of, texts_of
 from occlog.runner import Done, Job
@@ -127,10 +127,10 @@ def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss
     """How this report and each of its inputs were made, what was lost in making them, and what was found in them."""
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance
-    from occlog.io.open import losses_of, open_if_ours
+    from occlog.io.open import input_losses, open_if_ours
 
     opened = [each for path in paths.inputs if (each := open_if_ours(path)) is not None]
-    losses = losses_of(opened)
+    losses = input_losses(opened)
     said_apart = ("losses", "verdicts")
     made = {o.path.name: {k: v for k, v in o.provenance.as_dict().items() if k not in said_apart} for o in opened}
     own = Provenance("report", {"title": title}, None, hash_inputs(paths.inputs), losses)
@@ -178,7 +178,7 @@ def run_report(request: PageRequest, job: Job) -> Done:
 
 def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:
     """Write files that appear together."""
-    with Together() as together:
+    with OutputGroup() as together:
         for path, content in made.items():
             with open_output(path, overwrite, together) as file:
                 file.write(content)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from occlog import console
 from occlog.errors import InputError, UsageError
-from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
+from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Truth
@@ -86,7 +86,7 @@ class MeasurementInputs:
     @property
     def losses(self) -> tuple[Loss, ...]:
         """What was lost when the inputs were made, each once, in the order in which they were opened."""
-        return losses_of(self._opened)
+        return input_losses(self._opened)
 
     def _measurements(self, inputs: list[Opened]) -> Iterator[Measurements] | None:
         """Measurements of all inputs, those of a reader's reads too; None: there are none."""

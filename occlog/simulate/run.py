@@ -20,7 +20,7 @@ from occlog.core.navigation.forces import distance
 from occlog.core.navigation.obstacles import MovingObstacleTracks
 from occlog.core.numerics.interpolate import TimeGrid
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.atomic import Together, check_outputs
+from occlog.io.files.atomic import OutputGroup, check_outputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.formats.scenes.paths import read_paths
 from occlog.io.open import Opened, load_scene, open_input
@@ -224,7 +224,7 @@ def write_recording(
             check_inside(setup.scene, truth_grid(chunk), setup.world.start_ns)
     counts: Counter[str] = Counter()
     with (
-        Together() as together,
+        OutputGroup() as together,
         RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
     ):
         if setup.render is not None:

@@ -13,7 +13,7 @@ from occlog import console
 from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, SmallNoiseCheck
 from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.errors import InputError, UsageError, option
-from occlog.io.formats.models.motion_models import lost_in_models, read_motion, read_path_loss
+from occlog.io.formats.models.motion_models import model_losses, read_motion, read_path_loss
 from occlog.io.open import open_input
 from occlog.records.declared.world import END_TO_END
 from occlog.records.tables import Bearings, Delays
@@ -202,7 +202,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         **({} if plugin is None else {"plugin": f"{plugin.package} {plugin.version}"}),
     }
     # Write all tables while they stream
-    losses = tuple(dict.fromkeys((*inputs.losses, *lost_in_models([request.motion, request.path_loss]))))
+    losses = tuple(dict.fromkeys((*inputs.losses, *model_losses([request.motion, request.path_loss]))))
     provenance = job.provenance(parameters, losses, request.seed)
     with job.tables(provenance, inputs.scene.length_unit) as tables:
         for part in tracked:

@@ -37,8 +37,16 @@ from occlog.io.formats.tags import read_readers, read_reads
 from occlog.io.formats.truth import TruthOptions, read_sync_times, read_truth
 from occlog.io.frames.codec import decode_image, packet_size
 from occlog.io.frames.streams import rate_times
-from occlog.io.messages.bag import BagSurvey, Messages, is_bag, open_bag, survey
-from occlog.io.messages.contents import BoxRows, Placed, direction_rows, intrinsics, pixels, stored, truth_rows
+from occlog.io.messages.bag import BagDecoder, BagSurvey, is_bag, open_bag, survey
+from occlog.io.messages.contents import (
+    FramePose,
+    MessageBoxRows,
+    direction_rows,
+    intrinsics,
+    pixels,
+    stored,
+    truth_rows,
+)
 from occlog.io.messages.kinds import BoxMessage, DirectionMessage, ImageMessage, InfoMessage, PoseMessage
 from occlog.io.messages.topics import read_topic_map
 from occlog.io.open import open_input, scene_in
@@ -126,14 +134,14 @@ def _bag(path: Path) -> None:
         bag.span()
         for name, info in found.infos.items():
             intrinsics(info, rectified=False, where=f"{path}: {name}")
-        messages, boxes = Messages(found.topics), BoxRows("a", (), 1.0)
+        messages, boxes = BagDecoder(found.topics), MessageBoxRows("a", (), 1.0)
         for message in bag.messages(set(found.topics)):
             with suppress(OcclogError):  # which is a loss
                 _message(messages.read(message.topic, message.data), found, boxes)
         _ = bag.losses
 
 
-def _message(content: object, found: BagSurvey, boxes: BoxRows) -> None:
+def _message(content: object, found: BagSurvey, boxes: MessageBoxRows) -> None:
     """Do with a message what ingesting does."""
     if isinstance(content, ImageMessage):
         stored(content, "image", "png", 90)
@@ -141,7 +149,7 @@ def _message(content: object, found: BagSurvey, boxes: BoxRows) -> None:
     elif isinstance(content, InfoMessage):
         intrinsics(content, rectified=True, where="info")
     elif isinstance(content, PoseMessage):
-        truth_rows(content, 1, 0, Placed(np.eye(3), np.zeros(3)))
+        truth_rows(content, 1, 0, FramePose(np.eye(3), np.zeros(3)))
     elif isinstance(content, BoxMessage):
         boxes.rows(content, 1)
     elif isinstance(content, DirectionMessage):

@@ -235,7 +235,7 @@ def test_as_many_arrays_as_may_be(watch: Watch) -> None:
 
 def test_as_many_images_of_a_model_as_may_be(watch: Watch, monkeypatch: pytest.MonkeyPatch) -> None:
     """They come to the check of names, which is behind that of their number."""
-    monkeypatch.setattr(colmap, "MOST_IMAGES", 3)
+    monkeypatch.setattr(colmap, "MAX_IMAGES", 3)
     found = watch.outcome(READERS["calibration (COLMAP, images)"], b"1 1 0 0 0 0 0 2 1 a.jpg\n\n" * 3)
     assert "two cameras are named 'a'" in found.detail
 

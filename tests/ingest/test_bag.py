@@ -20,7 +20,7 @@ from ros_bags import START, STEP, Row
 from occlog.cli.main import run
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import ExitCode
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.tables import Boxes, Doa, Truth
 
 IMAGE, RAW, INFO = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
@@ -45,7 +45,7 @@ def ingest(source: Path | Sequence[Path], *options: str) -> tuple[int, Path]:
     return run(["ingest", *map(str, sources), "-o", str(out), "--overwrite", *options]), out
 
 
-def made(source: Path | Sequence[Path], *options: str, code: int = ExitCode.DONE) -> Recording:
+def made(source: Path | Sequence[Path], *options: str, code: int = ExitCode.DONE) -> McapRecording:
     found, out = ingest(source, *options)
     assert found == code
     return open_recording(out)
@@ -58,7 +58,7 @@ def refused(capsys: pytest.CaptureFixture[str], source: Path, *options: str, cod
     return line
 
 
-def times(recording: Recording, camera: str) -> list[int]:
+def times(recording: McapRecording, camera: str) -> list[int]:
     return [(f.t_ns - START) // 10**6 for f in recording.frames([camera])]
 
 

@@ -17,7 +17,7 @@ from video_samples import FRAMES, avi, jpeg, number_shown, numbered, write_video
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.tables import Boxes, Doa, Reads, Truth, TruthBoxes
 
 SCENE = """occlog_scene: 1
@@ -47,7 +47,7 @@ def ingest(place: Path, *args: str, scene: bool = True, output: str = "out.mcap"
     return run(["ingest", "-o", str(place / output), *given, "-q", *args])
 
 
-def shown(recording: Recording) -> list[tuple[str, int, int, int]]:
+def shown(recording: McapRecording) -> list[tuple[str, int, int, int]]:
     """(camera, time, number given, number shown) of every frame, in the order of time."""
     return [(f.sensor, f.t_ns, f.index, number_shown(f.decode())) for f in recording.frames()]
 

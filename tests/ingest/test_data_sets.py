@@ -13,7 +13,7 @@ from occlog.array_types import Floats
 from occlog.cli.main import run
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import ExitCode
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.tables import Boxes, Truth, TruthBoxes
 
 MATRIX = np.array([[900.0, 0, 960], [0, 900, 540], [0, 0, 1]])
@@ -67,7 +67,7 @@ def annotated(person: int, position: int, shift: int) -> dict[str, object]:
     return {"personID": 100 + person, "positionID": position + shift, "views": views}
 
 
-def ingested(folder: Path, *args: str) -> Recording:
+def ingested(folder: Path, *args: str) -> McapRecording:
     assert run(["ingest", "-o", str(folder / "w.mcap"), "--overwrite", *args]) == ExitCode.DONE
     return open_recording(folder / "w.mcap")
 

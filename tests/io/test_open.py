@@ -15,8 +15,8 @@ from occlog.io.open import (
     Content,
     check_unit,
     content_of,
-    losses_of,
-    names_recording,
+    input_losses,
+    is_recording_name,
     open_if_ours,
     open_input,
     scene_in,
@@ -123,8 +123,8 @@ def test_only_a_table_with_inputs_was_made_in_a_scene(tmp_path: Path) -> None:
 def test_losses_of_several_inputs_count_once_in_their_order(tmp_path: Path) -> None:
     one = open_input(table(tmp_path / "a.parquet", losses=LOSSES[1:]))
     both = open_input(recording(tmp_path / "b.mcap", losses=LOSSES))
-    assert losses_of([one, None, both]) == (LOSSES[1], LOSSES[0])
-    assert losses_of([]) == ()
+    assert input_losses([one, None, both]) == (LOSSES[1], LOSSES[0])
+    assert input_losses([]) == ()
 
 
 def test_what_is_missing_is_named_with_its_remedy(tmp_path: Path) -> None:
@@ -183,5 +183,5 @@ def test_a_scene_is_read_from_yaml_or_from_a_recording_under_any_name(tmp_path: 
 
 
 def test_the_name_of_an_output_says_whether_it_is_a_recording() -> None:
-    assert names_recording(Path("a/b.MCAP"))
-    assert not names_recording(Path("b.mcap.json"))
+    assert is_recording_name(Path("a/b.MCAP"))
+    assert not is_recording_name(Path("b.mcap.json"))

@@ -17,7 +17,7 @@ from scipy.io import savemat
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.limits import LONG_TEXT, MAX_TEXTS_BYTES, RECORDING_MAGIC, check_texts
-from occlog.io.files.texts.csv_rows import MAX_CELL, Rows
+from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows
 from occlog.io.formats.boxes.columns import rows_of
 from occlog.io.formats.calibration.common import MAX_BYTES
 from occlog.io.messages import bag
@@ -165,7 +165,7 @@ def test_a_long_text_does_not_make_every_row_as_long(tmp_path: Path, capfd: pyte
 
 
 def test_labels_of_json_and_text_are_no_longer_than_those_of_tables(tmp_path: Path) -> None:
-    def rows(length: int) -> Rows:
+    def rows(length: int) -> CsvRows:
         return rows_of(tmp_path / "b.json", [(1, {"name": "b"}), (2, {"name": "a" * length})], "entry", ())
 
     assert rows(MAX_CELL).cells["name"].dtype == f"U{MAX_CELL}"

@@ -12,7 +12,7 @@ from apart import check_apart
 
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.limits import RECORDING_MAGIC
-from occlog.io.recording.chunks import FREE_RECORDS, MAX_CHUNK_BYTES, Growth
+from occlog.io.recording.chunks import FREE_RECORDS, MAX_CHUNK_BYTES, DecompressionCount
 from occlog.io.recording.mcap_errors import open_mcap
 
 EMPTY = b'{"t_ns":1,"sensor":"a","target_id":[],"azimuth_rad":[],"sigma_rad":[],"visible":[]}'
@@ -96,12 +96,12 @@ def test_honest_files_may_have_as_many_records_as_they_hold(tmp_path: Path) -> N
     path = tmp_path / "a.mcap"
     path.write_bytes(bytes(1000))
     small = message(b"")
-    Growth(path).add(0, small * FREE_RECORDS)
-    Growth(path).add(20, small * (FREE_RECORDS + 10))
+    DecompressionCount(path).add(0, small * FREE_RECORDS)
+    DecompressionCount(path).add(20, small * (FREE_RECORDS + 10))
     with pytest.raises(InputError, match=RECORDS):
-        Growth(path).add(20, small * (FREE_RECORDS + 11))
+        DecompressionCount(path).add(20, small * (FREE_RECORDS + 11))
     # Of several chunks together
-    growth = Growth(path)
+    growth = DecompressionCount(path)
     growth.add(0, small * (FREE_RECORDS - 10))
     growth.add(10**6, small * 1000)
     growth.add(0, small * 10)

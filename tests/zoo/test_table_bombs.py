@@ -17,7 +17,7 @@ from thrift_compact import Field, Struct, Structs, written
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.io.files.limits import FREE_BYTES, FREE_ROWS, check_promise
+from occlog.io.files.limits import FREE_BYTES, FREE_ROWS, check_declared_size
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import arrow as arrow_columns
 from occlog.io.files.tables import parquet, sizes
@@ -25,7 +25,7 @@ from occlog.io.files.tables import parquet as vectors
 from occlog.io.files.tables.parquet import batches, opened_table, read_table
 from occlog.io.files.tables.sizes import BINARY, I32, I64, LIST, STRUCT
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.foreign.source import Message, messages
+from occlog.io.foreign.source import ArrowMessageHeader, messages
 from occlog.records.tables import Bearings, Views
 
 BIG = 1 << 30
@@ -159,7 +159,7 @@ def test_vectors_are_read_in_parts_of_few_rows(tmp_path: Path, monkeypatch: pyte
     assert [len(part) for part in vectors.in_parts(tmp_path, 100, [batch, batch.select(["b"])])] == [2, 1, 3]
     fixed = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(9)), 3)
     assert [len(part) for part in vectors.in_parts(tmp_path, 100, [pa.record_batch({"a": fixed})])] == [1, 1, 1]
-    monkeypatch.setattr(arrow_columns, "MOST_NUMBERS", 5)
+    monkeypatch.setattr(arrow_columns, "MAX_NUMBERS", 5)
     (column,) = (c for c in Views.columns() if c.name == "embedding")
     with pytest.raises(InputError, match="a list of 2 numbers among 5 rows, most without any"):
         arrow_columns.vectors(column, pa.array([[1.0, 2.0], [], [], [], []], pa.list_(pa.float32())))
@@ -183,7 +183,7 @@ def test_texts_of_our_tables_take_no_more_than_their_file_may(tmp_path: Path, mo
     made = replace(random_table(Bearings, 1000, 1), sensor=np.full(1000, "a" * 100))
     write_table(path := tmp_path / "b.parquet", made, Provenance("test"))
     assert read_table(path, Bearings).sensor.tolist() == made.sensor.tolist()
-    monkeypatch.setattr(parquet, "most_unpacked", lambda _: 399_999)
+    monkeypatch.setattr(parquet, "max_decompressed_bytes", lambda _: 399_999)
     with pytest.raises(InputError, match=r"b\.parquet: texts of more than 399999 bytes in a file of"):
         read_table(path, Bearings)
 
@@ -245,7 +245,7 @@ def test_all_groups_together_unpack_to_no_more_than_their_file_may(
     pq.write_table(rows, path, compression="zstd", use_dictionary=False, row_group_size=1000)
     unpacked = 20_000 * 32
     for free, code in ((unpacked, ExitCode.DONE), (unpacked // 2, ExitCode.BAD_INPUT)):
-        monkeypatch.setattr(sizes, "most_unpacked", lambda _, free=free: free + 20 * 4 * 64)
+        monkeypatch.setattr(sizes, "max_decompressed_bytes", lambda _, free=free: free + 20 * 4 * 64)
         assert run(["export", str(path), "-o", str(out), "--overwrite"]) == code
     assert "column t_ns unpacks to more than 325120 bytes" in capfd.readouterr().err
 
@@ -275,13 +275,13 @@ def test_pages_as_large_as_their_file_may_have_are_read(tmp_path: Path, capfd: p
 
 def test_the_limits_of_promises() -> None:
     path = Path("t.parquet")
-    check_promise(path, 10, FREE_ROWS, FREE_BYTES)
+    check_declared_size(path, 10, FREE_ROWS, FREE_BYTES)
     for rows, unpacked, words in ((FREE_ROWS + 1, 0, "1000001 rows"), (0, FREE_BYTES + 1, f"{FREE_BYTES + 1} bytes")):
         with pytest.raises(InputError, match=f"t.parquet: promises {words}.* in a file of 10 bytes"):
-            check_promise(path, 10, rows, unpacked)
-    check_promise(path, 10**6, 20 * 10**6, 10**9)
+            check_declared_size(path, 10, rows, unpacked)
+    check_declared_size(path, 10**6, 20 * 10**6, 10**9)
     with pytest.raises(InputError, match="20000001 rows"):
-        check_promise(path, 10**6, 20 * 10**6 + 1, 0)
+        check_declared_size(path, 10**6, 20 * 10**6 + 1, 0)
 
 
 @pytest.mark.parametrize("compression", [None, "lz4", "zstd"])
@@ -293,7 +293,7 @@ def test_messages_say_what_the_library_unpacks(tmp_path: Path, kind: str, compre
     options = pa.ipc.IpcWriteOptions(compression=compression)
     with (pa.ipc.new_file if kind == "file" else pa.ipc.new_stream)(path, table.schema, options=options) as writer:
         writer.write_table(table, max_chunksize=5000)
-    found = [one for one in messages(path) if one != Message(0, 0)]
+    found = [one for one in messages(path) if one != ArrowMessageHeader(0, 0)]
     assert [one.rows for one in found if one.rows] == [5000, 3000]
     if compression is None:
         assert {one.unpacked for one in found} == {0}

@@ -27,7 +27,7 @@ from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.inputs import verdicts_of_file
-from occlog.io.open import check_unit, common_unit, losses_of, open_if_ours, open_in_unit, open_input
+from occlog.io.open import check_unit, common_unit, input_losses, open_if_ours, open_in_unit, open_input
 from occlog.records.tables import Tracks, Truth
 from occlog.records.verdicts import all_plausible, texts_of
 from occlog.runner import Done, Job
@@ -220,7 +220,7 @@ def compare_runs(
         if condition.figure == row.figure and (sentence := _failure(condition, row, len(methods) - 1))
     )
     read = dict.fromkeys(path for own in runs for run in own.values() for path in run)
-    losses = losses_of(each for path in read if (each := open_if_ours(path)) is not None)
+    losses = input_losses(each for path in read if (each := open_if_ours(path)) is not None)
     implausible = tuple(
         Implausible(m, name, texts_of(verdicts, "compare"))
         for m, own in enumerate(runs)

@@ -32,7 +32,7 @@ from occlog.io.formats.boxes.mot_challenge import (
 )
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.formats.boxes.rows import fill_frames
-from occlog.io.open import Opened, of_others, open_if_ours, open_input
+from occlog.io.open import Opened, is_external, open_if_ours, open_input
 from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes, windows
@@ -190,7 +190,7 @@ def _is_text(path: Path) -> bool:
     """Whether a file is MOTChallenge text: it is named so, and is neither a recording nor a table."""
     if path.suffix.lower() not in TEXT or open_if_ours(path, "MOTChallenge text") is not None:
         return False
-    return not path.stat().st_size or not of_others(path)
+    return not path.stat().st_size or not is_external(path)
 
 
 def _read_both(tracks: Path, truth: Path, config: ManyConfig, rule: str) -> tuple[Boxes, TruthBoxes, Scene | None]:

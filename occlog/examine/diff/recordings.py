@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from occlog.array_types import Ints, Strings
 from occlog.io.recording.mcap_errors import open_mcap
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.io.recording.rows import RECORDED, schema_of
 from occlog.records.columns import ColumnTable, check_order, column
 
@@ -60,12 +60,12 @@ def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> l
     return [found for found in out if found.count_a or found.count_b]
 
 
-def _compare_attachments(a: Recording, b: Recording, name: str, settings: DiffSettings) -> Comparison:
+def _compare_attachments(a: McapRecording, b: McapRecording, name: str, settings: DiffSettings) -> Comparison:
     """Compare attached files by content (YAML by value, text by line, others by hash), and linked videos."""
     return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
 
 
-def _attached(recording: Recording) -> dict[str, object]:
+def _attached(recording: McapRecording) -> dict[str, object]:
     out: dict[str, object] = {}
     for name in sorted(recording.attachments):
         data = recording.attachment(name) or b""
@@ -74,7 +74,7 @@ def _attached(recording: Recording) -> dict[str, object]:
     return out | videos
 
 
-def _frames(recording: Recording, settings: DiffSettings) -> Iterator[RecordedMessages]:
+def _frames(recording: McapRecording, settings: DiffSettings) -> Iterator[RecordedMessages]:
     """Hash everything in a recording that is not a row of a table: frames, and messages of other programs."""
     ours = {schema_of(table) for table in RECORDED}
     topics = [t.name for t in recording.topics if t.schema not in ours]
@@ -84,14 +84,14 @@ def _frames(recording: Recording, settings: DiffSettings) -> Iterator[RecordedMe
     yield from _gathered(_decoded(recording) if pixels else _raw(recording, topics))
 
 
-def _raw(recording: Recording, topics: list[str]) -> Iterator[tuple[int, str, int, str]]:
+def _raw(recording: McapRecording, topics: list[str]) -> Iterator[tuple[int, str, int, str]]:
     with open_mcap(recording.path) as (reader, _):
         for _schema, channel, message in reader.iter_messages(topics=topics):
             digest = hashlib.sha256(message.data).hexdigest()
             yield message.log_time, channel.topic, message.sequence, digest
 
 
-def _decoded(recording: Recording) -> Iterator[tuple[int, str, int, str]]:
+def _decoded(recording: McapRecording) -> Iterator[tuple[int, str, int, str]]:
     for frame in recording.frames():
         image = frame.decode()
         digest = hashlib.sha256(f"{image.shape}".encode() + image.tobytes()).hexdigest()

@@ -17,7 +17,7 @@ from occlog.array_types import NS, Ints
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.files.utc import utc
-from occlog.io.foreign.cells import Cells
+from occlog.io.foreign.cells import TableCells
 from occlog.io.foreign.table import ForeignTable
 
 from .findings import LONGEST, Findings
@@ -285,7 +285,7 @@ class Restarts:
         self._rows = self._back = 0
         self._first = InputError("")
 
-    def add(self, cells: Cells) -> None:
+    def add(self, cells: TableCells) -> None:
         """Take the next rows; InputError for a time that cannot be."""
         t_ns = self._table.times_of(cells).tolist()
         for row, (t, whose) in enumerate(zip(t_ns, self._table.whose(cells), strict=True)):

@@ -24,22 +24,22 @@ from occlog.io.files.limits import check_input
 from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 from occlog.io.frames.decoders.apart import decode_apart
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
-from occlog.io.messages.bag import CLOCKS_APART_S, Bag, Messages, open_bag
-from occlog.io.messages.kinds import Kind, kind_of
+from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, open_bag
+from occlog.io.messages.kinds import TopicKind, kind_of
 from occlog.io.messages.mcap_file import McapFile
 from occlog.io.recording.chunks import MESSAGE_HEAD
 from occlog.io.recording.mcap_errors import check_index, open_mcap
 from occlog.io.recording.reader import (
     IMAGE_SCHEMA,
     ROWS_PER_CHUNK,
-    Recording,
+    McapRecording,
     check_recorded,
     open_linked,
     parse_image,
     sensor_of,
 )
 from occlog.io.recording.rows import RECORDED, RowCollector, schema_of
-from occlog.io.recording.salvage.records import FAILURES, repeated_records, whole_records
+from occlog.io.recording.salvage.records import FAILURES, intact_records, repeated_records
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
@@ -50,7 +50,7 @@ from .clock import Clock, judge_clocks, judge_truth
 from .findings import Findings
 from .tables import TableWatch, note_losses, sift
 
-TIMED = (Kind.IMAGE, Kind.BOX, Kind.POSE, Kind.DIRECTION)
+TIMED = (TopicKind.IMAGE, TopicKind.BOX, TopicKind.POSE, TopicKind.DIRECTION)
 """Messages whose times ingest takes."""
 
 
@@ -87,7 +87,7 @@ def _check_indexes(bag: Bag, findings: Findings) -> None:
 
 def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str, int, float | None]]:
     """Topic, time, and how much later it was recorded [s] (None: without a header stamp) of each message."""
-    messages, unread = Messages(bag.topics()), set[str]()
+    messages, unread = BagDecoder(bag.topics()), set[str]()
     for message in bag.messages(wanted):
         if message.topic in unread:
             yield message.topic, message.log_ns, None
@@ -192,7 +192,7 @@ class _Message(NamedTuple):
     data: bytes
 
 
-def look_at_recording(path: Path, recording: Recording | None, findings: Findings, seen: set[Path]) -> None:
+def look_at_recording(path: Path, recording: McapRecording | None, findings: Findings, seen: set[Path]) -> None:
     """Look at every message of a recording.
 
     Args:
@@ -255,7 +255,7 @@ def _whole(path: Path, findings: Findings) -> Iterator[_Message]:
         findings.add("damaged-recording", f"byte {at}", what)
 
     try:
-        for record in whole_records(path, damaged):
+        for record in intact_records(path, damaged):
             if record.code == Opcode.HEADER:
                 if record.at:
                     findings.add("damaged-recording", f"byte {record.at}", "another recording begins here")
@@ -280,7 +280,7 @@ def _whole(path: Path, findings: Findings) -> Iterator[_Message]:
             findings.refused("unreadable", error)
 
 
-def _look_at_link(recording: Recording, camera: str, findings: Findings, seen: set[Path]) -> None:
+def _look_at_link(recording: McapRecording, camera: str, findings: Findings, seen: set[Path]) -> None:
     try:
         video = open_linked(recording.path, camera, recording.videos.get(camera))
     except InputError as error:

@@ -20,8 +20,8 @@ from occlog.io.files.tables.arrow import from_arrow
 from occlog.io.files.tables.parquet import arrow_batches, groups_of, read_header
 from occlog.io.files.texts.csv_rows import bad_lines_told_to
 from occlog.io.files.utc import utc
-from occlog.io.foreign.cells import Cells
-from occlog.io.foreign.source import Source
+from occlog.io.foreign.cells import TableCells
+from occlog.io.foreign.source import ColumnSource
 from occlog.io.foreign.table import ForeignTable, best_fit
 from occlog.io.gathered import GATHERED
 from occlog.records.columns import ColumnTable, repeated_rows
@@ -213,7 +213,7 @@ def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None
     )
 
 
-def look_at_others(source: Source, findings: Findings) -> bool:
+def look_at_others(source: ColumnSource, findings: Findings) -> bool:
     """Look at a table of another program; whether it is one that occlog knows."""
     try:
         foreign = ForeignTable(source, best_fit(source))
@@ -240,7 +240,7 @@ def look_at_foreign(foreign: ForeignTable, findings: Findings) -> None:
     restarts.judge(findings)
 
 
-def _maker(foreign: ForeignTable, cells: Cells) -> Callable[[int, int], ColumnTable]:
+def _maker(foreign: ForeignTable, cells: TableCells) -> Callable[[int, int], ColumnTable]:
     return lambda start, stop: foreign.table_of(cells.part(start, stop))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import Ints, Uints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import read_configuration
-from occlog.io.files.texts.csv_rows import Rows, bad_lines_told_to
+from occlog.io.files.texts.csv_rows import CsvRows, bad_lines_told_to
 from occlog.io.files.texts.documents import MAX_JSON_BYTES, parse_json, parse_xml, toml_values
 from occlog.io.files.texts.formats import Probe
 from occlog.io.files.texts.yaml import yaml_documents
@@ -23,7 +23,7 @@ from occlog.io.foreign.source import find_source
 from occlog.io.foreign.table import ForeignTable, best_fit
 from occlog.io.formats.boxes.columns import BoxSource
 from occlog.io.formats.boxes.reader import box_rows, box_source, is_json, note_times
-from occlog.io.formats.boxes.rows import BoxRows, fingerprints
+from occlog.io.formats.boxes.rows import FileBoxRows, fingerprints
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.formats.scenes.scene import read_scene
@@ -52,20 +52,20 @@ def look_at_boxes(source: BoxSource, findings: Findings) -> None:
 
 
 def _look_at(
-    rows: Rows,
+    rows: CsvRows,
     cameras: list[str],
     first_number: int,
     copies: _Copies,
     stamps: dict[str, dict[int, int]],
     findings: Findings,
 ) -> None:
-    def make(start: int, stop: int) -> tuple[Ints, BoxRows]:
+    def make(start: int, stop: int) -> tuple[Ints, FileBoxRows]:
         part = rows.pick(np.arange(start, stop))
         boxes = box_rows(part, cameras, first_number)
         note_times(part, boxes, cameras, stamps)
         return part.lines, boxes
 
-    good: list[tuple[Ints, BoxRows]] = []
+    good: list[tuple[Ints, FileBoxRows]] = []
     for _, error in halves(len(rows), make, good):
         findings.refused("row", error)
     for lines, boxes in good:
@@ -88,7 +88,7 @@ class _Copies:
         self._lines: list[Ints] = []
         self._rows = 0
 
-    def add(self, lines: Ints, boxes: BoxRows) -> None:
+    def add(self, lines: Ints, boxes: FileBoxRows) -> None:
         """Take rows and the lines where they stand."""
         if self._rows < MOST_ROWS:
             self._marks.append(fingerprints(boxes))
@@ -241,12 +241,12 @@ def _times(path: Path, findings: Findings) -> None:
     judge_clocks(list(clocks.values()), findings)
 
 
-def _take_times(rows: Rows, unit: str, clocks: dict[str, Clock], findings: Findings) -> None:
-    def make(start: int, stop: int) -> tuple[Rows, Ints]:
+def _take_times(rows: CsvRows, unit: str, clocks: dict[str, Clock], findings: Findings) -> None:
+    def make(start: int, stop: int) -> tuple[CsvRows, Ints]:
         part = rows.pick(np.arange(start, stop))
         return part, parse_times(part, unit, unit)
 
-    good: list[tuple[Rows, Ints]] = []
+    good: list[tuple[CsvRows, Ints]] = []
     for _, error in halves(len(rows), make, good):
         findings.refused("row", error)
     for part, t_ns in good:

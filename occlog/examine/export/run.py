@@ -19,7 +19,7 @@ import numpy as np
 from occlog import console
 from occlog.console.notes import begin_work
 from occlog.errors import InputError, PluginError, UsageError
-from occlog.io.files.atomic import Together, check_outputs, open_output
+from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
 from occlog.io.formats.boxes.mot_challenge import SEQUENCE_INFO, mot_text
 from occlog.io.formats.trajectories import FARTHEST, Origin
 from occlog.io.open import Opened, load_scene, open_input
@@ -171,7 +171,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     summary: dict[str, object] = {"output": str(request.output), "format": name, "table": table.NAME}
     missed: tuple[str, ...] = ()
     begin_work()
-    with Together() as together, _output(request.output, request.overwrite, together) as file:
+    with OutputGroup() as together, _output(request.output, request.overwrite, together) as file:
         if request.exporter is not None:
             rows = chosen_rows(opened.read(table), name, request.targets, request.camera)
             write_by_plugin(request.exporter, rows, World(unit, scene), file)
@@ -344,7 +344,7 @@ def _write_boxes(
 
 
 @contextmanager
-def _output(path: Path, overwrite: bool, together: Together) -> Iterator[IO[bytes]]:
+def _output(path: Path, overwrite: bool, together: OutputGroup) -> Iterator[IO[bytes]]:
     """The file, which appears when it is complete; compressed where its name says so; or standard output."""
     if path == STANDARD:
         yield sys.stdout.buffer

@@ -13,7 +13,7 @@ import numpy as np
 from occlog import console
 from occlog.errors import InputError, UsageError, option
 from occlog.io.open import Opened, open_if_ours, open_input, scene_in
-from occlog.io.recording.reader import Recording
+from occlog.io.recording.reader import McapRecording
 from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import (
@@ -73,7 +73,7 @@ class Inputs:
     """
 
     tables: Mapping[str, Opened] = field(default_factory=dict)
-    recording: Recording | None = None
+    recording: McapRecording | None = None
     scene: Scene | None = None
     unit: str = "m"
 

@@ -32,11 +32,11 @@ from occlog.examine.viewers.drawings.world import (
     static_shadows,
     world_of,
 )
-from occlog.io.files.atomic import Together, check_outputs, open_output
+from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.frames.codec import check_image, encode_image, image_kind, shown_size
-from occlog.io.open import losses_of
+from occlog.io.open import input_losses
 from occlog.io.recording.reader import linked_videos
 from occlog.io.recording.writer import PROTOBUF, ROS2, RecordingWriter
 from occlog.records.frames import Frame
@@ -92,7 +92,7 @@ def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, obj
     inputs = find_inputs(request.input, request.recording, request.scene)
     note_strangers(inputs, quiet)
     story = Story(inputs)
-    with Together() as together:
+    with OutputGroup() as together:
         writer = RecordingWriter(
             request.output, None, Provenance("export"), overwrite=request.overwrite, together=together
         )
@@ -118,7 +118,7 @@ def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, obj
 
 
 def _lost_before(inputs: Inputs) -> tuple[Loss, ...]:
-    before = losses_of(inputs.opened)
+    before = input_losses(inputs.opened)
     return (*before, *(() if inputs.recording is None else (x for x in inputs.recording.losses if x not in before)))
 
 

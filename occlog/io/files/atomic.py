@@ -94,7 +94,7 @@ class _Complete(NamedTuple):
     overwrite: bool
 
 
-class Together:
+class OutputGroup:
     """Context manager: outputs opened with it take their names when its block ends without an error.
 
     They do so in the order in which they were completed, one right after the other; after an error
@@ -142,7 +142,7 @@ class Together:
 
 
 @contextmanager
-def open_output(path: Path, overwrite: bool = False, together: Together | None = None) -> Iterator[IO[bytes]]:
+def open_output(path: Path, overwrite: bool = False, together: OutputGroup | None = None) -> Iterator[IO[bytes]]:
     """Binary file that takes the name `path` when the block ends without an error, or when that of `together` does.
 
     Raises:

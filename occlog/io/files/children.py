@@ -33,14 +33,14 @@ def environment_for_children() -> dict[str, str]:
     return found
 
 
-def widen(pipe: IO[bytes] | None) -> None:
+def enlarge_pipe(pipe: IO[bytes] | None) -> None:
     """Let a pipe hold `PIPE_SIZE` bytes, where the system does."""
     if PIPE_SIZE_OPTION is not None and pipe is not None:
         with suppress(OSError):
             fcntl.fcntl(pipe, PIPE_SIZE_OPTION, PIPE_SIZE)
 
 
-def how_it_ended(code: int, too_long: str) -> str:
+def exit_description(code: int, too_long: str) -> str:
     """How a process ended, as the end of a sentence about it.
 
     Args:

@@ -117,7 +117,7 @@ def is_zstd(head: bytes) -> bool:
     return head.startswith(ZSTD_MAGIC) or is_skipped_zstd(head)
 
 
-def mistaken_for(path: Path) -> str | None:
+def describe_unsupported(path: Path) -> str | None:
     """What a file is that is neither a recording nor a table, and what to do with it; None: not known."""
     with path.open("rb") as file:
         head = file.read(ODAS_BYTES)
@@ -222,19 +222,19 @@ FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
 """Unpacked bytes of a group of rows, or of all chunks, that any file may promise, and more for each of its bytes."""
 
 
-def most_unpacked(size: int) -> int:
+def max_decompressed_bytes(size: int) -> int:
     """How many bytes a group of rows, or all chunks, of a file of `size` bytes may unpack to."""
     return max(FREE_BYTES, MAX_GROWTH * size)
 
 
-def too_much(size: int, rows: int, unpacked: int) -> str:
+def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
     """What no file of `size` bytes can hold: its rows, or what a group of them unpacks to [bytes]; empty: neither."""
     if rows > max(FREE_ROWS, MAX_ROWS_PER_BYTE * size):
         return f"{rows} rows"
-    return f"{unpacked} bytes at once" if unpacked > most_unpacked(size) else ""
+    return f"{unpacked} bytes at once" if unpacked > max_decompressed_bytes(size) else ""
 
 
-def check_promise(path: Path, size: int, rows: int, unpacked: int) -> None:
+def check_declared_size(path: Path, size: int, rows: int, unpacked: int) -> None:
     """InputError for a file of `size` bytes that promises more than such a file can hold."""
-    if fault := too_much(size, rows, unpacked):
+    if fault := exceeded_limit(size, rows, unpacked):
         raise InputError(f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into")

@@ -172,7 +172,7 @@ class Spool:
 T = TypeVar("T", bound=ColumnTable)
 
 
-class Aside(Generic[T]):
+class SpilledTable(Generic[T]):
     """Chunks of a table, as often as wanted, of which the source is asked once.
 
     The file, in the folder for temporary files, has no name, so that nothing is left of it, however the program ends.

@@ -25,7 +25,7 @@ from occlog.errors import InputError
 from occlog.records.columns import MAX_NS
 
 from .names import check_meaning, match_sensor
-from .texts.csv_rows import Rows, first_line, is_header, last_place, read_plain, read_rows
+from .texts.csv_rows import CsvRows, first_line, is_header, last_place, read_plain, read_rows
 
 if TYPE_CHECKING:
     from occlog.records.scene import Clock
@@ -226,7 +226,7 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
     return ns
 
 
-def parse_times(rows: Rows, name: str, unit: str) -> Ints:
+def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
     """(n,) times [ns] of a column; InputError names the line."""
     cells: Strings = rows.cells[name]
     if unit == "ns":
@@ -244,7 +244,7 @@ def parse_times(rows: Rows, name: str, unit: str) -> Ints:
     return out
 
 
-def time_column(rows: Rows) -> str | None:
+def time_column(rows: CsvRows) -> str | None:
     """Unit of the column of times that a table has, None if it has none; InputError for two."""
     found = [unit for unit in TIME_COLUMNS if rows.has(unit)]
     if len(found) > 1:
@@ -264,7 +264,7 @@ def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
     if not found:
         raise InputError(f"{path}: holds a header and no row; {WHAT} was expected")
     parts, unit = [rows for rows, _ in found], found[0][1]
-    rows = Rows(
+    rows = CsvRows(
         path,
         np.concatenate([p.lines for p in parts]),
         {name: np.concatenate([p.cells[name] for p in parts]) for name in parts[0].cells},
@@ -287,7 +287,7 @@ def looks_like_times(path: Path) -> bool:
     return low <= names and bool(low & times)
 
 
-def iter_times(path: Path) -> Iterator[tuple[Rows, str]]:
+def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
     """Iterate over the rows of a table of time stamps, with the unit of its column of times; as for `read_sidecar`."""
     header = is_header_line(path)
     # The file is closed where a fault ends the reading, too
@@ -306,17 +306,17 @@ def is_header_line(path: Path) -> bool:
     return is_header(cells) and not any(_ISO.match(cell) for cell in cells)
 
 
-def _named(rows: Rows) -> Rows:
+def _named(rows: CsvRows) -> CsvRows:
     columns = {1: ("s",), 2: ("frame", "s")}.get(len(rows.cells))
     if columns is None:
         raise InputError(
             f"{rows.path}: {len(rows.cells)} columns without a header; give one time a line, frame and time, "
             "or a header line"
         )
-    return Rows(rows.path, rows.lines, dict(zip(columns, rows.cells.values(), strict=True)))
+    return CsvRows(rows.path, rows.lines, dict(zip(columns, rows.cells.values(), strict=True)))
 
 
-def _by_camera(rows: Rows, unit: str, cameras: Sequence[str]) -> dict[str, Ints]:
+def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, Ints]:
     t_ns = parse_times(rows, unit, unit)
     if not rows.has("camera"):
         times = _in_order(rows, t_ns, np.arange(len(rows)))
@@ -337,7 +337,7 @@ def _by_camera(rows: Rows, unit: str, cameras: Sequence[str]) -> dict[str, Ints]
     return out
 
 
-def _in_order(rows: Rows, t_ns: Ints, picked: Ints) -> Ints:
+def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
     """Times by frame number, strictly rising."""
     if rows.has("frame"):
         frames = rows.ints("frame")[picked]

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.tables.arrow import to_numpy, to_texts
-from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, plain_text
+from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, plain_text
 from occlog.io.files.times import COARSEST_NS, LATEST_S, UNITS, coarse, parse_time, parse_times
 from occlog.records.columns import ANY_WIDTH, MAX_NS
 
@@ -21,7 +21,7 @@ EXACT = 2.0**53
 """Whole numbers up to here are exact in float64."""
 
 
-class Cells(Protocol):
+class TableCells(Protocol):
     """Some rows of a table; each method gives a column, and fails with the place of a cell that cannot be."""
 
     def __len__(self) -> int:
@@ -54,14 +54,14 @@ class Cells(Protocol):
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the place of a row."""
 
-    def part(self, start: int, stop: int) -> Cells:
+    def part(self, start: int, stop: int) -> TableCells:
         """The rows start <= row < stop."""
 
 
 class TextCells:
     """Cells of a text table."""
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, rows: CsvRows) -> None:
         """Take rows whose columns have the file's own names."""
         self._rows = rows
 
@@ -79,7 +79,7 @@ class TextCells:
             return self._rows.ints(name)
         empty = np.isnan(self._rows.floats(name, blank=True))
         filled = np.where(empty, str(blank), self._rows.cells[name])
-        return Rows(self._rows.path, self._rows.lines, {name: filled}).ints(name)
+        return CsvRows(self._rows.path, self._rows.lines, {name: filled}).ints(name)
 
     def texts(self, name: str, *, blank: bool) -> Strings:
         """(n,) texts; empty ones where `blank` allows them."""
@@ -330,7 +330,7 @@ def _beyond(column: pa.Array) -> Bools:
     return np.asarray((whole < low) | (whole > high))
 
 
-def _yes_or_no(cells: Cells, name: str, texts: Strings) -> Bools:
+def _yes_or_no(cells: TableCells, name: str, texts: Strings) -> Bools:
     low = np.char.lower(np.char.strip(texts))
     yes = np.isin(low, YES)
     bad = ~(yes | np.isin(low, NO))

@@ -131,7 +131,7 @@ class Spelling(NamedTuple):
         return self.column.unit == "rad" and self.name.strip().lower().startswith(COMPASS)
 
 
-class Layout(NamedTuple):
+class TableLayout(NamedTuple):
     """How a table lies in a file.
 
     Attributes:
@@ -162,7 +162,7 @@ class Layout(NamedTuple):
         return next(iter(told), None)
 
 
-def lay_out(names: Sequence[str], table: type[ColumnTable]) -> Layout:
+def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
     """Find the columns of a table among the names of a file's columns.
 
     Args:
@@ -181,7 +181,7 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> Layout:
     for number, (column, known, wanted) in enumerate(_sought(table)):  # type: ignore[arg-type]
         spelled = _find(column, there, known) if number in named else None
         if spelled is not None:
-            said = said_unit(table, column, spelled.name)
+            said = unit_in_name(table, column, spelled.name)
             unit = STATED.get().unit_of(spelled.name, kind_of(column), said) or spelled.unit
             found.append(spelled._replace(unit=unit))
         elif wanted:
@@ -189,7 +189,7 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> Layout:
     one_of = ONE_OF.get(table.NAME, ())
     if one_of and not any(s.column.name in one_of for s in found):
         missing += one_of
-    layout = Layout(table, tuple(found), tuple(missing))
+    layout = TableLayout(table, tuple(found), tuple(missing))
     if len(there) < len(names):
         _check_case(layout, names)
     _check_angles(layout, there)
@@ -206,7 +206,7 @@ def kind_of(column: Column) -> str:
     return "angle" if column.unit == "rad" else "length" if column.unit in POWERS else ""
 
 
-def said_unit(table: type[ColumnTable], column: Column, name: str) -> str:
+def unit_in_name(table: type[ColumnTable], column: Column, name: str) -> str:
     """The unit that a file's name of a column says; empty for none, also for times that are in seconds by default."""
     low = name.strip().lower()
     unit = spellings(column, table).get(low, "")
@@ -248,7 +248,7 @@ def ending(column: Column, unit: str) -> str:
     return f"_{unit}" + ("2" if length == 2 else "") + ("", "_s", "_s2")[per_second]
 
 
-def describe_missing(layout: Layout, names: Sequence[str]) -> str:
+def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
     """What a file lacks to be a table, with the nearest of its names."""
     used = {s.name for s in layout.columns}
     left = [name for name in names if name not in used][:COMPARED]
@@ -264,7 +264,7 @@ def describe_missing(layout: Layout, names: Sequence[str]) -> str:
     return f"{layout.table.NAME} wants {'; '.join(words)}; the file has {', '.join(names)}"
 
 
-def misspelled(layout: Layout, names: Sequence[str]) -> str | None:
+def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
     """A sentence on a column that is not used, and whose name is nearly that of one that is not there; else None."""
     there = {s.column.name for s in layout.columns}
     absent = [c for c in layout.table.columns() if c.name not in there]
@@ -320,7 +320,7 @@ def _is_wanted(column: Column, table: str) -> bool:
     return not may_lack
 
 
-def _check_case(layout: Layout, names: Sequence[str]) -> None:
+def _check_case(layout: TableLayout, names: Sequence[str]) -> None:
     """InputError for a name that another column has in other letters: which of them is meant is not known."""
     used = {name.strip().lower() for name in layout.names}
     first: dict[str, str] = {}
@@ -331,7 +331,7 @@ def _check_case(layout: Layout, names: Sequence[str]) -> None:
         first.setdefault(low, name)
 
 
-def _check_angles(layout: Layout, there: Mapping[str, str]) -> None:
+def _check_angles(layout: TableLayout, there: Mapping[str, str]) -> None:
     # A table of ours that went through another program states no unit at all
     stated = TIME not in there or any(s.column.unit == "rad" and s.unit for s in layout.columns)
     for s in layout.columns:
@@ -343,7 +343,7 @@ def _check_angles(layout: Layout, there: Mapping[str, str]) -> None:
             raise InputError(f"column {s.name} does not state its unit; name it {s.name}_s, {s.name}_us or {s.name}_m")
 
 
-def _check_lengths(layout: Layout) -> None:
+def _check_lengths(layout: TableLayout) -> None:
     lengths = [s for s in layout.columns if s.column.unit in POWERS]
     for s in lengths:
         if s.unit != lengths[0].unit:

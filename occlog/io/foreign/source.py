@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from occlog.errors import InputError
-from occlog.io.files.limits import PARQUET_MAGIC, STANDARD_INPUT, check_input, check_promise
+from occlog.io.files.limits import PARQUET_MAGIC, STANDARD_INPUT, check_declared_size, check_input
 from occlog.io.files.names import utf8_name
 from occlog.io.files.tables.arrow import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, in_parts, open_parquet
@@ -28,7 +28,7 @@ from occlog.io.files.texts.csv_rows import GZIP_MAGIC, first_line, is_header, re
 from occlog.io.files.times import TIME_COLUMNS
 from occlog.io.formats.trajectories import Trajectories, find_trajectories
 
-from .cells import ArrowCells, Cells, TextCells
+from .cells import ArrowCells, TableCells, TextCells
 
 FILE_MAGIC, STREAM_MAGIC = b"ARROW1", b"\xff\xff\xff\xff"
 DICTIONARY, BATCH = 2, 3
@@ -40,7 +40,7 @@ DATA = 1  # of a dictionary: its batch
 DICTIONARIES, BATCHES = 2, 3  # of the footer of a file: where messages are
 
 
-class Message(NamedTuple):
+class ArrowMessageHeader(NamedTuple):
     """What the head of a message promises.
 
     Attributes:
@@ -52,7 +52,7 @@ class Message(NamedTuple):
     unpacked: int
 
 
-def messages(path: Path) -> Iterator[Message]:
+def messages(path: Path) -> Iterator[ArrowMessageHeader]:
     """The batches and dictionaries of a file or a stream; ValueError for heads that are damaged."""
     with path.open("rb") as file:
         data = _Bytes(file.fileno(), os.fstat(file.fileno()).st_size)
@@ -153,12 +153,12 @@ def _places_of_stream(file: _Bytes) -> Iterator[int]:
         at = body + length
 
 
-def _message(file: _Bytes, at: int) -> Message:
+def _message(file: _Bytes, at: int) -> ArrowMessageHeader:
     head, body = _head(file, at)
     kind, content = head.number(HEAD_KIND, "<B"), head.table(HEAD)
     batch = content.table(DATA) if content is not None and kind == DICTIONARY else content
     if kind not in (DICTIONARY, BATCH) or batch is None:  # the schema of a stream
-        return Message(0, 0)
+        return ArrowMessageHeader(0, 0)
     unpacked = 0
     if batch.table(COMPRESSION) is not None:
         # The size of each buffer stands before what is packed, -1 where it is not
@@ -167,7 +167,7 @@ def _message(file: _Bytes, at: int) -> Message:
     rows = batch.number(LENGTH, "<q") if kind == BATCH else 0
     if rows < 0:
         raise ValueError(f"the message at byte {at} has {rows} rows")
-    return Message(rows, unpacked)
+    return ArrowMessageHeader(rows, unpacked)
 
 
 TABULAR = (".csv", ".tsv", ".csv.gz", ".tsv.gz")
@@ -178,7 +178,7 @@ MAX_COLUMNS = 10_000
 WHAT = "a table"
 
 
-class Source(NamedTuple):
+class ColumnSource(NamedTuple):
     """A file with named columns.
 
     Attributes:
@@ -195,7 +195,7 @@ class Source(NamedTuple):
     trajectories: Trajectories | None = None
     table: str = ""
 
-    def cells(self, names: Sequence[str]) -> Iterator[Cells]:
+    def cells(self, names: Sequence[str]) -> Iterator[TableCells]:
         """The cells of some columns, in parts, in the order of the file."""
         if self.trajectories is not None:
             yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
@@ -211,7 +211,7 @@ class Source(NamedTuple):
                 first += batch.num_rows
 
 
-def find_source(path: Path) -> Source | None:
+def find_source(path: Path) -> ColumnSource | None:
     """The columns of a file; None for one that is not a table of others.
 
     Text is taken for a table if its first line names columns, one of them of times, or if its name ends in `TABULAR`.
@@ -225,22 +225,26 @@ def find_source(path: Path) -> Source | None:
     return found
 
 
-def _find_source(path: Path) -> Source | None:
+def _find_source(path: Path) -> ColumnSource | None:
     check_input(path, WHAT)
     table = table_of(path)
     if table:
-        return Source(path, "CSV", tuple(first_line(path, WHAT)), table=table)
+        return ColumnSource(path, "CSV", tuple(first_line(path, WHAT)), table=table)
     with path.open("rb") as file:
         head = file.read(8)
     if head.startswith(PARQUET_MAGIC):
         with _translated(path, "Parquet"), open_parquet(path) as file:
             schema = file.schema_arrow
-        return None if SCHEMA_KEY.encode() in (schema.metadata or {}) else Source(path, "Parquet", tuple(schema.names))
+        return (
+            None
+            if SCHEMA_KEY.encode() in (schema.metadata or {})
+            else ColumnSource(path, "Parquet", tuple(schema.names))
+        )
     if head.startswith(FILE_MAGIC) or head.startswith(STREAM_MAGIC):
         with _translated(path, "Arrow"):
-            return Source(path, "Arrow", tuple(_open_arrow(path).schema.names))
+            return ColumnSource(path, "Arrow", tuple(_open_arrow(path).schema.names))
     if _may_be_text(head) and (found := find_trajectories(path)) is not None:
-        return Source(path, found.kind, found.names, found)
+        return ColumnSource(path, found.kind, found.names, found)
     named = path.name.lower().endswith(TABULAR) or path.name == STANDARD_INPUT
     if not named and not head.startswith(GZIP_MAGIC) and not _may_be_text(head):
         return None
@@ -252,7 +256,7 @@ def _find_source(path: Path) -> Source | None:
         return None
     times = {name for names in TIME_COLUMNS.values() for name in names}
     if is_header(line) and (named or (len(line) > 1 and times & {cell.lower() for cell in line})):
-        return Source(path, "CSV", tuple(line))
+        return ColumnSource(path, "CSV", tuple(line))
     return None
 
 
@@ -306,7 +310,7 @@ def _check_messages(path: Path) -> None:
     size, rows, unpacked = path.stat().st_size, 0, 0
     for message in messages(path):
         rows, unpacked = rows + message.rows, unpacked + message.unpacked
-        check_promise(path, size, rows, unpacked)  # of all together: a footer may list a batch many times
+        check_declared_size(path, size, rows, unpacked)  # of all together: a footer may list a batch many times
 
 
 @contextmanager

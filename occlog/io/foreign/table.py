@@ -19,9 +19,20 @@ from occlog.records.declared.sensors import MIN_SIGMA_PX, MIN_SIGMA_RAD, VALUES,
 from occlog.records.tables import TABLES, WIDER, Bearings, Boxes, Doa, Reads, Tracks, Truth, TruthBoxes, has_all_columns
 from occlog.settings import METRES
 
-from .cells import Cells
-from .names import FILLED, MAY_BE_EMPTY, POWERS, SECONDS, TIME, Layout, Spelling, describe_missing, lay_out, misspelled
-from .source import Source
+from .cells import TableCells
+from .names import (
+    FILLED,
+    MAY_BE_EMPTY,
+    POWERS,
+    SECONDS,
+    TIME,
+    Spelling,
+    TableLayout,
+    describe_missing,
+    lay_out,
+    misspelled,
+)
+from .source import ColumnSource
 
 T = TypeVar("T", bound=ColumnTable)
 Values = dict[str, NDArray[np.generic]]
@@ -45,8 +56,8 @@ class ForeignTable:
         wanted_unit: unit of length of the rows; None: as the file has them.
     """
 
-    source: Source
-    layout: Layout
+    source: ColumnSource
+    layout: TableLayout
     wanted_unit: str | None = None
 
     @property
@@ -74,7 +85,7 @@ class ForeignTable:
                 found = wider
         return found
 
-    def layout_of(self, table: type[ColumnTable]) -> Layout:
+    def layout_of(self, table: type[ColumnTable]) -> TableLayout:
         """How a table lies in the file; an error names the file."""
         if self.layout.table is table:
             return self.layout
@@ -105,7 +116,7 @@ class ForeignTable:
                 _check_copies(self.source, made, part["_row"])
             yield made
 
-    def _in_order(self, layout: Layout) -> Iterator[Values]:
+    def _in_order(self, layout: TableLayout) -> Iterator[Values]:
         """The values of the columns in the order of time; parts end between two times."""
         if self._is_in_order(layout):
             parts = self._parts(layout)
@@ -136,7 +147,7 @@ class ForeignTable:
                 f"memory or more, in a file of {size}, each as much as the longest text; sort them, or shorten it"
             )
 
-    def _is_in_order(self, layout: Layout) -> bool:
+    def _is_in_order(self, layout: TableLayout) -> bool:
         """Whether the times of the file never fall: a pass over these alone."""
         time = next(s for s in layout.columns if s.column.name == TIME)
         last = None
@@ -147,7 +158,7 @@ class ForeignTable:
             last = t_ns[-1] if len(t_ns) else last
         return True
 
-    def _parts(self, layout: Layout) -> Iterator[Values]:
+    def _parts(self, layout: TableLayout) -> Iterator[Values]:
         """The values of the columns, by the table's names, in the order of the file; `_row` counts from 0."""
         first = 0
         for cells in self.source.cells(layout.names):
@@ -158,7 +169,7 @@ class ForeignTable:
             first += len(cells)
             yield values
 
-    def _part(self, cells: Cells, layout: Layout) -> Values:
+    def _part(self, cells: TableCells, layout: TableLayout) -> Values:
         """The values of some cells, by the table's names; InputError, with its place, for one that cannot be."""
         values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
         for s in layout.columns:
@@ -170,7 +181,7 @@ class ForeignTable:
         _check(cells, values, layout)
         return values
 
-    def table_of(self, cells: Cells) -> ColumnTable:
+    def table_of(self, cells: TableCells) -> ColumnTable:
         """Some cells as the table that fits best, in the order of its key; InputError as for `rows`."""
         values = self._part(cells, self.layout)
         values["_row"] = np.arange(len(cells))
@@ -178,22 +189,22 @@ class ForeignTable:
         table = self.layout.table
         return _as_table(self.source, table, _filled(values, table, _FrameCount()), values["_row"])
 
-    def cells(self) -> Iterator[Cells]:
+    def cells(self) -> Iterator[TableCells]:
         """The cells of the columns that are used, in parts, in the order of the file."""
         yield from self.source.cells(self.layout.names)
 
-    def times_of(self, cells: Cells) -> Ints:
+    def times_of(self, cells: TableCells) -> Ints:
         """(n,) times of some cells, in the order of the file."""
         time = next(s for s in self.layout.columns if s.column.name == TIME)
         return cells.times(time.name, time.unit)
 
-    def whose(self, cells: Cells) -> list[tuple[object, ...]]:
+    def whose(self, cells: TableCells) -> list[tuple[object, ...]]:
         """(n,) sensor and identity of some cells, in the order of the file, as far as it has them."""
         names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
         columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)
         return list(zip(*columns, strict=True)) if names else [()] * len(cells)
 
-    def _values(self, cells: Cells, s: Spelling, layout: Layout) -> NDArray[np.generic]:
+    def _values(self, cells: TableCells, s: Spelling, layout: TableLayout) -> NDArray[np.generic]:
         """The values of a column in the table's unit."""
         c = s.column
         if c.name == TIME:
@@ -237,7 +248,7 @@ def fields_of(table: type[ColumnTable]) -> frozenset[str]:
     return frozenset(c.name for c in table.columns())
 
 
-def best_fit(source: Source, tables: Sequence[type[ColumnTable]] = ()) -> Layout:
+def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> TableLayout:
     """How the table lies in a file that uses most of its columns.
 
     Args:
@@ -277,7 +288,7 @@ def best_fit(source: Source, tables: Sequence[type[ColumnTable]] = ()) -> Layout
     return best
 
 
-def _lay_out(source: Source, table: type[ColumnTable]) -> Layout:
+def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
     """How a table lies in a file; an error names the file."""
     try:
         return lay_out(source.names, table)
@@ -285,13 +296,13 @@ def _lay_out(source: Source, table: type[ColumnTable]) -> Layout:
         raise InputError(f"{source.path}: {error}") from None
 
 
-def _is_vague(layout: Layout, names: Sequence[str]) -> bool:
+def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
     """Whether no used name speaks of readers or tags, and columns are left over."""
     used = {s.name.strip().lower() for s in layout.columns}
     return len(names) > len(used) and not used & OF_READS
 
 
-def check_fits(source: Source, layout: Layout) -> None:
+def check_fits(source: ColumnSource, layout: TableLayout) -> None:
     """InputError where a table lacks columns, or has one whose name is nearly one of its own."""
     if layout.missing:
         raise InputError(f"{source.path}: {describe_missing(layout, source.names)}")
@@ -365,7 +376,7 @@ def _number_boxes(values: Values) -> Ints:
     return out
 
 
-def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layout) -> None:
+def _check(cells: TableCells, values: Mapping[str, NDArray[np.generic]], layout: TableLayout) -> None:
     """InputError, with its place, for a cell that no table may have."""
     spelled = {s.column.name: s for s in layout.columns}
 
@@ -398,7 +409,7 @@ def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layo
             refuse(name, lambda v: v <= 0, "above 0")
 
 
-def _check_far_edge(cells: Cells, s: Spelling, sizes: Floats, near: Floats) -> None:
+def _check_far_edge(cells: TableCells, s: Spelling, sizes: Floats, near: Floats) -> None:
     far = cells.floats(s.far, blank=True)
     apart = disagree(sizes, near, far)
     if apart.any():
@@ -406,7 +417,7 @@ def _check_far_edge(cells: Cells, s: Spelling, sizes: Floats, near: Floats) -> N
         raise cells.fail(row, both_sizes(s.name, float(sizes[row]), s.far, f"{far[row]:g}", float(near[row])))
 
 
-def _check_steps(cells: Cells, s: Spelling) -> None:
+def _check_steps(cells: TableCells, s: Spelling) -> None:
     """InputError for lengths in floats too short for them, as float32 for northings of 5,000,000 m."""
     steps, unit = cells.steps(s.name), s.unit if s.unit in METRES else ""
     told = f" {unit} only, and {COARSEST / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST}"
@@ -414,14 +425,14 @@ def _check_steps(cells: Cells, s: Spelling) -> None:
     _refuse(cells, steps, bad, f"{s.name} is known to", f"{told} is the limit; write all digits (float64)")
 
 
-def _refuse(cells: Cells, values: Floats, bad: Bools, before: str, after: str) -> None:
+def _refuse(cells: TableCells, values: Floats, bad: Bools, before: str, after: str) -> None:
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         # All digits: 1.0000001 is above 1
         raise cells.fail(row, f"{before} {str(float(values[row])).removesuffix('.0')}{after}")
 
 
-def _as_table(source: Source, table: type[T], values: Values, row: NDArray[np.generic]) -> T:
+def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray[np.generic]) -> T:
     """Make the table; InputError where somebody is twice at one time, or values contradict each other."""
     if table.ONCE:
         same = np.ones(max(len(row) - 1, 0), dtype=np.bool_)
@@ -440,7 +451,7 @@ def _as_table(source: Source, table: type[T], values: Values, row: NDArray[np.ge
         raise InputError(f"{source.path}: among rows {row.min()} to {row.max()}: {error}") from None
 
 
-def _check_copies(source: Source, made: ColumnTable, row: NDArray[np.generic]) -> None:
+def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.generic]) -> None:
     """InputError where a row stands there twice."""
     # Boxes were numbered here, so that copies differ in their numbers
     copies, _ = repeated_rows(made, "box" if isinstance(made, Boxes) else "")

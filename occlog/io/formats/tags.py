@@ -23,8 +23,8 @@ import numpy as np
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.names import natural_sorted, safe_name
-from occlog.io.files.texts.csv_rows import Rows
-from occlog.io.files.texts.formats import LENGTH, TEXT, Column, Format, read_format
+from occlog.io.files.texts.csv_rows import CsvRows
+from occlog.io.files.texts.formats import LENGTH, TEXT, FormatColumn, TextFormat, read_format
 from occlog.io.files.times import to_world_time
 from occlog.records.scene import TagReader
 from occlog.records.tables import Reads
@@ -33,15 +33,15 @@ if TYPE_CHECKING:
     from occlog.records.scene import Clock
 
 
-READER_POSITIONS = Format(
+READER_POSITIONS = TextFormat(
     "a table of readers",
     {
-        "reader": Column(("reader", "name", "sensor", "anchor", "gateway"), TEXT),
-        "x": Column(("x", "x_m"), LENGTH),
-        "y": Column(("y", "y_m"), LENGTH),
-        "z": Column(("z", "z_m"), default=0.0),
-        "range": Column(("range", "range_m", "radius"), above=0.0, default=math.inf),
-        "power": Column(("power", "power_dbm", "rssi_1m"), default=math.nan),
+        "reader": FormatColumn(("reader", "name", "sensor", "anchor", "gateway"), TEXT),
+        "x": FormatColumn(("x", "x_m"), LENGTH),
+        "y": FormatColumn(("y", "y_m"), LENGTH),
+        "z": FormatColumn(("z", "z_m"), default=0.0),
+        "range": FormatColumn(("range", "range_m", "radius"), above=0.0, default=math.inf),
+        "power": FormatColumn(("power", "power_dbm", "rssi_1m"), default=math.nan),
     },
 )
 
@@ -67,12 +67,12 @@ def read_readers(path: Path) -> tuple[TagReader, ...]:
     return tuple(found.values())
 
 
-TAG_READS = Format(
+TAG_READS = TextFormat(
     "a log of reads",
     {
-        "reader": Column(("reader", "sensor", "anchor", "gateway"), TEXT),
-        "tag": Column(("tag", "beacon", "id", "epc", "target_id"), TEXT),
-        "rssi": Column(("rssi", "rssi_dbm", "signal"), least=-200.0, most=50.0, unit="dBm", default=np.nan),
+        "reader": FormatColumn(("reader", "sensor", "anchor", "gateway"), TEXT),
+        "tag": FormatColumn(("tag", "beacon", "id", "epc", "target_id"), TEXT),
+        "rssi": FormatColumn(("rssi", "rssi_dbm", "signal"), least=-200.0, most=50.0, unit="dBm", default=np.nan),
     },
     times=True,
 )
@@ -135,7 +135,7 @@ def read_reads(
     return ReadLog(reads, target, late, double)
 
 
-def _check_readers(rows: Rows, readers: Sequence[str]) -> None:
+def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
     """InputError names the line of a reader that the scene does not have."""
     unknown = np.flatnonzero(~np.isin(rows.cells["reader"], list(readers)))
     if not len(unknown):

@@ -32,7 +32,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, read_plain, text_lines
+from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, read_plain, text_lines
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.files.texts.formats import FileFormat, Probe, recognise
 from occlog.records.names import first_double
@@ -109,7 +109,7 @@ KEYS = ("latitude", "longitude", "turned_deg")
 """Members of the origin: [deg], and the angle of +x from the east towards the north [deg]."""
 
 
-def read_geojson(path: Path) -> Iterator[Rows]:
+def read_geojson(path: Path) -> Iterator[CsvRows]:
     """Rows of all targets; InputError, with the number of the feature, for what is not such a collection."""
     value = parse_json(path.read_bytes(), path, "GeoJSON")
     features = value.get("features") if isinstance(value, dict) else None
@@ -125,7 +125,7 @@ def read_geojson(path: Path) -> Iterator[Rows]:
             "x_m": np.array([repr(x) for x in xy[:, 0].tolist()]),
             "y_m": np.array([repr(y) for y in xy[:, 1].tolist()]),
         }
-        yield Rows(path, np.full(len(t_ns), number), cells, "feature")
+        yield CsvRows(path, np.full(len(t_ns), number), cells, "feature")
 
 
 def _origin(path: Path, told: object) -> Origin:
@@ -196,7 +196,7 @@ def names_of(path: Path) -> tuple[str, ...]:
     return ("time", "target_id", *(f"{axis}_{unit}" for axis in "xyz"))
 
 
-def read_trc(path: Path) -> Iterator[Rows]:
+def read_trc(path: Path) -> Iterator[CsvRows]:
     """Rows of all targets by time; InputError, with the line, for what is not such a table."""
     header = _header(path)
     names = names_of(path)
@@ -276,10 +276,10 @@ def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterato
             )
 
 
-def _rows(path: Path, records: list[tuple[int, tuple[str, ...]]], names: tuple[str, ...]) -> Rows:
+def _rows(path: Path, records: list[tuple[int, tuple[str, ...]]], names: tuple[str, ...]) -> CsvRows:
     lines = np.array([line for line, _ in records], dtype=np.int64)
     columns = zip(*(cells for _, cells in records), strict=True)
-    return Rows(path, lines, {name: np.array(column) for name, column in zip(names, columns, strict=True)})
+    return CsvRows(path, lines, {name: np.array(column) for name, column in zip(names, columns, strict=True)})
 
 
 SUFFIX = ".tum"
@@ -301,7 +301,7 @@ def looks_like_tum(head: Sequence[str]) -> bool:
     return abs(math.hypot(*values[4:]) - 1.0) <= UNIT
 
 
-def read_tum(path: Path) -> Iterator[Rows]:
+def read_tum(path: Path) -> Iterator[CsvRows]:
     """Rows with the columns `NAMES`; InputError for a text of another number of columns."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) != COLUMNS:
@@ -320,7 +320,7 @@ class Trajectories(NamedTuple):
 
     kind: str
     names: tuple[str, ...]
-    read: Callable[[Path], Iterator[Rows]]
+    read: Callable[[Path], Iterator[CsvRows]]
 
 
 def _is_geojson(probe: Probe) -> bool:

@@ -33,7 +33,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input, guarded, naming
-from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_plain
+from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_plain
 from occlog.io.files.texts.documents import number, required
 from occlog.io.files.texts.formats import (
     IDENTITY,
@@ -41,11 +41,11 @@ from occlog.io.files.texts.formats import (
     RAW,
     TEXT,
     WHOLE,
-    Column,
     FileFormat,
-    Format,
-    Part,
+    FormatColumn,
     Probe,
+    TextFormat,
+    TextPart,
     by_cells,
     read_format,
     recognise,
@@ -56,23 +56,25 @@ from occlog.records.tables import Truth, TruthBoxes
 from .boxes.columns import COLUMNS as BOX_COLUMNS
 from .boxes.datasets import frame_files, grid_places, is_annotations, is_kitti, is_vatic, read_people
 from .boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
-from .boxes.rows import FRAMES_PER_CHUNK, BoxRows, fill_frames
+from .boxes.rows import FRAMES_PER_CHUNK, FileBoxRows, fill_frames
 from .sound.formats import looks_like_locata, read_source
 from .trajectories import find_trajectories
 
-CORNERS = Format(
+CORNERS = TextFormat(
     "board corners",
     {
-        "sync": Column(("sync_index",), WHOLE),
-        "object": Column(("object_id",), WHOLE, default=0, blank=False),
-        "corner": Column(("keypoint_id", "point_id"), WHOLE),
-        "x": Column(("x_coord", "x")),
-        "y": Column(("y_coord", "y")),
-        "z": Column(("z_coord", "z")),
-        "time": Column(("frame_time",), RAW, default=""),
+        "sync": FormatColumn(("sync_index",), WHOLE),
+        "object": FormatColumn(("object_id",), WHOLE, default=0, blank=False),
+        "corner": FormatColumn(("keypoint_id", "point_id"), WHOLE),
+        "x": FormatColumn(("x_coord", "x")),
+        "y": FormatColumn(("y_coord", "y")),
+        "z": FormatColumn(("z_coord", "z")),
+        "time": FormatColumn(("frame_time",), RAW, default=""),
     },
 )
-SYNC_TIMES = Format("time stamps with a column sync_index", {"sync": Column(("sync_index",), WHOLE)}, True, others=True)
+SYNC_TIMES = TextFormat(
+    "time stamps with a column sync_index", {"sync": FormatColumn(("sync_index",), WHOLE)}, True, others=True
+)
 MIN_CORNERS = 3
 
 
@@ -183,7 +185,7 @@ def _tables(
     frame, identity = values[:, 0].astype(np.int64), values[:, 1].astype(np.int64)
     xc, yc, w, h = values[:, 2:].T
     nobody, unknown = np.zeros(len(rows), dtype=np.int64), np.full(len(rows), np.nan)
-    boxes = BoxRows(
+    boxes = FileBoxRows(
         frame=frame,
         camera=nobody,
         target_id=identity,
@@ -256,15 +258,15 @@ def _whole(element: Element, name: str, where: str) -> int:
 
 
 WHAT = "ground truth"
-POSITIONS = Format(
+POSITIONS = TextFormat(
     WHAT,
     {
-        "frame": Column(("frame", "frame_id", "frame_number", "frame_index"), WHOLE, default=-1, blank=False),
-        "id": Column(("id", "target_id", "track_id", "object_id", "person_id"), IDENTITY, default=0),
-        "x": Column(("x", "x_m", "pos_x"), LENGTH),
-        "y": Column(("y", "y_m", "pos_y"), LENGTH),
-        "z": Column(("z", "z_m", "pos_z"), LENGTH, default=np.nan),
-        "role": Column(("role",), TEXT, choices=("target", "occluder"), default="target"),
+        "frame": FormatColumn(("frame", "frame_id", "frame_number", "frame_index"), WHOLE, default=-1, blank=False),
+        "id": FormatColumn(("id", "target_id", "track_id", "object_id", "person_id"), IDENTITY, default=0),
+        "x": FormatColumn(("x", "x_m", "pos_x"), LENGTH),
+        "y": FormatColumn(("y", "y_m", "pos_y"), LENGTH),
+        "z": FormatColumn(("z", "z_m", "pos_z"), LENGTH, default=np.nan),
+        "role": FormatColumn(("role",), TEXT, choices=("target", "occluder"), default="target"),
     },
     times=True,
 )
@@ -314,13 +316,13 @@ class Positions(NamedTuple):
     line: Ints
 
 
-def _csv_positions(part: Part, options: TruthOptions) -> Positions:
+def _csv_positions(part: TextPart, options: TruthOptions) -> Positions:
     """Positions of a table with a header."""
     t_ns = _row_times(part, options)
     return Positions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
 
 
-def _row_times(part: Part, options: TruthOptions) -> Ints:
+def _row_times(part: TextPart, options: TruthOptions) -> Ints:
     if time_column(part.rows) is not None:
         return part.times()
     path = part.rows.path
@@ -350,7 +352,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
         return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
 
 
-def _mot_positions(rows: Rows, options: TruthOptions) -> Positions | None:
+def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
     """World positions of the rows that have one (the last three columns are not all -1)."""
     if len(rows.cells) < 10:
         return None

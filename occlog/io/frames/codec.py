@@ -51,7 +51,7 @@ _MPO_BYTES = 1 << 17
 """Bytes of a JPEG image among which its list of views begins."""
 
 
-def holds_several(data: bytes) -> bool:
+def is_multi_image(data: bytes) -> bool:
     """Whether an image (WebP, GIF, AVIF, TIFF, JPEG) holds several pictures that differ; of PNG see `codec`."""
     if data[:4] == b"RIFF":
         return data[8:16] == b"WEBPVP8X" and bool(data[20:21]) and bool(data[20] & _ANIMATED_WEBP)
@@ -151,7 +151,7 @@ _HEAD = re.compile(rb"P([2356])" + rb"(?:\s|#[^\r\n]*[\r\n])+(\d{1,9})" * 3)
 FULL, FULL_16 = 255, 65535
 
 
-def stated_most(data: bytes) -> int | None:
+def stated_white(data: bytes) -> int | None:
     """The value of white that an image states; None for other kinds."""
     found = _HEAD.match(data)
     return None if found is None else int(found[4])
@@ -248,7 +248,7 @@ def image_damage(data: bytes) -> str | None:
         return "cut short: the end mark of a JPEG image is missing"
     if kind == "jpeg" and (scans := _scans(data)) > MAX_SCANS:
         return f"{scans} scans; a JPEG image of at most {MAX_SCANS} was expected"
-    return SEVERAL if holds_several(data) else None
+    return SEVERAL if is_multi_image(data) else None
 
 
 def _scans(data: bytes) -> int:
@@ -290,7 +290,7 @@ def decode_image(data: bytes, where: str) -> Image:
     For the decoding process, which meets foreign bytes in place of the command (see `apart`).
     """
     check_image(data, where)
-    most = stated_most(data)
+    most = stated_white(data)
     unscaled = most is not None and 0 < most < FULL_16 and not is_scaled(data, most)
     how = cv2.IMREAD_ANYCOLOR | (cv2.IMREAD_ANYDEPTH if unscaled else 0)
     try:

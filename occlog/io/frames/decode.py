@@ -35,7 +35,7 @@ ESTIMATE_SLACK = 0.02
 """Relative error allowed to a frame count that is only the container's estimate."""
 
 
-class Ledger:
+class FrameLedger:
     """Frames start <= number < stop of one video as they arrive."""
 
     def __init__(
@@ -293,7 +293,7 @@ def decode(
         target: gives what the next frame may be decoded into, if it has that size.
     """
     size = sizes[0][1] if sizes else video.size
-    ledger = Ledger(video.path, video.container, video.frames, size, start, stop)
+    ledger = FrameLedger(video.path, video.container, video.frames, size, start, stop)
     try:
         for raw in _trusted(video.container, video.raw, ledger.misplaced):
             if stop is not None and raw.index >= stop:

@@ -47,7 +47,7 @@ def allow_pixels(pixels: int) -> None:
         _set(resource.RLIMIT_AS, MEMORY + MEMORY_PER_PIXEL * pixels)
 
 
-class Clock:
+class CpuTimeLimit:
     """The limit of CPU time, which every frame moves on: a long video may take long, and one frame may not."""
 
     def __init__(self, path: Path | None = None, seconds: int | None = None) -> None:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from occlog.errors import OutputError
-from occlog.io.files.atomic import Together, check_writable, folder_beside, open_output
+from occlog.io.files.atomic import OutputGroup, check_writable, folder_beside, open_output
 from occlog.io.files.names import utf8_name
 from occlog.io.files.provenance import hash_file
 from occlog.io.video.mkv import number_tracks
@@ -49,7 +49,7 @@ class VideoWriter:
         rate_hz: float,
         *,
         overwrite: bool = False,
-        together: Together | None = None,
+        together: OutputGroup | None = None,
     ) -> None:
         """Prepare to write `path` with images of `size` (width, height); with `together` it appears at its end."""
         self.path, self.size, self.rate_hz, self.overwrite = path, size, rate_hz, overwrite

@@ -25,9 +25,9 @@ from occlog.io.files.limits import (
     RECORDING_MAGIC,
     SQLITE_MAGIC,
     check_input,
+    describe_unsupported,
     is_zstd,
-    mistaken_for,
-    most_unpacked,
+    max_decompressed_bytes,
     read_configuration,
 )
 from occlog.io.files.names import natural_key
@@ -37,8 +37,8 @@ from occlog.records.columns import bounded_ns
 from occlog.records.losses import Loss
 
 from .contents import Transforms, is_picture, pixels
-from .kinds import FAILURES, Decode, ImageMessage, InfoMessage, Kind, decoder, kind_of, read_message
-from .mcap_file import McapFile, Message, Topic, unpack_frames
+from .kinds import FAILURES, Decode, ImageMessage, InfoMessage, TopicKind, decoder, kind_of, read_message
+from .mcap_file import BagMessage, BagTopic, McapFile, unpack_frames
 from .sqlite_file import SqliteFile
 from .topics import TopicMap, map_topics
 
@@ -71,9 +71,9 @@ class Bag:
         far = [Loss(topic, "time of recording", what, count) for topic, (what, count) in self._far.items()]
         return list(dict.fromkeys([*self._losses, *far, *(loss for file in self.files for loss in file.losses)]))
 
-    def topics(self) -> dict[str, Topic]:
+    def topics(self) -> dict[str, BagTopic]:
         """The topics of all files by name, their messages added up; InputError where files contradict each other."""
-        out: dict[str, Topic] = {}
+        out: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics():
                 old = out.get(topic.name)
@@ -95,12 +95,12 @@ class Bag:
         spans = [span for file in self.files if (span := file.span()) is not None]
         return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else None
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
         """Messages of some topics, file by file; memory does not grow with the bag."""
         counts: dict[str, int] = {}
         for file in self.files:
             size = file.path.stat().st_size
-            most, unpacked = most_unpacked(size), 0
+            most, unpacked = max_decompressed_bytes(size), 0
             for message in file.messages(topics):
                 counts[message.topic] = counts.get(message.topic, 0) + 1
                 try:
@@ -142,7 +142,7 @@ class Bag:
         if self._folder is not None:
             self._folder.cleanup()
 
-    def _unpacked(self, message: Message) -> bytes | None:
+    def _unpacked(self, message: BagMessage) -> bytes | None:
         """The bytes of a message that is compressed on its own; None, and a loss, where it is damaged or too large."""
         try:
             return unpack_frames(message.data, MAX_CHUNK_BYTES)
@@ -233,7 +233,7 @@ def _add(bag: Bag, path: Path) -> None:
         unpacked = bag.unpack(path) if kind == "zstd" else path
         kind = _kind(unpacked) if kind == "zstd" else kind
         if kind not in ("mcap", "sqlite"):
-            mistaken = mistaken_for(path)
+            mistaken = describe_unsupported(path)
             what = "neither an MCAP file nor a .db3 file of ROS 2" if mistaken is None else f"is {mistaken}"
             raise InputError(f"{path}: {what}; {WHAT} was expected")
         bag.files.append(McapFile(unpacked, path.name) if kind == "mcap" else SqliteFile(unpacked, path.name))
@@ -331,7 +331,7 @@ class BagSurvey:
         transforms: the frames of the bag.
     """
 
-    topics: dict[str, Topic]
+    topics: dict[str, BagTopic]
     map: TopicMap
     frames: dict[str, str] = field(default_factory=dict)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -343,10 +343,10 @@ CLOCKS_APART_S = 0.5
 """Where the stamps of messages are farther from the time of recording than this, the user is told."""
 
 
-class Messages:
+class BagDecoder:
     """Decodes messages of a bag into their one form; each topic's decoder is made when it is first needed."""
 
-    def __init__(self, topics: dict[str, Topic]) -> None:
+    def __init__(self, topics: dict[str, BagTopic]) -> None:
         """Know the topics."""
         self._topics = topics
         self._decoders: dict[str, Decode] = {}
@@ -358,7 +358,7 @@ class Messages:
         kind = self._topics[topic].kind
         try:
             found = read_message(kind, self._decoders[topic](data))
-            return list(found) if kind_of(kind) is Kind.TRANSFORM else found
+            return list(found) if kind_of(kind) is TopicKind.TRANSFORM else found
         except OcclogError:
             raise
         except (*FAILURES, RecursionError) as error:
@@ -380,10 +380,12 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
     """
     topics = bag.topics()
     named = {topic for _, topic in asked}
-    early = map_topics(topics, asked, [t.name for t in topics.values() if kind_of(t.kind) is Kind.IMAGE])
-    seeking = _of(topics, Kind.IMAGE) if not any(early.images.get(n) == t for n, t in asked) else early.images.values()
-    wanted = {*seeking, *_of(topics, Kind.INFO), *(early.transforms if transforms_too else ())}
-    messages = Messages(topics)
+    early = map_topics(topics, asked, [t.name for t in topics.values() if kind_of(t.kind) is TopicKind.IMAGE])
+    seeking = (
+        _of(topics, TopicKind.IMAGE) if not any(early.images.get(n) == t for n, t in asked) else early.images.values()
+    )
+    wanted = {*seeking, *_of(topics, TopicKind.INFO), *(early.transforms if transforms_too else ())}
+    messages = BagDecoder(topics)
     images: dict[str, ImageMessage] = {}
     sizes: dict[str, tuple[int, int]] = {}
     infos: dict[str, InfoMessage] = {}
@@ -404,7 +406,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
                     raise
                 wanted.discard(message.topic)
             continue
-        if kind_of(topics[message.topic].kind) is Kind.TRANSFORM:
+        if kind_of(topics[message.topic].kind) is TopicKind.TRANSFORM:
             for transform in found:
                 transforms.add(transform)
             continue
@@ -433,11 +435,11 @@ def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
     return shown.shape[1], shown.shape[0]
 
 
-def _of(topics: dict[str, Topic], kind: Kind) -> Iterable[str]:
+def _of(topics: dict[str, BagTopic], kind: TopicKind) -> Iterable[str]:
     return [t.name for t in topics.values() if kind_of(t.kind) is kind and t.messages != 0]
 
 
-def taken_lines(found: BagSurvey) -> list[str]:
+def topic_lines(found: BagSurvey) -> list[str]:
     """One line for each name that is taken of a bag, and one for what could be taken too."""
     chosen = found.map
     lines = []

@@ -234,7 +234,7 @@ class Edge:
         return self.moved <= STILL_M and self.turned <= STILL_RAD
 
 
-class Placed(NamedTuple):
+class FramePose(NamedTuple):
     """A pose in another frame: x_other = rotation x + translation."""
 
     rotation: Floats
@@ -295,7 +295,7 @@ class Transforms:
                 return above
         raise AssertionError("a chain ends at a frame without a parent")
 
-    def placed(self, frame: str, world: str) -> Placed:
+    def placed(self, frame: str, world: str) -> FramePose:
         """The pose of a frame in another one.
 
         InputError where the frames are not connected, one of them moves in the other, or has two parents.
@@ -315,16 +315,16 @@ class Transforms:
                     f"{math.degrees(edge.turned):.3g} degrees"
                 )
         a, b = self._to(frame, common), self._to(world, common)
-        return Placed(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
+        return FramePose(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
 
-    def _to(self, frame: str, above: str) -> Placed:
+    def _to(self, frame: str, above: str) -> FramePose:
         """The pose of a frame in one above it."""
         rotation, translation = np.eye(3), np.zeros(3)
         while frame != above:
             edge = self.edges[frame]
             rotation, translation = edge.rotation @ rotation, edge.rotation @ translation + edge.translation
             frame = edge.parent
-        return Placed(rotation, translation)
+        return FramePose(rotation, translation)
 
 
 def rotation_of(message: TransformMessage) -> Floats:
@@ -352,7 +352,7 @@ LENGTHS = (0.9, 1.1)
 """Of a vector that is taken for a direction."""
 
 
-def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: Placed) -> Truth:
+def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -> Truth:
     """Positions of one message in the world; the targets are numbered from `first`."""
     if not np.isfinite(message.positions).all():
         raise InputError("a true position is not finite")
@@ -364,7 +364,7 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: Placed) -> T
     )
 
 
-class BoxRows:
+class MessageBoxRows:
     """Boxes of one camera; counts its frames and its classes."""
 
     def __init__(self, camera: str, classes: Collection[str], scale: float) -> None:

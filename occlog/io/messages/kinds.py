@@ -27,10 +27,10 @@ from occlog.array_types import NS, Floats
 from occlog.errors import InputError, UsageError
 from occlog.records.columns import bounded_ns
 
-from .mcap_file import Topic
+from .mcap_file import BagTopic
 
 
-class Kind(Enum):
+class TopicKind(Enum):
     """What a topic can be taken as."""
 
     IMAGE = "images"
@@ -41,7 +41,7 @@ class Kind(Enum):
     DIRECTION = "directions"
 
 
-class Header(NamedTuple):
+class MessageStamp(NamedTuple):
     """When a message was measured [ns since 1970; 0: not stated] and in which frame of reference."""
 
     stamp_ns: int
@@ -59,7 +59,7 @@ class ImageMessage(NamedTuple):
         step: bytes of a row of raw pixels.
     """
 
-    header: Header
+    header: MessageStamp
     data: bytes
     encoding: str
     size: tuple[int, int] | None = None
@@ -69,7 +69,7 @@ class ImageMessage(NamedTuple):
 class InfoMessage(NamedTuple):
     """A calibration as `sensor_msgs/CameraInfo` defines it."""
 
-    header: Header
+    header: MessageStamp
     size: tuple[int, int]
     model: str
     distortion: Floats
@@ -92,11 +92,11 @@ class TransformMessage(NamedTuple):
 class PoseMessage(NamedTuple):
     """Positions (n, 3) in one frame at one time."""
 
-    header: Header
+    header: MessageStamp
     positions: Floats
 
 
-class Detection(NamedTuple):
+class BoxDetection(NamedTuple):
     """A box [px] of a detector; `id` and `label` are empty where they are not stated."""
 
     left: float
@@ -111,11 +111,11 @@ class Detection(NamedTuple):
 class BoxMessage(NamedTuple):
     """The boxes of one image."""
 
-    header: Header
-    boxes: tuple[Detection, ...]
+    header: MessageStamp
+    boxes: tuple[BoxDetection, ...]
 
 
-class Source(NamedTuple):
+class SoundSource(NamedTuple):
     """A source of sound: identity (0: none; -1: not tracked), unit vector, and activity or energy."""
 
     id: int
@@ -126,11 +126,11 @@ class Source(NamedTuple):
 class DirectionMessage(NamedTuple):
     """The sources that were heard at one time."""
 
-    header: Header
-    sources: tuple[Source, ...]
+    header: MessageStamp
+    sources: tuple[SoundSource, ...]
 
 
-def kind_of(name: str) -> Kind | None:
+def kind_of(name: str) -> TopicKind | None:
     """What messages of a type can be taken as; None: nothing."""
     found = _TYPES.get(bare(name))
     return None if found is None else found[0]
@@ -157,15 +157,15 @@ def _time_ns(time: Any) -> int:
     return bounded_ns(int(time.sec) * NS)
 
 
-def _header(message: Any) -> Header:
+def _header(message: Any) -> MessageStamp:
     header = message.header
-    return Header(_time_ns(header.stamp), _frame(header.frame_id))
+    return MessageStamp(_time_ns(header.stamp), _frame(header.frame_id))
 
 
-def _own_header(message: Any) -> Header:
+def _own_header(message: Any) -> MessageStamp:
     """Time and frame of Foxglove's types, which have no header."""
     stamp = getattr(message, "timestamp", None)
-    return Header(0 if stamp is None else _time_ns(stamp), _frame(getattr(message, "frame_id", "")))
+    return MessageStamp(0 if stamp is None else _time_ns(stamp), _frame(getattr(message, "frame_id", "")))
 
 
 def _frame(name: object) -> str:
@@ -260,7 +260,7 @@ def _foxglove_transforms(message: Any) -> Iterator[TransformMessage]:
         yield from _foxglove_transform(entry)
 
 
-def _positions(header: Header, places: list[Any]) -> PoseMessage:
+def _positions(header: MessageStamp, places: list[Any]) -> PoseMessage:
     return PoseMessage(header, np.array([_vector(place) for place in places]).reshape(-1, 3))
 
 
@@ -268,7 +268,7 @@ def _vision(message: Any) -> BoxMessage:
     return BoxMessage(_header(message), tuple(_detection(entry) for entry in message.detections))
 
 
-def _detection(entry: Any) -> Detection:
+def _detection(entry: Any) -> BoxDetection:
     """A `vision_msgs/Detection2D` of any release: fields moved from one to the next."""
     centre = entry.bbox.center
     place = getattr(centre, "position", centre)
@@ -283,41 +283,44 @@ def _detection(entry: Any) -> Detection:
             best = (score, str(getattr(hypothesis, "class_id", getattr(hypothesis, "id", ""))))
     identity = str(getattr(entry, "tracking_id", "") or getattr(entry, "id", ""))
     left, top = float(place.x) - width / 2, float(place.y) - height / 2
-    return Detection(left=left, top=top, width=width, height=height, score=best[0], label=best[1], id=identity)
+    return BoxDetection(left=left, top=top, width=width, height=height, score=best[0], label=best[1], id=identity)
 
 
 def _odas(message: Any) -> DirectionMessage:
-    def source(entry: Any) -> Source:
+    def source(entry: Any) -> SoundSource:
         # Tracked sources have id and activity, found ones the energy E, which is `e` in newer releases.
         strength = next((getattr(entry, key) for key in ("activity", "E", "e") if hasattr(entry, key)), float("nan"))
         vector = (float(entry.x), float(entry.y), float(entry.z))
-        return Source(int(getattr(entry, "id", -1)), vector, float(strength))
+        return SoundSource(int(getattr(entry, "id", -1)), vector, float(strength))
 
     return DirectionMessage(_header(message), tuple(source(entry) for entry in message.sources))
 
 
-_TYPES: dict[str, tuple[Kind, Callable[[Any], Any]]] = {
-    "sensor_msgs.Image": (Kind.IMAGE, _raw),
-    "sensor_msgs.CompressedImage": (Kind.IMAGE, _compressed),
-    "foxglove.RawImage": (Kind.IMAGE, _foxglove_raw),
-    "foxglove.CompressedImage": (Kind.IMAGE, _foxglove_compressed),
-    "sensor_msgs.CameraInfo": (Kind.INFO, _info),
-    "foxglove.CameraCalibration": (Kind.INFO, _foxglove_info),
-    "tf2_msgs.TFMessage": (Kind.TRANSFORM, _tf),
-    "foxglove.FrameTransform": (Kind.TRANSFORM, _foxglove_transform),
-    "foxglove.FrameTransforms": (Kind.TRANSFORM, _foxglove_transforms),
-    "geometry_msgs.PointStamped": (Kind.POSE, lambda m: _positions(_header(m), [m.point])),
-    "geometry_msgs.PoseStamped": (Kind.POSE, lambda m: _positions(_header(m), [m.pose.position])),
-    "geometry_msgs.PoseWithCovarianceStamped": (Kind.POSE, lambda m: _positions(_header(m), [m.pose.pose.position])),
-    "geometry_msgs.PoseArray": (Kind.POSE, lambda m: _positions(_header(m), [p.position for p in m.poses])),
-    "nav_msgs.Odometry": (Kind.POSE, lambda m: _positions(_header(m), [m.pose.pose.position])),
-    "foxglove.PoseInFrame": (Kind.POSE, lambda m: _positions(_own_header(m), [m.pose.position])),
-    "foxglove.PosesInFrame": (Kind.POSE, lambda m: _positions(_own_header(m), [p.position for p in m.poses])),
-    "vision_msgs.Detection2DArray": (Kind.BOX, _vision),
-    "odas_ros_msgs.OdasSstArrayStamped": (Kind.DIRECTION, _odas),
-    "odas_ros_msgs.OdasSslArrayStamped": (Kind.DIRECTION, _odas),
-    "odas_ros.OdasSstArrayStamped": (Kind.DIRECTION, _odas),
-    "odas_ros.OdasSslArrayStamped": (Kind.DIRECTION, _odas),
+_TYPES: dict[str, tuple[TopicKind, Callable[[Any], Any]]] = {
+    "sensor_msgs.Image": (TopicKind.IMAGE, _raw),
+    "sensor_msgs.CompressedImage": (TopicKind.IMAGE, _compressed),
+    "foxglove.RawImage": (TopicKind.IMAGE, _foxglove_raw),
+    "foxglove.CompressedImage": (TopicKind.IMAGE, _foxglove_compressed),
+    "sensor_msgs.CameraInfo": (TopicKind.INFO, _info),
+    "foxglove.CameraCalibration": (TopicKind.INFO, _foxglove_info),
+    "tf2_msgs.TFMessage": (TopicKind.TRANSFORM, _tf),
+    "foxglove.FrameTransform": (TopicKind.TRANSFORM, _foxglove_transform),
+    "foxglove.FrameTransforms": (TopicKind.TRANSFORM, _foxglove_transforms),
+    "geometry_msgs.PointStamped": (TopicKind.POSE, lambda m: _positions(_header(m), [m.point])),
+    "geometry_msgs.PoseStamped": (TopicKind.POSE, lambda m: _positions(_header(m), [m.pose.position])),
+    "geometry_msgs.PoseWithCovarianceStamped": (
+        TopicKind.POSE,
+        lambda m: _positions(_header(m), [m.pose.pose.position]),
+    ),
+    "geometry_msgs.PoseArray": (TopicKind.POSE, lambda m: _positions(_header(m), [p.position for p in m.poses])),
+    "nav_msgs.Odometry": (TopicKind.POSE, lambda m: _positions(_header(m), [m.pose.pose.position])),
+    "foxglove.PoseInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [m.pose.position])),
+    "foxglove.PosesInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [p.position for p in m.poses])),
+    "vision_msgs.Detection2DArray": (TopicKind.BOX, _vision),
+    "odas_ros_msgs.OdasSstArrayStamped": (TopicKind.DIRECTION, _odas),
+    "odas_ros_msgs.OdasSslArrayStamped": (TopicKind.DIRECTION, _odas),
+    "odas_ros.OdasSstArrayStamped": (TopicKind.DIRECTION, _odas),
+    "odas_ros.OdasSslArrayStamped": (TopicKind.DIRECTION, _odas),
 }
 
 
@@ -340,7 +343,7 @@ LISTS = ("FrameTransforms", "PosesInFrame")
 INSTALL = "pip install 'occlog[ros2]'"
 LONGEST_DEFINITION = 128 << 10
 """Bytes of a definition of ROS that is read, which takes about two seconds; types of ROS itself have a few thousand."""
-MOST_ENTRIES = 10_000
+MAX_ENTRIES = 10_000
 """Entries, but for numbers, of all arrays whose length a definition gives."""
 MAX_LISTED_BYTES = 4 << 20
 """Bytes of a message with lists of texts or types: each entry of a byte takes a hundred in memory."""
@@ -351,7 +354,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)+")
 """Of a type: its package, perhaps `msg`, and its own."""
 
 
-def decoder(topic: Topic) -> Decode:
+def decoder(topic: BagTopic) -> Decode:
     """How messages of a topic are decoded.
 
     Raises:
@@ -376,7 +379,7 @@ def _json(data: bytes) -> object:
     return json.loads(data, object_hook=lambda fields: SimpleNamespace(**fields))
 
 
-def _foxglove(topic: Topic) -> Decode:
+def _foxglove(topic: BagTopic) -> Decode:
     name = topic.kind.removeprefix("foxglove.")
     try:
         module = importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2")
@@ -398,7 +401,7 @@ def _check_listed(data: bytes) -> None:
         raise ValueError(f"a message with lists of {len(data)} bytes; at most {MAX_LISTED_BYTES} are read")
 
 
-def _cdr(topic: Topic) -> Decode:
+def _cdr(topic: BagTopic) -> Decode:
     """Decoder of CDR by the definition in the bag, or by the newest one of ROS where the bag has none."""
     try:
         types = importlib.import_module("rosbags.typesys")
@@ -472,6 +475,6 @@ def _checked(found: Any) -> Any:
             if node == nodes.ARRAY:
                 (kind, of), length = told
                 entries += length if kind != nodes.BASE or of[0] == "string" else 0
-                if length < 1 or entries > MOST_ENTRIES:
-                    raise ValueError(f"{field}: {length} entries; 1 to {MOST_ENTRIES} can be")
+                if length < 1 or entries > MAX_ENTRIES:
+                    raise ValueError(f"{field}: {length} entries; 1 to {MAX_ENTRIES} can be")
     return found

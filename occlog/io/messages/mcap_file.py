@@ -28,9 +28,9 @@ from mcap.summary import Summary
 from occlog.errors import InputError
 from occlog.io.files.limits import RECORDING_MAGIC as MAGIC
 from occlog.io.files.limits import is_skipped_zstd
-from occlog.io.recording.chunks import HEAD, MAX_CHUNK_BYTES, MESSAGE_HEAD, Growth, chunk_head, unpacked
+from occlog.io.recording.chunks import HEAD, MAX_CHUNK_BYTES, MESSAGE_HEAD, DecompressionCount, chunk_head, unpacked
 from occlog.io.recording.mcap_errors import open_mcap
-from occlog.io.recording.salvage.ends import END_BYTES, behind_end, is_end_mark
+from occlog.io.recording.salvage.ends import END_BYTES, byte_after_end, is_end_mark
 from occlog.records.losses import Loss
 
 READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
@@ -39,7 +39,7 @@ _DAMAGE = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryEr
 D = TypeVar("D", Schema, Channel)
 
 
-class Topic(NamedTuple):
+class BagTopic(NamedTuple):
     """A topic of a file.
 
     Attributes:
@@ -59,7 +59,7 @@ class Topic(NamedTuple):
     messages: int | None
 
 
-class Message(NamedTuple):
+class BagMessage(NamedTuple):
     """One message: its topic, when it was recorded [ns since 1970], and its bytes."""
 
     topic: str
@@ -102,7 +102,7 @@ class McapFile:
             if index.message_index_offsets
         }
 
-    def topics(self) -> list[Topic]:
+    def topics(self) -> list[BagTopic]:
         """The topics; a file without an index is gone through, which also counts their messages."""
         if self._counts is None:
             counts: dict[int, int] = {}
@@ -118,7 +118,7 @@ class McapFile:
         self.topics()
         return self._span
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
         """Messages of some topics, chunk by chunk, in the order of time within each.
 
         A topic that is taken out of the collection on the way is left out from the next chunk on.
@@ -126,7 +126,7 @@ class McapFile:
         found = Counter[int]()
         for channel, log_ns, data in self._walk(topics):
             found[channel] += 1
-            yield Message(self._channels[channel].topic, log_ns, data)
+            yield BagMessage(self._channels[channel].topic, log_ns, data)
         if not self.losses:  # what is damaged is told already
             self._tell_missing(topics, found)
 
@@ -137,9 +137,9 @@ class McapFile:
             if channel.topic in topics and missing > 0:
                 self._lose(channel.topic, "messages that its index counts were not found; the index is wrong", missing)
 
-    def _topic(self, channel: Channel) -> Topic:
+    def _topic(self, channel: Channel) -> BagTopic:
         schema = self._schemas.get(channel.schema_id)
-        return Topic(
+        return BagTopic(
             name=channel.topic,
             kind=schema.name if schema else "",
             encoding=channel.message_encoding,
@@ -153,7 +153,7 @@ class McapFile:
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
         """(channel, time, data) of the messages of some topics, or of all of them."""
-        size, self._contradicted, growth = self.path.stat().st_size, "", Growth(self.path)
+        size, self._contradicted, growth = self.path.stat().st_size, "", DecompressionCount(self.path)
         with self.path.open("rb") as file:
             at = len(MAGIC)
             while at < size:
@@ -182,7 +182,7 @@ class McapFile:
 
     def _check_end(self, file: IO[bytes], at: int, size: int) -> None:
         """Tell of what follows the end of the file's data at a byte, other than its index."""
-        behind = behind_end(file, at, size)
+        behind = byte_after_end(file, at, size)
         if behind is None:
             self._lose(f"byte {at}", f"the index is damaged; {size - at} bytes from there on were not read")
         elif behind < size:
@@ -227,7 +227,13 @@ class McapFile:
         return not any(self._channels[c].topic in topics for c in self._chunks[at] if c in self._channels)
 
     def _record(
-        self, file: IO[bytes], at: int, code: int, length: int, topics: Collection[str] | None, growth: Growth
+        self,
+        file: IO[bytes],
+        at: int,
+        code: int,
+        length: int,
+        topics: Collection[str] | None,
+        growth: DecompressionCount,
     ) -> Iterator[tuple[int, int, bytes]]:
         """Messages of one record outside chunks, or of one chunk; a damaged one is a loss."""
         if length > MAX_CHUNK_BYTES:
@@ -249,7 +255,11 @@ class McapFile:
         yield from sorted(found, key=lambda message: message[1])
 
     def _unpack(
-        self, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]], growth: Growth
+        self,
+        data: bytes,
+        topics: Collection[str] | None,
+        found: list[tuple[int, int, bytes]],
+        growth: DecompressionCount,
     ) -> None:
         """Add the messages of a chunk whose check sum is right."""
         head = chunk_head(data)

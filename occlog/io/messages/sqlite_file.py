@@ -13,7 +13,7 @@ from occlog.errors import InputError
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
 
-from .mcap_file import Message, Topic
+from .mcap_file import BagMessage, BagTopic
 
 FREE_STEPS, STEPS_PER_BYTE = 1_000_000, 50
 """Steps of SQLite that a pass through any file may take, and above that for each of its bytes: a row, which has four
@@ -42,7 +42,7 @@ class SqliteFile:
             raise InputError(f"{path}: not a ROS 2 bag that can be read ({error}); copy it again") from None
         self._tell_beside()
 
-    def topics(self) -> list[Topic]:
+    def topics(self) -> list[BagTopic]:
         """The topics."""
         return list(self._topics.values())
 
@@ -55,7 +55,7 @@ class SqliteFile:
             return None
         return (low, high) if isinstance(low, int) and isinstance(high, int) else None
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
         """Messages of some topics in the order in which they were recorded."""
         wanted = [number for number, topic in self._topics.items() if topic.name in topics]
         if not wanted:
@@ -70,7 +70,7 @@ class SqliteFile:
                     if not (isinstance(log_ns, int) and isinstance(data, bytes)):
                         raise ValueError(f"timestamp {log_ns!r:.40} and data {data!r:.40}; want an integer and bytes")
                     last = log_ns
-                    yield Message(self._topics[number].name, last, data)
+                    yield BagMessage(self._topics[number].name, last, data)
         except (sqlite3.Error, ValueError) as error:
             place = f"after {last} ns" if last else "first message"
             self.losses[Loss(self.name, place, f"damaged SQLite file: the rest cannot be read ({error})")] = None
@@ -111,7 +111,7 @@ class SqliteFile:
                     f"{self.path}: {name} is no plain table, as it is in bags of ROS 2; copy the bag again"
                 )
 
-    def _read_topics(self, base: sqlite3.Connection) -> dict[int, Topic]:
+    def _read_topics(self, base: sqlite3.Connection) -> dict[int, BagTopic]:
         self._check_tables(base)
         definitions: dict[str, tuple[str, str]] = {}
         if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
@@ -121,7 +121,7 @@ class SqliteFile:
             counts = dict(base.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
         except sqlite3.DatabaseError:
             counts = None
-        out: dict[int, Topic] = {}
+        out: dict[int, BagTopic] = {}
         for number, name, kind, encoding in base.execute("SELECT id, name, type, serialization_format FROM topics"):
             if not (isinstance(number, int) and all(isinstance(each, str) for each in (name, kind, encoding))):
                 told = ", ".join(f"{each!r:.40}" for each in (number, name, kind, encoding))
@@ -129,5 +129,5 @@ class SqliteFile:
                 continue
             language, text = definitions.get(kind, ("", ""))
             messages = None if counts is None else int(counts.get(number, 0))
-            out[number] = Topic(name, kind, encoding, text.encode(), language, messages)
+            out[number] = BagTopic(name, kind, encoding, text.encode(), language, messages)
         return out

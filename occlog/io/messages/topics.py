@@ -11,8 +11,8 @@ from occlog.io.files.limits import check_input
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.yaml import read_yaml
 
-from .kinds import Kind, kind_of
-from .mcap_file import Topic
+from .kinds import TopicKind, kind_of
+from .mcap_file import BagTopic
 
 TRANSPORTS = ("compressed", "theora", "compressedDepth", "ffmpeg", "h264", "zstd")
 PLAIN = (
@@ -42,7 +42,7 @@ class TopicMap:
     poses: dict[int, str] = field(default_factory=dict)
     boxes: dict[str, str] = field(default_factory=dict)
     directions: dict[str, str] = field(default_factory=dict)
-    others: dict[str, Kind] = field(default_factory=dict)
+    others: dict[str, TopicKind] = field(default_factory=dict)
 
     @property
     def cameras(self) -> list[str]:
@@ -57,7 +57,7 @@ def read_topic_map(path: Path) -> list[tuple[str, str]]:
     return [(str(name), t) for name, topics in found.items() for t in ([topics] if isinstance(topics, str) else topics)]
 
 
-def map_topics(topics: Mapping[str, Topic], asked: Sequence[tuple[str, str]], pictures: Iterable[str]) -> TopicMap:
+def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]], pictures: Iterable[str]) -> TopicMap:
     """Decide what is taken.
 
     Args:
@@ -68,7 +68,7 @@ def map_topics(topics: Mapping[str, Topic], asked: Sequence[tuple[str, str]], pi
     Raises:
         UsageError: a topic that the user gives is not there, or cannot be taken, or a name is given twice.
     """
-    named: dict[Kind, dict[str, str]] = {kind: {} for kind in Kind}
+    named: dict[TopicKind, dict[str, str]] = {kind: {} for kind in TopicKind}
     for name, topic in asked:
         kind = _kind_asked(topics, name, topic)
         if name in named[kind]:
@@ -77,37 +77,37 @@ def map_topics(topics: Mapping[str, Topic], asked: Sequence[tuple[str, str]], pi
     shown = set(pictures)
     found = {
         kind: [t.name for t in topics.values() if kind_of(t.kind) is kind and t.messages != 0 and _readable(t)]
-        for kind in Kind
+        for kind in TopicKind
     }
-    candidates = [t for t in found[Kind.IMAGE] if t in shown]
-    images = named[Kind.IMAGE] or name_cameras(_one_of_each(candidates, topics))
-    infos = dict(named[Kind.INFO])
+    candidates = [t for t in found[TopicKind.IMAGE] if t in shown]
+    images = named[TopicKind.IMAGE] or name_cameras(_one_of_each(candidates, topics))
+    infos = dict(named[TopicKind.INFO])
     for camera, topic in images.items():
-        match = _info_of(topic, found[Kind.INFO])
+        match = _info_of(topic, found[TopicKind.INFO])
         if camera not in infos and match is not None:
             infos[camera] = match
-    boxes = named[Kind.BOX]
-    directions = named[Kind.DIRECTION] or _named_by_path(found[Kind.DIRECTION])
-    taken = {*images.values(), *infos.values(), *boxes.values(), *directions.values(), *named[Kind.POSE].values()}
-    others: dict[str, Kind] = {
-        t: kind for kind in Kind if kind is not Kind.TRANSFORM for t in found[kind] if t not in taken
+    boxes = named[TopicKind.BOX]
+    directions = named[TopicKind.DIRECTION] or _named_by_path(found[TopicKind.DIRECTION])
+    taken = {*images.values(), *infos.values(), *boxes.values(), *directions.values(), *named[TopicKind.POSE].values()}
+    others: dict[str, TopicKind] = {
+        t: kind for kind in TopicKind if kind is not TopicKind.TRANSFORM for t in found[kind] if t not in taken
     }
     return TopicMap(
         images=images,
         infos=infos,
-        transforms=tuple(named[Kind.TRANSFORM].values()) or tuple(found[Kind.TRANSFORM]),
-        poses={_identity(name, topic): topic for name, topic in named[Kind.POSE].items()},
+        transforms=tuple(named[TopicKind.TRANSFORM].values()) or tuple(found[TopicKind.TRANSFORM]),
+        poses={_identity(name, topic): topic for name, topic in named[TopicKind.POSE].items()},
         boxes=boxes,
         directions=directions,
         others=others,
     )
 
 
-def _readable(topic: Topic) -> bool:
+def _readable(topic: BagTopic) -> bool:
     return topic.encoding in ("cdr", "json") or (topic.encoding == "protobuf" and topic.kind.startswith("foxglove."))
 
 
-def _kind_asked(topics: Mapping[str, Topic], name: str, topic: str) -> Kind:
+def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicKind:
     """What a topic that the user names is taken as, by its type."""
     if topic not in topics:
         known = ", ".join(topics) or "none"
@@ -115,7 +115,7 @@ def _kind_asked(topics: Mapping[str, Topic], name: str, topic: str) -> Kind:
     kind = kind_of(topics[topic].kind)
     if kind is None:
         raise UsageError(f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be taken")
-    if kind not in (Kind.POSE, Kind.TRANSFORM) and safe_name(name) != name:
+    if kind not in (TopicKind.POSE, TopicKind.TRANSFORM) and safe_name(name) != name:
         raise UsageError(f"topic {topic}: {name!r} cannot be the name of a sensor; try {safe_name(name)!r}")
     return kind
 
@@ -139,7 +139,7 @@ def is_rectified(topic: str) -> bool:
     return "rect" in base_of(topic).rpartition("/")[2]
 
 
-def _one_of_each(images: Iterable[str], topics: Mapping[str, Topic]) -> list[str]:
+def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[str]:
     """One topic for each namespace: the one with most messages, then a raw image, then a compressed one."""
     groups: dict[str, list[str]] = {}
     for topic in images:

@@ -23,7 +23,7 @@ import zstandard
 from mcap.records import ChunkIndex
 
 from occlog.errors import InputError
-from occlog.io.files.limits import RECORDING_MAGIC, most_unpacked
+from occlog.io.files.limits import RECORDING_MAGIC, max_decompressed_bytes
 
 HEAD = struct.Struct("<BQ")
 """Code and length of a record, before its data."""
@@ -186,7 +186,7 @@ FREE_RECORDS, BYTES_PER_RECORD = 250_000, 2
 takes some more, since its time and number differ from those before."""
 
 
-class Growth:
+class DecompressionCount:
     """What the chunks of a file came to so far."""
 
     def __init__(self, path: Path) -> None:
@@ -210,7 +210,7 @@ class Growth:
     def add_bytes(self, unpacked: int) -> None:
         """Count unpacked bytes alone; InputError where all come to too much."""
         self._unpacked += unpacked
-        most = most_unpacked(self._size)
+        most = max_decompressed_bytes(self._size)
         if self._unpacked > most:
             raise InputError(
                 f"{self._path}: the chunks of a file of {self._size} bytes unpack to more than {most} bytes, as those "
@@ -223,7 +223,7 @@ def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkS
 
     They are unpacked only where their sizes leave it open.
     """
-    promised, growth = Growth(path), Growth(path)
+    promised, growth = DecompressionCount(path), DecompressionCount(path)
     for _, size in chunks:
         promised.add_bytes(size.unpacked)
     if sum(max(_most_beyond(size), 0) for _, size in chunks) <= FREE_RECORDS:

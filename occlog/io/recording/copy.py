@@ -15,12 +15,12 @@ from occlog.io.files.provenance import Provenance
 from .made_index import McapMessages
 from .mcap_errors import open_mcap
 from .metadata import add_metadata, read_metadata
-from .reader import Recording
+from .reader import McapRecording
 from .writer import FORMAT, METADATA, VIDEO_METADATA, begin_mcap
 
 
 def copy_recording(
-    source: Recording,
+    source: McapRecording,
     path: Path,
     attachments: Mapping[str, bytes],
     provenance: Provenance,

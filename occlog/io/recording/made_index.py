@@ -47,13 +47,13 @@ from .chunks import (
     INDEX_HEAD,
     MAX_CHUNK_BYTES,
     MESSAGE_HEAD,
-    Growth,
+    DecompressionCount,
     check_chunk,
     chunk_head,
     damaged_mcap,
     unpacked,
 )
-from .salvage.ends import PRIVATE, behind_end, is_end_mark
+from .salvage.ends import PRIVATE, byte_after_end, is_end_mark
 
 _BLOCK = 1 << 20
 DATA = frozenset(
@@ -71,7 +71,7 @@ DATA = frozenset(
 """Kinds of records before the end of the data."""
 
 
-class Loose(NamedTuple):
+class UnchunkedMessages(NamedTuple):
     """Messages outside chunks, in the order of the file.
 
     Attributes:
@@ -85,14 +85,14 @@ class Loose(NamedTuple):
     channel: array[int]
 
 
-class MadeIndex(NamedTuple):
+class RebuiltIndex(NamedTuple):
     """What a pass through a file finds."""
 
     summary: Summary
-    loose: Loose
+    loose: UnchunkedMessages
 
 
-def is_complete(file: IO[bytes], summary: Summary) -> bool:
+def is_index_complete(file: IO[bytes], summary: Summary) -> bool:
     """Whether an index tells of everything in the file, by its own statistics and by the indexes behind the chunks."""
     return _agrees_with_itself(summary) and _agrees_with_chunks(file, summary)
 
@@ -148,7 +148,7 @@ def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
     return +counts == +Counter(told)
 
 
-def make_index(path: Path, file: IO[bytes]) -> MadeIndex:
+def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
     """The index of a file whose ends are whole; sizes and check sums are tried on the way.
 
     Args:
@@ -162,7 +162,7 @@ def make_index(path: Path, file: IO[bytes]) -> MadeIndex:
     return _Pass(path, file).done()
 
 
-def check_told(path: Path, told: Summary | None, made: Summary) -> None:
+def check_index_statistics(path: Path, told: Summary | None, made: Summary) -> None:
     """InputError unless a file holds as much as the statistics in its own index say, if there are any."""
     if told is None or told.statistics is None:
         return
@@ -182,9 +182,9 @@ class _Pass:
         self._span: tuple[int, int] | None = None
         self._at, self._log_ns, self._channel = array("Q"), array("Q"), array("H")
         self._crc = zlib.crc32(RECORDING_MAGIC)
-        self._growth = Growth(path)
+        self._growth = DecompressionCount(path)
 
-    def done(self) -> MadeIndex:
+    def done(self) -> RebuiltIndex:
         """Go through the file."""
         summary = self._summary
         for at, code, length in self._records():
@@ -215,7 +215,7 @@ class _Pass:
             metadata_count=len(summary.metadata_indexes),
             schema_count=len(summary.schemas),
         )
-        return MadeIndex(summary, Loose(self._at, self._log_ns, self._channel))
+        return RebuiltIndex(summary, UnchunkedMessages(self._at, self._log_ns, self._channel))
 
     def _records(self) -> Iterator[tuple[int, int, int]]:
         """(byte, code, length) of each record of the data, the file standing behind its head."""
@@ -245,7 +245,7 @@ class _Pass:
 
     def _check_end(self, at: int, size: int) -> None:
         """InputError unless nothing but an index stands behind the end of the data at a byte."""
-        behind = behind_end(self._file, at, size)
+        behind = byte_after_end(self._file, at, size)
         if behind is None:
             raise self._damaged(f"behind the end of the data at byte {at} stands something else than an index")
         if behind < size:
@@ -367,10 +367,10 @@ class McapMessages(Protocol):
         """All records of metadata."""
 
 
-class MadeIndexReader:
+class RebuiltIndexReader:
     """Reads an MCAP file by an index that was made of it; memory does not grow with the file."""
 
-    def __init__(self, file: IO[bytes], made: MadeIndex) -> None:
+    def __init__(self, file: IO[bytes], made: RebuiltIndex) -> None:
         """A reader of `file`, with check sums of chunks tried again."""
         self._file, (self._summary, self._loose) = file, made
         file.seek(0)

@@ -24,11 +24,18 @@ from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
 from occlog.errors import InputError, OcclogError
-from occlog.io.files.limits import RECORDING_MAGIC, check_input, mistaken_for
+from occlog.io.files.limits import RECORDING_MAGIC, check_input, describe_unsupported
 from occlog.io.recording.salvage.ends import FOOTER_BYTES, are_records
 
 from .chunks import MAX_CHUNK_BYTES, SALVAGE, ChunkSize, check_chunk, check_growth, damaged_mcap
-from .made_index import MadeIndex, MadeIndexReader, McapMessages, check_told, is_complete, make_index
+from .made_index import (
+    McapMessages,
+    RebuiltIndex,
+    RebuiltIndexReader,
+    check_index_statistics,
+    is_index_complete,
+    rebuild_index,
+)
 
 _FAILURES = (
     McapError,
@@ -76,8 +83,8 @@ def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
         state = _state(os.fstat(file.fileno()))
         if summary is None or not _has_whole_index(path, state):
             made = _made_index(path, state)
-            check_told(path, summary, made.summary)
-            yield MadeIndexReader(file, made), made.summary
+            check_index_statistics(path, summary, made.summary)
+            yield RebuiltIndexReader(file, made), made.summary
             return
         sizes = [(index.chunk_start_offset, check_chunk(path, file, index)) for index in summary.chunk_indexes]
         _check_growth(path, state, tuple(sizes))
@@ -94,14 +101,14 @@ def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG00
     """Whether a file has an index of all that it holds; looked at once as long as the file does not change."""
     with path.open("rb") as file, translate_mcap(path, file):
         summary = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES).get_summary()
-        return summary is not None and is_complete(file, summary)
+        return summary is not None and is_index_complete(file, summary)
 
 
 @lru_cache(maxsize=4)
-def _made_index(path: Path, state: tuple[int, ...]) -> MadeIndex:  # noqa: ARG001
+def _made_index(path: Path, state: tuple[int, ...]) -> RebuiltIndex:  # noqa: ARG001
     """The index of a file, kept as long as it does not change: a recording is opened for each thing read of it."""
     with path.open("rb") as file, translate_mcap(path, file):
-        return make_index(path, file)
+        return rebuild_index(path, file)
 
 
 def check_index(path: Path) -> None:
@@ -110,7 +117,7 @@ def check_index(path: Path) -> None:
     Readers see that at the indexes behind the chunks, unless these leave the same out.
     """
     with open_mcap(path) as (reader, summary):
-        if isinstance(reader, MadeIndexReader):
+        if isinstance(reader, RebuiltIndexReader):
             return
         made = _made_index(path, _state(path.stat())).summary
     assert summary.statistics is not None
@@ -143,7 +150,7 @@ def check_summary(path: Path, file: IO[bytes]) -> None:
 
 def _check_ends(path: Path, file: IO[bytes]) -> None:
     if file.read(8) != RECORDING_MAGIC:
-        mistaken = mistaken_for(path)
+        mistaken = describe_unsupported(path)
         what = "not an MCAP file (it does not begin with the MCAP mark)" if mistaken is None else f"is {mistaken}"
         raise InputError(f"{path}: {what}")
     size = file.seek(0, io.SEEK_END)

@@ -103,14 +103,14 @@ _VIDEOS = (
 """Place and bytes at which the containers and streams begin that are decoded."""
 
 
-def begins_as_video(path: Path) -> bool:
+def is_video_header(path: Path) -> bool:
     """Whether the first bytes of a regular file are those of a video."""
     with path.open("rb") as file:
         head = file.read(HEAD)
     return any(head[place:].startswith(mark) for place, mark in _VIDEOS)
 
 
-def leaves(recording: Path, place: str) -> bool:
+def leaves_folder(recording: Path, place: str) -> bool:
     """Whether a place that a recording states leads out of its folder, by its name or by symbolic links."""
     lies = (recording.parent / place).resolve()
     return ".." in PurePosixPath(place).parts or not lies.is_relative_to(recording.parent.resolve())
@@ -133,6 +133,6 @@ def linked_path(recording: Path, sensor: str, place: str) -> Path:
         raise InputError(f"{where}: links to {place}, which is no place relative to it; ingest it again")
     path = recording.parent / place
     check_input(path, f"the video of camera {sensor} that {recording} links to")
-    if leaves(recording, place) and not begins_as_video(path):
+    if leaves_folder(recording, place) and not is_video_header(path):
         raise InputError(f"{where}: links to {place}, which leads out of its folder and is no video; ingest it again")
     return path

@@ -20,16 +20,16 @@ from occlog.errors import InputError
 from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
 from occlog.io.formats.scenes.scene import scene_from_yaml
-from occlog.io.frames.decoders.apart import VideoApart, decode_apart
+from occlog.io.frames.decoders.apart import SubprocessVideo, decode_apart
 from occlog.records.columns import ColumnTable, bounded_ns
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
 from .chunks import damaged_mcap
-from .made_index import MadeIndexReader
+from .made_index import RebuiltIndexReader
 from .mcap_errors import open_mcap, read_attachment
-from .metadata import leaves, linked_path, read_metadata
+from .metadata import leaves_folder, linked_path, read_metadata
 from .rows import RowCollector, schema_of
 from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 
@@ -40,12 +40,12 @@ class LinkedVideo:
 
     path: Path
     where: str
-    _video: VideoApart | None = field(default=None)
+    _video: SubprocessVideo | None = field(default=None)
 
     def open(self) -> None:
         """Start to decode, in a process of its own; InputError unless one frame at least can be decoded."""
         if self._video is None:
-            self._video = VideoApart(self.path)
+            self._video = SubprocessVideo(self.path)
 
     def read(self, index: int) -> Image:
         """The frame of that number; frames before it are skipped, InputError where it cannot be decoded."""
@@ -78,7 +78,7 @@ ROWS_PER_CHUNK = 16_384
 
 
 @dataclass(frozen=True)
-class Topic:
+class McapChannel:
     """One channel of the file."""
 
     name: str
@@ -88,12 +88,12 @@ class Topic:
 
 
 @dataclass(frozen=True)
-class Recording:
+class McapRecording:
     """An opened recording; nothing but its index has been read yet."""
 
     path: Path
     scene: Scene | None
-    topics: tuple[Topic, ...]
+    topics: tuple[McapChannel, ...]
     provenance: Provenance
     attachments: dict[str, tuple[int, int]]
     videos: dict[str, dict[str, str]]
@@ -165,7 +165,7 @@ class Recording:
             yield Frame(stamp, sensor, index, decode, encoded)
 
     def _decoder(
-        self, topic: Topic, sensor: str, t_ns: int, data: bytes, index: int, linked: dict[str, LinkedVideo]
+        self, topic: McapChannel, sensor: str, t_ns: int, data: bytes, index: int, linked: dict[str, LinkedVideo]
     ) -> tuple[int, Callable[[], Image], bytes | None]:
         where = f"{self.path}: camera {sensor}: frame {index}"
         if topic.schema == VIDEO_FRAME:
@@ -206,7 +206,7 @@ def linked_videos(path: Path) -> tuple[Path, ...]:
     found = []
     for sensor, link in links:
         if "path" in link:
-            if leaves(path, link["path"]):
+            if leaves_folder(path, link["path"]):
                 try:
                     linked_path(path, sensor, link["path"])
                 except InputError:  # whoever decodes it says so
@@ -223,7 +223,7 @@ def sensor_of(topic: str) -> str:
     return ".".join(parts)
 
 
-def _is_image(topic: Topic) -> bool:
+def _is_image(topic: McapChannel) -> bool:
     return topic.schema in (IMAGE_SCHEMA, VIDEO_FRAME)
 
 
@@ -259,15 +259,15 @@ class _JsonImage(msgspec.Struct):
     data: bytes
 
 
-def open_recording(path: Path) -> Recording:
+def open_recording(path: Path) -> McapRecording:
     """The recording in an MCAP file; InputError where the file is damaged."""
     path = Path(path)
     with open_mcap(path) as (reader, summary):
-        indexed = not isinstance(reader, MadeIndexReader)
+        indexed = not isinstance(reader, RebuiltIndexReader)
         channels, schemas, statistics = summary.channels, summary.schemas, summary.statistics
         counts = statistics.channel_message_counts if statistics else {}
         topics = tuple(
-            Topic(
+            McapChannel(
                 c.topic,
                 schemas[c.schema_id].name if c.schema_id in schemas else "",
                 c.message_encoding,
@@ -281,7 +281,7 @@ def open_recording(path: Path) -> Recording:
         if statistics and statistics.message_count:
             span = statistics.message_start_time, statistics.message_end_time
     own = metadata.get(METADATA)
-    recording = Recording(
+    recording = McapRecording(
         path=path,
         scene=None,
         topics=topics,
@@ -295,9 +295,9 @@ def open_recording(path: Path) -> Recording:
     return _with_scene(recording)
 
 
-def _with_scene(recording: Recording) -> Recording:
+def _with_scene(recording: McapRecording) -> McapRecording:
     raw = recording.attachment(SCENE_ATTACHMENT)
     if raw is None:
         return recording
     scene = scene_from_yaml(raw.decode("utf-8", "replace"), f"{recording.path}: {SCENE_ATTACHMENT}")
-    return Recording(**{**recording.__dict__, "scene": scene})
+    return McapRecording(**{**recording.__dict__, "scene": scene})

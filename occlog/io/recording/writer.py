@@ -15,7 +15,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from occlog import __version__
 from occlog.array_types import NS
 from occlog.errors import InputError, option
-from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.atomic import OutputGroup, open_output
 from occlog.io.files.names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.formats.scenes.scene import scene_to_yaml
@@ -74,7 +74,7 @@ class RecordingWriter:
         provenance: Provenance,
         *,
         overwrite: bool = False,
-        together: Together | None = None,
+        together: OutputGroup | None = None,
     ) -> None:
         """Prepare to write `path`; OutputExistsError if it is there and may not be replaced.
 

@@ -20,9 +20,9 @@ from occlog.io.files.times import frames_to_ns
 from .container import (
     MAX_FRAMES,
     BrokenContainerError,
+    ByteRange,
     Container,
     Faults,
-    Span,
     cut_short,
     let_go,
     unknown_frames,
@@ -54,19 +54,19 @@ class _Stream:
 
 
 @dataclass
-class _Found:
+class _AviScan:
     """What a walk through the file has met so far."""
 
     chunks: list[tuple[int, int]] = field(default_factory=list)  # (place, bytes) of the video stream's chunks
     problems: Faults = field(default_factory=Faults)
-    header: Span | None = None
-    index: Span | None = None
-    movies: list[Span] = field(default_factory=list)
+    header: ByteRange | None = None
+    index: ByteRange | None = None
+    movies: list[ByteRange] = field(default_factory=list)
 
 
 def parse(data: mmap.mmap) -> Container:
     """The video frames of the file and what is wrong with it."""
-    found = _Found()
+    found = _AviScan()
     try:
         _walk_top(data, found)
     except BrokenContainerError as bad:
@@ -80,7 +80,7 @@ def parse(data: mmap.mmap) -> Container:
     return _container(data, found, stream)
 
 
-def _walk_top(data: mmap.mmap, found: _Found) -> None:
+def _walk_top(data: mmap.mmap, found: _AviScan) -> None:
     for riff in _chunks(data, 0, len(data), padded=True):
         if riff.kind != b"RIFF":
             raise BrokenContainerError(riff.start - 8, f"a part named {riff.kind!r}")
@@ -96,7 +96,7 @@ def _walk_top(data: mmap.mmap, found: _Found) -> None:
                 found.index = part
 
 
-def _chunks(data: mmap.mmap, start: int, stop: int, *, padded: bool = False) -> Iterator[Span]:
+def _chunks(data: mmap.mmap, start: int, stop: int, *, padded: bool = False) -> Iterator[ByteRange]:
     """Chunks between two bytes; `padded`: zeros behind the first one end them."""
     first = start
     while start + 8 <= stop:
@@ -108,7 +108,7 @@ def _chunks(data: mmap.mmap, start: int, stop: int, *, padded: bool = False) -> 
             raise BrokenContainerError(start, f"a part named {kind!r}")
         # A recorder that was stopped leaves a size of 0 in its open lists: they reach to the end.
         end = stop if kind in _LISTS and size == 0 else start + 8 + size
-        yield Span(kind, start + 8, end)
+        yield ByteRange(kind, start + 8, end)
         start = end + (size & 1)
 
 
@@ -116,7 +116,7 @@ def _is_name(kind: bytes) -> bool:
     return len(kind) == 4 and all(32 <= c < 127 for c in kind)
 
 
-def _video_stream(data: mmap.mmap, header: Span) -> _Stream:
+def _video_stream(data: mmap.mmap, header: ByteRange) -> _Stream:
     """The first video stream."""
     number = 0
     for part in _chunks(data, header.start + 4, min(header.stop, len(data))):
@@ -133,7 +133,7 @@ def _video_stream(data: mmap.mmap, header: Span) -> _Stream:
     raise BrokenContainerError(header.start, "it names no video stream")
 
 
-def _container(data: mmap.mmap, found: _Found, stream: _Stream) -> Container:
+def _container(data: mmap.mmap, found: _AviScan, stream: _Stream) -> Container:
     number, place, size = _numbered_chunks(data, found, f"{stream.number:02d}".encode()).T
     announced, rate = stream.announced, stream.rate
     last = int(number.max(initial=-1)) + 1
@@ -172,7 +172,7 @@ def _is_frame(kind: bytes, tag: bytes) -> bool:
     return kind[:2] == tag and kind[2:] != PALETTE
 
 
-def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> Ints:
+def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
     """(n, 3) frame number, place and size of the readable chunks of a stream, in the order of the file.
 
     Chunks follow each other, so each is numbered by counting.  Behind a damaged header the
@@ -206,7 +206,7 @@ def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> Ints:
     return np.array(out, dtype=np.int64).reshape(-1, 3)
 
 
-def _index(data: mmap.mmap, found: _Found, tag: bytes) -> tuple[Ints, Ints]:
+def _index(data: mmap.mmap, found: _AviScan, tag: bytes) -> tuple[Ints, Ints]:
     """First byte and frame number, both rising, of the chunks of a stream that stand where the index (idx1) says."""
     none = np.zeros(0, dtype=np.int64)
     if found.index is None or not found.movies:

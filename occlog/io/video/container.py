@@ -100,7 +100,7 @@ class BrokenContainerError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class ByteRange:
     """Bytes start..stop of the file; `stop` may lie beyond the end of a file that was cut."""
 
     kind: bytes

@@ -44,7 +44,7 @@ class Element(NamedTuple):
 
 
 @dataclass
-class _Found:
+class _MkvScan:
     """What a walk through the file has met so far."""
 
     tick_ns: int = 1_000_000
@@ -64,7 +64,7 @@ def recognised(data: mmap.mmap) -> bool:
 
 def parse(data: mmap.mmap) -> Container:
     """The video frames of the file and what is wrong with it."""
-    found = _Found()
+    found = _MkvScan()
     try:
         header = element(data, 0, len(data))
         segment = element(data, header.stop or len(data), len(data))
@@ -109,7 +109,7 @@ def children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
         at = child.stop
 
 
-def _segment(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
+def _segment(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
     at, done = start, 0
     while at < stop:
         done = let_go(data, at, done)
@@ -129,7 +129,7 @@ def _segment(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
             at = again if again >= 0 else stop
 
 
-def _part(data: mmap.mmap, part: Element, stop: int, found: _Found) -> int:
+def _part(data: mmap.mmap, part: Element, stop: int, found: _MkvScan) -> int:
     """Read one top-level element; the byte after it."""
     end = part.stop
     if end is not None and end > stop:
@@ -152,7 +152,7 @@ def _part(data: mmap.mmap, part: Element, stop: int, found: _Found) -> int:
     return end
 
 
-def _check_sum(data: mmap.mmap, part: Element, end: int, found: _Found) -> None:
+def _check_sum(data: mmap.mmap, part: Element, end: int, found: _MkvScan) -> None:
     """Compare a CRC-32 element with the content behind it (RFC 8794 sec. 11.3.1)."""
     if data[part.start : part.start + 2] != b"\xbf\x84" or end - part.start < 6:
         return
@@ -173,7 +173,7 @@ def _float(data: mmap.mmap, e: Element, otherwise: float) -> float:
     return struct.unpack_from(layout, data, e.start)[0] if layout is not None else otherwise
 
 
-def _info(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
+def _info(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
     for e in children(data, start, stop):
         if e.id == TICK:
             found.tick_ns = max(_uint(data, e), 1)
@@ -181,7 +181,7 @@ def _info(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
             found.duration = _float(data, e, 0.0)
 
 
-def _tracks(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
+def _tracks(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
     for entry in (e for e in children(data, start, stop) if e.id == ENTRY):
         values = {e.id: e for e in children(data, entry.start, entry.stop or stop)}
         if NUMBER in values and TYPE in values and _uint(data, values[TYPE]) == 1:
@@ -193,7 +193,7 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
             return
 
 
-def _cluster(data: mmap.mmap, start: int, stop: int, found: _Found, *, open_end: bool) -> int:
+def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_end: bool) -> int:
     """Note the frames of a cluster; the byte after it."""
     at, base = start, 0
     while at < stop:
@@ -216,7 +216,7 @@ def _cluster(data: mmap.mmap, start: int, stop: int, found: _Found, *, open_end:
     return at
 
 
-def _block(data: mmap.mmap, e: Element, base: int, found: _Found) -> None:
+def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan) -> None:
     """Note the time of a block of the video track, unless its picture is not meant to be shown."""
     stop = e.stop or e.start
     if e.start + 4 > stop or not data[e.start]:
@@ -231,7 +231,7 @@ def _block(data: mmap.mmap, e: Element, base: int, found: _Found) -> None:
         found.ticks.append(int(base / found.scale) + shift if found.scale != 1 else base + shift)
 
 
-def _container(found: _Found) -> Container:
+def _container(found: _MkvScan) -> Container:
     # Whole numbers, as FFmpeg has them, whose times the pictures get
     tick_ns = max(int(found.tick_ns * found.scale), 1) if found.scale != 1 else found.tick_ns
     if max(map(abs, found.ticks), default=0) * tick_ns > LATEST:
@@ -242,7 +242,7 @@ def _container(found: _Found) -> Container:
     return Container("matroska", pts, broken, True, rate, tuple(found.problems), first_ns=first)
 
 
-def _fill_grid(times: Ints, found: _Found) -> tuple[Ints, Bools, int]:
+def _fill_grid(times: Ints, found: _MkvScan) -> tuple[Ints, Bools, int]:
     """Times of all frames, those missing from a damaged file included where the frame rate is constant.
 
     Returns:

@@ -16,7 +16,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Ints
 
-from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, unknown_frames, unpack
+from .container import MAX_FRAMES, BrokenContainerError, ByteRange, Container, cut_short, unknown_frames, unpack
 
 LATEST = 2**62
 """Time [ticks, ns] or place [bytes] of a sample, at most."""
@@ -25,7 +25,7 @@ SMALLEST_FRAME = 8
 """Bytes."""
 
 
-class Samples(NamedTuple):
+class VideoSampleTable(NamedTuple):
     """Sample table of the video track, in the order of decoding; times in ticks of `scale` per second."""
 
     scale: int
@@ -35,7 +35,7 @@ class Samples(NamedTuple):
     size: Ints
 
 
-def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[Span]:
+def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[ByteRange]:
     """Boxes between two bytes, as far as the file goes: the spans of their content, which may end behind it."""
     stop = min(stop, len(data))
     while start + 8 <= stop:
@@ -48,7 +48,7 @@ def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[Span]:
             size = stop - start
         if size < head or not all(32 <= c < 127 or c == 0xA9 for c in kind):
             raise BrokenContainerError(start, f"a box of {size} bytes named {box_name(kind)}")
-        yield Span(kind, start + head, start + size)
+        yield ByteRange(kind, start + head, start + size)
         start += size
 
 
@@ -57,7 +57,7 @@ def box_name(kind: bytes) -> str:
     return kind.decode("ascii", "backslashreplace")
 
 
-def find_box(data: mmap.mmap, span: Span, *path: bytes) -> Span | None:
+def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None:
     """The first box with this path of names inside a span, None if there is none."""
     for kind in path:
         found = next((b for b in boxes(data, span.start, span.stop) if b.kind == kind), None)
@@ -67,7 +67,7 @@ def find_box(data: mmap.mmap, span: Span, *path: bytes) -> Span | None:
     return span
 
 
-def need_box(data: mmap.mmap, span: Span, *path: bytes) -> Span:
+def need_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange:
     """The first box with this path of names; BrokenContainerError if there is none."""
     found = find_box(data, span, *path)
     if found is None:
@@ -75,7 +75,7 @@ def need_box(data: mmap.mmap, span: Span, *path: bytes) -> Span:
     return found
 
 
-def ticks_per_second(data: mmap.mmap, box: Span) -> int:
+def ticks_per_second(data: mmap.mmap, box: ByteRange) -> int:
     """Ticks per second of an mdhd or mvhd box."""
     scale = unpack(data, ">I", box.start + (20 if data[box.start] else 12))[0]
     if scale < 1:
@@ -83,7 +83,7 @@ def ticks_per_second(data: mmap.mmap, box: Span) -> int:
     return scale
 
 
-def read_table(data: mmap.mmap, box: Span | None, width: int, dtype: str, head: int = 4) -> Ints:
+def read_table(data: mmap.mmap, box: ByteRange | None, width: int, dtype: str, head: int = 4) -> Ints:
     """(n, width) entries of a table box with a count, as int64; no rows where the box is missing."""
     if box is None:
         return np.zeros((0, width), dtype=np.int64)
@@ -94,10 +94,12 @@ def read_table(data: mmap.mmap, box: Span | None, width: int, dtype: str, head: 
     return np.frombuffer(data, dtype, count * width, first).astype(np.int64).reshape(count, width)
 
 
-def read_fragments(data: mmap.mmap, moov: Span, moofs: list[Span], track_id: int, scale: int) -> Samples:
+def read_fragments(
+    data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], track_id: int, scale: int
+) -> VideoSampleTable:
     """Samples of the movie fragments."""
     defaults = _track_defaults(data, moov, track_id)
-    found = _Found()
+    found = _Mp4Fragments()
     clock = 0
     for moof in (m for m in moofs if m.stop <= len(data)):
         for traf in (b for b in boxes(data, moof.start, moof.stop) if b.kind == b"traf"):
@@ -105,7 +107,7 @@ def read_fragments(data: mmap.mmap, moov: Span, moofs: list[Span], track_id: int
             if unpack(data, ">I", tfhd.start + 4)[0] != track_id:
                 continue
             clock = _fragment(data, moof, traf, tfhd, defaults, clock, found)
-    return Samples(scale, *np.concatenate([np.zeros((0, 4), dtype=np.int64), *found.samples]).T)
+    return VideoSampleTable(scale, *np.concatenate([np.zeros((0, 4), dtype=np.int64), *found.samples]).T)
 
 
 def most_samples(data: mmap.mmap) -> int:
@@ -113,7 +115,7 @@ def most_samples(data: mmap.mmap) -> int:
     return min(MAX_FRAMES, len(data) // SMALLEST_FRAME)
 
 
-class _Found:
+class _Mp4Fragments:
     """Samples of fragments so far: (n, 4) time, duration, offset and size of each run."""
 
     def __init__(self) -> None:
@@ -121,7 +123,7 @@ class _Found:
         self.count = 0
 
 
-def _track_defaults(data: mmap.mmap, moov: Span, track_id: int) -> tuple[int, int]:
+def _track_defaults(data: mmap.mmap, moov: ByteRange, track_id: int) -> tuple[int, int]:
     """Default duration and size of a fragment's samples."""
     mvex = find_box(data, moov, b"mvex")
     for trex in boxes(data, mvex.start, mvex.stop) if mvex is not None else ():
@@ -132,12 +134,12 @@ def _track_defaults(data: mmap.mmap, moov: Span, track_id: int) -> tuple[int, in
 
 def _fragment(
     data: mmap.mmap,
-    moof: Span,
-    traf: Span,
-    tfhd: Span,
+    moof: ByteRange,
+    traf: ByteRange,
+    tfhd: ByteRange,
     defaults: tuple[int, int],
     clock: int,
-    found: _Found,
+    found: _Mp4Fragments,
 ) -> int:
     """Add the samples of one track fragment; time after it."""
     flags = unpack(data, ">I", tfhd.start)[0] & 0xFFFFFF
@@ -163,11 +165,11 @@ def _fragment(
 
 def _run(
     data: mmap.mmap,
-    trun: Span,
+    trun: ByteRange,
     defaults: tuple[int, int],
     clock: int,
     base: int,
-    found: _Found,
+    found: _Mp4Fragments,
 ) -> tuple[int, int]:
     flags, count = unpack(data, ">II", trun.start)
     flags &= 0xFFFFFF
@@ -205,7 +207,7 @@ def recognised(data: mmap.mmap) -> bool:
 def parse(data: mmap.mmap) -> Container:
     """The video frames of the file and what is wrong with it."""
     problems: list[tuple[str, str]] = []
-    top: list[Span] = []
+    top: list[ByteRange] = []
     try:
         for box in boxes(data, 0, len(data)):
             if box.kind in (b"moov", b"moof"):
@@ -226,7 +228,7 @@ def parse(data: mmap.mmap) -> Container:
         return unknown_frames("mp4", *problems, (f"byte {bad.byte}", f"the index (box moov) is damaged: {bad.what}"))
 
 
-def _container(data: mmap.mmap, moov: Span, moofs: list[Span], problems: list[tuple[str, str]]) -> Container:
+def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problems: list[tuple[str, str]]) -> Container:
     trak, track_id = _video_track(data, moov)
     samples = _sample_table(data, trak, problems)
     if moofs:
@@ -255,7 +257,7 @@ def _container(data: mmap.mmap, moov: Span, moofs: list[Span], problems: list[tu
     return Container("mp4", pts, broken, True, rate, tuple(problems))
 
 
-def _video_track(data: mmap.mmap, moov: Span) -> tuple[Span, int]:
+def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int]:
     for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
         if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
@@ -265,7 +267,7 @@ def _video_track(data: mmap.mmap, moov: Span) -> tuple[Span, int]:
     raise BrokenContainerError(moov.start, "it names no video track")
 
 
-def _sample_table(data: mmap.mmap, trak: Span, problems: list[tuple[str, str]]) -> Samples:
+def _sample_table(data: mmap.mmap, trak: ByteRange, problems: list[tuple[str, str]]) -> VideoSampleTable:
     scale = ticks_per_second(data, need_box(data, trak, b"mdia", b"mdhd"))
     stbl = need_box(data, trak, b"mdia", b"minf", b"stbl")
     size = _sizes(data, need_box(data, stbl, b"stsz"))
@@ -277,10 +279,10 @@ def _sample_table(data: mmap.mmap, trak: Span, problems: list[tuple[str, str]]) 
     duration = _runs(lasting, n)
     shift = _runs(read_table(data, find_box(data, stbl, b"ctts"), 2, ">i4"), n)
     time = np.concatenate([[0], np.cumsum(duration)[:-1]]).astype(np.int64) + shift if n else shift
-    return Samples(scale, time, duration, _offsets(data, stbl, size), size)
+    return VideoSampleTable(scale, time, duration, _offsets(data, stbl, size), size)
 
 
-def _sizes(data: mmap.mmap, stsz: Span) -> Ints:
+def _sizes(data: mmap.mmap, stsz: ByteRange) -> Ints:
     uniform, count = unpack(data, ">II", stsz.start + 4)
     if uniform:
         if count > most_samples(data):
@@ -301,7 +303,7 @@ def _runs(table: Ints, n: int) -> Ints:
     return out
 
 
-def _offsets(data: mmap.mmap, stbl: Span, size: Ints) -> Ints:
+def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
     """(n,) place of every sample in the file."""
     chunks = read_table(data, find_box(data, stbl, b"stco"), 1, ">u4")[:, 0]
     if not len(chunks):
@@ -324,7 +326,7 @@ def _offsets(data: mmap.mmap, stbl: Span, size: Ints) -> Ints:
     return np.asarray(chunks[chunk_of] + start - base, dtype=np.int64)
 
 
-def _edited(data: mmap.mmap, moov: Span, trak: Span, samples: Samples, time: Ints) -> Bools | None:
+def _edited(data: mmap.mmap, moov: ByteRange, trak: ByteRange, samples: VideoSampleTable, time: Ints) -> Bools | None:
     """Which samples, in the order of time, the edit list shows; None for an edit list that cuts and joins."""
     elst = find_box(data, trak, b"edts", b"elst")
     if elst is None:
@@ -356,5 +358,5 @@ def _ticks_to_ns(ticks: Ints, scale: int) -> Ints:
     return np.asarray(whole * 1_000_000_000 + (rest * 1_000_000_000 + scale // 2) // scale, dtype=np.int64)
 
 
-def _join(a: Samples, b: Samples) -> Samples:
-    return Samples(a.scale, *(np.concatenate([x, y]) for x, y in zip(a[1:], b[1:], strict=True)))
+def _join(a: VideoSampleTable, b: VideoSampleTable) -> VideoSampleTable:
+    return VideoSampleTable(a.scale, *(np.concatenate([x, y]) for x, y in zip(a[1:], b[1:], strict=True)))

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from occlog.errors import InputError, UsageError, option
-from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
+from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_input
 from occlog.records.declared.people import Gallery
 from occlog.records.frames import Frame
 from occlog.records.losses import Loss
@@ -85,7 +85,7 @@ class SightingInput:
     @property
     def losses(self) -> tuple[Loss, ...]:
         """What was lost when the inputs were made."""
-        return losses_of([self._images, self._boxes, self._tracks])
+        return input_losses([self._images, self._boxes, self._tracks])
 
     def boxes(self) -> Iterator[FrameBoxes]:
         """Boxes frame by frame."""

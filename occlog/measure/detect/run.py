@@ -20,7 +20,7 @@ from occlog.errors import InputError, UsageError, option
 from occlog.io.files.limits import FOREIGN_BAG, check_input
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.open import check_unit, load_scene, open_input
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.run import FuseTally
@@ -154,7 +154,7 @@ def _fused(
 
 
 def _detections(
-    request: DetectRequest, recording: Recording, scene: Scene, left: LeftOut, job: Job
+    request: DetectRequest, recording: McapRecording, scene: Scene, left: LeftOut, job: Job
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """The parts in the order of time, and the parameters on which they depend.
 
@@ -240,7 +240,7 @@ def _pass_on(chunks: Iterator[Bearings], near: Near | None, places: dict[str, Fl
 
 
 def _from_images(
-    request: DetectRequest, recording: Recording, scene: Scene, config: DetectConfig, left: LeftOut, job: Job
+    request: DetectRequest, recording: McapRecording, scene: Scene, config: DetectConfig, left: LeftOut, job: Job
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """Learn from a first look where that is asked for, then detect in a second."""
     sensors = cameras_of(request.cameras, recording)
@@ -264,7 +264,7 @@ def _from_images(
     return detect(left.watch(frames), scene, config, request.threads, learned, targets, near=near), used
 
 
-def images_of(request: Detection, detector: str) -> tuple[Recording, Scene, tuple[str, ...]]:
+def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, tuple[str, ...]]:
     """The recording of a request, its scene, and the cameras in whose images to detect.
 
     Raises:
@@ -283,7 +283,7 @@ def images_of(request: Detection, detector: str) -> tuple[Recording, Scene, tupl
     return opened, scene, sensors
 
 
-def cameras_of(only: tuple[str, ...], recording: Recording) -> tuple[str, ...]:
+def cameras_of(only: tuple[str, ...], recording: McapRecording) -> tuple[str, ...]:
     """Names of the cameras in whose images to detect; UsageError for one of which there are no images."""
     for name in only:
         if name not in recording.cameras:
@@ -292,13 +292,13 @@ def cameras_of(only: tuple[str, ...], recording: Recording) -> tuple[str, ...]:
     return only or recording.cameras
 
 
-def frames_of(recording: Recording, sensors: tuple[str, ...]) -> int:
+def frames_of(recording: McapRecording, sensors: tuple[str, ...]) -> int:
     """Number of frames of some cameras."""
     wanted = {f"/camera/{name}/{kind}" for name in sensors for kind in ("image", "video")}
     return sum(t.messages for t in recording.topics if t.name in wanted)
 
 
-def _references(request: DetectRequest, recording: Recording) -> tuple[Target, ...]:
+def _references(request: DetectRequest, recording: McapRecording) -> tuple[Target, ...]:
     """Appearances of the targets, from a file or attached to the recording; none where there is neither."""
     if request.target is not None:
         where = str(request.target)

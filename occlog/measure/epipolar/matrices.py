@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.errors import InputError
 from occlog.io.formats.models.fundamental_matrices import attached_epipolar, read_epipolar
-from occlog.io.recording.reader import Recording
+from occlog.io.recording.reader import McapRecording
 from occlog.records.scene import Scene
 from occlog.records.view_pairs import ViewPairs
 
@@ -28,7 +28,7 @@ class KnownGeometry(NamedTuple):
 
 
 def known_geometry(
-    views: Sequence[View], recording: Recording, given: Scene | None, file: Path | None
+    views: Sequence[View], recording: McapRecording, given: Scene | None, file: Path | None
 ) -> KnownGeometry:
     """The geometry of some views.
 

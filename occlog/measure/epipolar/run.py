@@ -15,10 +15,10 @@ from occlog.io.formats.models.fundamental_matrices import (
     read_matches,
     write_epipolar,
 )
-from occlog.io.formats.models.motion_models import lost_in_models
-from occlog.io.open import load_scene, names_recording, open_input
+from occlog.io.formats.models.motion_models import model_losses
+from occlog.io.open import is_recording_name, load_scene, open_input
 from occlog.io.recording.copy import copy_recording
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TruthBoxes
 from occlog.records.view_pairs import PointMatches, ViewPair, ViewPairs
@@ -40,14 +40,14 @@ def run_epipolar(request: EpipolarRequest, job: Job) -> tuple[dict[str, object],
     recording = open_recording(request.recording) if request.recording is not None else None
     scene = _scene(request, recording)
     made = () if recording is None else recording.losses
-    losses = tuple(dict.fromkeys((*made, *lost_in_models([request.tracks, request.fundamental]))))
+    losses = tuple(dict.fromkeys((*made, *model_losses([request.tracks, request.fundamental]))))
     if request.output is None:
         checks = _checks(request, config, recording, scene)
         agree = all(check.fits for check in checks)
         return {"pairs": {f"{c.a}-{c.b}": _check_summary(c) for c in checks}, "agree": agree}, losses
     pairs, output = _only(_find(request, config, scene), request.cameras), request.output
     provenance = job.provenance({**asdict(config), "only": ",".join(request.cameras)}, losses)
-    if names_recording(output) and recording is not None:
+    if is_recording_name(output) and recording is not None:
         _check_names(pairs, recording)
         attached = {EPIPOLAR_ATTACHMENT: epipolar_bytes(pairs, provenance)}
         copy_recording(recording, output, attached, provenance, overwrite=job.overwrite)
@@ -73,11 +73,11 @@ def _check_usage(request: EpipolarRequest) -> None:
             f"matrices come from {option('fundamental')} or from matches; give one, or "
             f"{option('check')} to compare them"
         )
-    if output is not None and names_recording(output) and request.recording is None:
+    if output is not None and is_recording_name(output) and request.recording is None:
         raise UsageError(f"{output}: a recording is copied; name the one that is to hold the matrices")
 
 
-def _scene(request: EpipolarRequest, recording: Recording | None) -> Scene | None:
+def _scene(request: EpipolarRequest, recording: McapRecording | None) -> Scene | None:
     if request.scene is not None:
         return load_scene(request.scene, None, request.scene)
     return recording.scene if recording is not None else None
@@ -98,7 +98,7 @@ def _find(request: EpipolarRequest, config: EpipolarConfig, scene: Scene | None)
 
 
 def _checks(
-    request: EpipolarRequest, config: EpipolarConfig, recording: Recording | None, scene: Scene | None
+    request: EpipolarRequest, config: EpipolarConfig, recording: McapRecording | None, scene: Scene | None
 ) -> tuple[PairCheck, ...]:
     pairs = read_epipolar(request.fundamental) if request.fundamental is not None else None
     if pairs is None and recording is not None:
@@ -143,7 +143,7 @@ def _only(pairs: ViewPairs, only: tuple[str, ...]) -> ViewPairs:
     return ViewPairs(kept)
 
 
-def _check_names(pairs: ViewPairs, recording: Recording) -> None:
+def _check_names(pairs: ViewPairs, recording: McapRecording) -> None:
     """InputError where a pair names a camera that the recording knows nothing of."""
     known = [*recording.cameras, *(c.name for c in (recording.scene.cameras if recording.scene else ()))]
     for pair in pairs.pairs:

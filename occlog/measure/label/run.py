@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from occlog.errors import InputError, UsageError, option
-from occlog.io.open import losses_of, open_in_unit, open_input
+from occlog.io.open import input_losses, open_in_unit, open_input
 from occlog.measure.appearance.config import MatchConfig
 from occlog.measure.appearance.run import SightingFiles, SightingInput
 from occlog.measure.appearance.sightings import SightingTally, sightings
@@ -122,7 +122,7 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
         **asdict(naming),
     }
     made = job.provenance(parameters)
-    before = (*losses_of([opened]), *inputs.losses)
+    before = (*input_losses([opened]), *inputs.losses)
     with job.tables(made, unit, later=("named",)) as tables:
         for part in match(seen, sides, config):
             tables.write(output=part)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from occlog.errors import InputError, UsageError, option
-from occlog.io.open import check_unit, load_scene, losses_of, open_input
+from occlog.io.open import check_unit, input_losses, load_scene, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import Bearings, Doa, Occluders, Tracks, Truth, Views
 from occlog.runner import Job
@@ -114,7 +114,7 @@ def run_hull(request: HullRequest, job: Job) -> Result:
     views = _of_cameras(job.progress(source.chunks(Views), "hull"), used)
     looked = None if request.bearings is None else Source(request.bearings, request.scene)
     frames = None if looked is None else _of_cameras(looked.chunks(Bearings), used)
-    losses = losses_of([source.opened, None if looked is None else looked.opened])
+    losses = input_losses([source.opened, None if looked is None else looked.opened])
     provenance = job.provenance({"source": "hull", "cameras": used, **asdict(config)}, losses)
     tally, candidates, moments = PriorsTally(), 0, 0
     with job.tables(provenance, scene.length_unit) as tables:

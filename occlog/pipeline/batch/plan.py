@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from occlog.errors import InputError
 from occlog.io.remote import find, is_url
-from occlog.io.remote import shown as without_secrets
+from occlog.io.remote import public_url as without_secrets
 from occlog.pipeline.pack.archive import key_of_name
 
 FEWEST_DIGITS = 8

@@ -23,7 +23,7 @@ from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL, alone_with, no_links_out_of, translate_write_errors
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.texts.documents import read_json, write_json
-from occlog.io.remote import Cache, check_output, fetch, is_url, names_in, put, remove, shown
+from occlog.io.remote import Cache, check_output, fetch, is_url, names_in, public_url, put, remove
 from occlog.pipeline.run.run import GOING_ON, STATE, Step, do_stages, drop_empty, losses_of, verdicts_of, worst
 from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
@@ -65,7 +65,7 @@ def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[
     check_output(output)
     names = names_in(output)
     if names and MARK not in names:
-        raise UsageError(f"{shown(output)}: holds files but no {MARK}, so it is not of a batch; name a new folder")
+        raise UsageError(f"{public_url(output)}: holds files but no {MARK}, so it is not of a batch; name a new folder")
     with cache.scratch() as folder:
         write_json(folder / MARK, _mark())
         put(folder / MARK, f"{output}/{MARK}")

@@ -22,7 +22,7 @@ from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.texts.documents import read_json
 from occlog.io.gathered import join_tables, write_metrics, write_runs
-from occlog.io.remote import Cache, is_url, kind_of, shown
+from occlog.io.remote import Cache, is_url, kind_of, public_url
 from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.executors.chosen import executor_of
 from occlog.pipeline.executors.interface import Lost
@@ -226,7 +226,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
             console.note(f"warning: no run has made {name}, so that there is no table of all", quiet)
     for loss in gathered.losses:
         console.note(f"lost: {loss}")
-    console.echo_summary(_summary(shown(place), outcomes, gathered.rows), as_json)
+    console.echo_summary(_summary(public_url(place), outcomes, gathered.rows), as_json)
     plausible = all(each.plausible is not False for each in outcomes)
     return console.strict_code(_code(outcomes, bool(gathered.losses)), plausible, strict)
 

@@ -16,7 +16,7 @@ from occlog.array_types import NS, Bools, Ints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.parquet import read_provenance
 from occlog.io.open import open_input
-from occlog.io.recording.reader import Recording
+from occlog.io.recording.reader import McapRecording
 from occlog.measure.detect.by_background.one_camera import stretches
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.epipolar.views import View
@@ -119,7 +119,7 @@ class Pictures:
     """
 
     def __init__(
-        self, asked: OverlayRequest, recording: Recording, names: list[str], scene: Scene | None, job: Job
+        self, asked: OverlayRequest, recording: McapRecording, names: list[str], scene: Scene | None, job: Job
     ) -> None:
         self._recording, self.names, self.first = recording, names, names[0]
         self._tracks = _rows(asked.tracks, ViewTracks)
@@ -232,7 +232,7 @@ def _columns(cells: int) -> int:
 
 
 def _world(
-    asked: OverlayRequest, recording: Recording, scene: Scene | None, ranks: Mapping[int, int], job: Job
+    asked: OverlayRequest, recording: McapRecording, scene: Scene | None, ranks: Mapping[int, int], job: Job
 ) -> World | None:
     """Tracks of the world; None: there are none, or nothing says where the cameras are."""
     if asked.world is None:
@@ -250,7 +250,7 @@ def _world(
     return World(Sources(asked.world, asked.diagnostics, asked.truth, scene.length_unit), metres, ranks, asked.trail)
 
 
-def _first_image(recording: Recording, name: str, lost: LostFrames) -> Image:
+def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image:
     """The first image of a camera that can be decoded; InputError where there is none."""
     for frame in recording.frames([name]):
         image = lost.image(frame)
@@ -260,7 +260,7 @@ def _first_image(recording: Recording, name: str, lost: LostFrames) -> Image:
 
 
 def _rig(
-    asked: OverlayRequest, recording: Recording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
+    asked: OverlayRequest, recording: McapRecording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
 ) -> Rig:
     """The views, as large as their first images, and the geometry that the tracker had, as far as it is known."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import write_bytes
-from occlog.io.formats.models.motion_models import lost_in_models
+from occlog.io.formats.models.motion_models import model_losses
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import SHOWN, ShownVideo
-from occlog.io.open import load_scene, losses_of, open_if_ours, open_input
-from occlog.io.recording.reader import IMAGE_SCHEMA, Recording, open_recording
+from occlog.io.open import input_losses, load_scene, open_if_ours, open_input
+from occlog.io.recording.reader import IMAGE_SCHEMA, McapRecording, open_recording
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks
@@ -25,8 +25,8 @@ from .pictures import Pictures
 def _lost_earlier(asked: OverlayRequest) -> tuple[Loss, ...]:
     """What was lost in making the inputs."""
     tables = (asked.recording, asked.tracks, asked.world, asked.diagnostics, asked.truth, asked.failures)
-    found = losses_of(open_if_ours(path) for path in tables if path is not None)
-    return tuple(dict.fromkeys((*found, *lost_in_models([asked.fundamental]))))
+    found = input_losses(open_if_ours(path) for path in tables if path is not None)
+    return tuple(dict.fromkeys((*found, *model_losses([asked.fundamental]))))
 
 
 def run_overlay(request: OverlayRequest, job: Job) -> Done:
@@ -121,7 +121,7 @@ def _summary(asked: OverlayRequest, names: list[str], shown: int, rate: float, p
     return summary | {"cameras": names, "scale": round(pictures.scale, 3)} | pictures.used()
 
 
-def _cameras(recording: Recording, asked: tuple[str, ...]) -> list[str]:
+def _cameras(recording: McapRecording, asked: tuple[str, ...]) -> list[str]:
     if not recording.cameras:
         raise InputError(f"{recording.path}: holds no video to draw over")
     for name in asked:
@@ -130,7 +130,7 @@ def _cameras(recording: Recording, asked: tuple[str, ...]) -> list[str]:
     return list(dict.fromkeys(asked)) or list(recording.cameras)
 
 
-def _rate(recording: Recording, names: list[str]) -> float:
+def _rate(recording: McapRecording, names: list[str]) -> float:
     """Frames a second of the fastest camera; 25 where a recording holds one time only."""
     first, last = recording.time_ns or (0, 0)
     topics = [t for t in recording.topics if t.schema in (IMAGE_SCHEMA, VIDEO_FRAME)]

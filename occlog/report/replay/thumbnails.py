@@ -17,7 +17,7 @@ import numpy as np
 from occlog.array_types import NS, Ints
 from occlog.errors import InputError, option
 from occlog.io.frames.codec import encode_image
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.losses import Loss
 from occlog.report.overlay.draw import Shot, Way, draw_shot
 from occlog.report.overlay.pictures import NO_IMAGE, LostFrames
@@ -107,7 +107,7 @@ def thumbnails(recording: Path, sources: Sources | None, targets: Sequence[int],
 
 
 def _size(
-    opened: Recording, known: Mapping[str, Sequence[int]], sources: Sources | None, targets: Sequence[int]
+    opened: McapRecording, known: Mapping[str, Sequence[int]], sources: Sources | None, targets: Sequence[int]
 ) -> int:
     """Bytes of the first image of each camera that can be decoded."""
     wanted = {name: set(own) for name, own in known.items()}
@@ -127,7 +127,7 @@ def _before(times: Ints, moments: Ints) -> set[int]:
 
 
 def _drawn(
-    opened: Recording,
+    opened: McapRecording,
     chosen: Mapping[str, set[int]],
     sources: Sources | None,
     targets: Sequence[int],

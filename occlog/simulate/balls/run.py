@@ -11,7 +11,7 @@ from pathlib import Path
 
 from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.atomic import Together, check_outputs
+from occlog.io.files.atomic import OutputGroup, check_outputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import LosslessVideo
@@ -78,7 +78,7 @@ def run_balls(request: BallsRequest, job: Job) -> Done:
     counts: Counter[str] = Counter()
     frames = job.progress(render_balls(setup.config, seed, setup.workers, paths), "render", setup.config.frames)
     with (
-        Together() as together,
+        OutputGroup() as together,
         RecordingWriter(output, setup.scene, _made(setup, job, seed), overwrite=overwrite, together=together) as writer,
     ):
         if setup.store.store == "ffv1":

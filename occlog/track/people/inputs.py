@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
-from occlog.io.open import Opened, check_unit, load_scene, losses_of, open_input
+from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_input
 from occlog.records.frames import gaps_of, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
@@ -160,7 +160,7 @@ class PeopleInput:
     @property
     def losses(self) -> tuple[Loss, ...]:
         """What was lost when the boxes were made."""
-        return losses_of([self.opened, self._doa])
+        return input_losses([self.opened, self._doa])
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.errors import InputError, option
-from occlog.io.open import Opened, losses_of, open_input
+from occlog.io.open import Opened, input_losses, open_input
 from occlog.measure.appearance.config import MatchConfig
 from occlog.measure.appearance.sightings import FrameBoxes, SightingTally, boxes_of_frames, paths_of_rows, sightings
 from occlog.measure.appearance.stage import Evidence, EvidenceTally, identities, match, sides_of
@@ -265,7 +265,7 @@ class ByGallery:
     def losses(self) -> tuple[Loss, ...]:
         """What was lost when the gallery and the images were made, and of the images here."""
         own = self._images if self._images is not self._inputs.opened else None
-        return (*losses_of([self._opened, own]), *self._seen.losses())
+        return (*input_losses([self._opened, own]), *self._seen.losses())
 
     def notes(self) -> Iterator[str]:
         """What a user must know beside the figures."""

@@ -23,7 +23,7 @@ from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, surv
 from occlog.io.formats.trajectories import Origin, degrees_of, places_of_degrees
 from occlog.io.formats.truth import TruthOptions, read_truth
 from occlog.io.frames.streams import rate_times
-from occlog.io.open import check_unit, of_others, open_input
+from occlog.io.open import check_unit, is_external, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import TABLES, Boxes, Tracks, Truth
 
@@ -214,7 +214,7 @@ def test_lengths_are_converted_to_the_unit_of_the_scene(tmp_path: Path) -> None:
     truth = truth_of([(0, 3, 100.0, -250.0, 0.0), (NS, 3, 125.0, -250.0, 0.0)])
     for name, options in (("a.trc", {}), ("a.geojson", {"origin": Origin(52.5, 13.4)})):
         opened = open_input(exported(tmp_path, truth, name, unit="cm", **options), Truth)
-        assert of_others(opened.path)
+        assert is_external(opened.path)
         check_unit(opened, "cm")
         np.testing.assert_allclose(opened.read(Truth).x, truth.x, atol=0.01)
 

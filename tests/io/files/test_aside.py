@@ -11,7 +11,7 @@ import pytest
 from made_up import run
 
 from occlog.errors import OutputError
-from occlog.io.files.spill import Aside
+from occlog.io.files.spill import SpilledTable
 from occlog.records.tables import Bearings
 
 
@@ -25,7 +25,7 @@ def test_chunks_come_back_as_they_were(tmp_path: Path, monkeypatch: pytest.Monke
         for start in range(0, len(table), 37):
             yield table.take(slice(start, start + 37))
 
-    held = Aside(Bearings, source)
+    held = SpilledTable(Bearings, source)
     # Whoever stops on the way has put nothing aside
     next(iter(held.chunks()))
     for _ in range(3):
@@ -40,11 +40,11 @@ def test_chunks_come_back_as_they_were(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_nothing_is_put_aside_and_comes_back() -> None:
-    held = Aside(Bearings, lambda: iter(()))
+    held = SpilledTable(Bearings, lambda: iter(()))
     assert [list(held.chunks()), list(held.chunks())] == [[], []]
 
 
 def test_a_full_folder_for_temporary_files_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
     with pytest.raises(OutputError, match="gone: cannot be written"):
-        list(Aside(Bearings, lambda: iter(())).chunks())
+        list(SpilledTable(Bearings, lambda: iter(())).chunks())

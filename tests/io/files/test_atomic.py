@@ -83,7 +83,7 @@ def test_files_that_belong_together_appear_together(tmp_path: Path, fails: str) 
     with ExitStack() as stack:
         if fails != "none":
             stack.enter_context(pytest.raises(ZeroDivisionError))
-        together = stack.enter_context(atomic.Together())
+        together = stack.enter_context(atomic.OutputGroup())
         for path, name in zip(paths, ("first", "second"), strict=True):
             with atomic.open_output(path, True, together) as file:
                 file.write(b"new")
@@ -97,7 +97,7 @@ def test_files_that_belong_together_appear_together(tmp_path: Path, fails: str) 
 
 @pytest.mark.usefixtures("way")
 def test_one_that_appears_meanwhile_holds_back_all(tmp_path: Path) -> None:
-    with pytest.raises(OutputExistsError, match=r"b\.bin"), atomic.Together() as together:
+    with pytest.raises(OutputExistsError, match=r"b\.bin"), atomic.OutputGroup() as together:
         for name in ("a.bin", "b.bin"):
             with atomic.open_output(tmp_path / name, False, together) as file:
                 file.write(b"ours")
@@ -253,7 +253,7 @@ def test_where_one_of_several_cannot_take_its_name_all_is_as_before(
         return replace(self, to)
 
     monkeypatch.setattr(Path, "replace", fails)
-    with pytest.raises(OutputError, match=r"b\.bin: cannot be written"), atomic.Together() as together:
+    with pytest.raises(OutputError, match=r"b\.bin: cannot be written"), atomic.OutputGroup() as together:
         for path in paths:
             with atomic.open_output(path, True, together) as file:
                 file.write(b"new")

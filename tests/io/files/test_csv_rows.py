@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, no_formula, plain_text, read_rows
+from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, no_formula, plain_text, read_rows
 
 COLUMNS = {"a": ("a", "first"), "b": ("b",)}
 
 
-def read(folder: Path, text: str, **options: int) -> list[Rows]:
+def read(folder: Path, text: str, **options: int) -> list[CsvRows]:
     path = folder / "t.csv"
     path.write_text(text)
     return list(read_rows(path, COLUMNS, "a table", **options))

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.files.texts.formats import IDENTITY, LENGTH, TEXT, WHOLE, Column, Format, read_format
+from occlog.io.files.texts.formats import IDENTITY, LENGTH, TEXT, WHOLE, FormatColumn, TextFormat, read_format
 
-BUOYS = Format(
+BUOYS = TextFormat(
     "a table of buoys",
     {
-        "name": Column(("name", "buoy"), TEXT),
-        "x": Column(("x", "x_m"), LENGTH),
-        "depth": Column(("depth_m",), least=0.0, most=11_000.0, unit="m", default=math.nan),
-        "reach": Column(("reach",), above=0.0, default=math.inf),
-        "group": Column(("group",), IDENTITY, least=-1, default=-1),
-        "count": Column(("count",), WHOLE, default=7),
-        "state": Column(("state",), TEXT, choices=("on", "off"), default="on"),
+        "name": FormatColumn(("name", "buoy"), TEXT),
+        "x": FormatColumn(("x", "x_m"), LENGTH),
+        "depth": FormatColumn(("depth_m",), least=0.0, most=11_000.0, unit="m", default=math.nan),
+        "reach": FormatColumn(("reach",), above=0.0, default=math.inf),
+        "group": FormatColumn(("group",), IDENTITY, least=-1, default=-1),
+        "count": FormatColumn(("count",), WHOLE, default=7),
+        "state": FormatColumn(("state",), TEXT, choices=("on", "off"), default="on"),
     },
     times=True,
     ignored=("colour",),

@@ -34,9 +34,9 @@ from occlog.io.files.tables.sizes import (
     STRUCT,
     Chunk,
     CompactReader,
-    Group,
     MalformedError,
     Page,
+    RowGroupSizes,
     read_groups,
     read_page,
 )
@@ -90,7 +90,7 @@ def by_library(path: Path) -> list[list[Chunk]]:
     return groups
 
 
-def groups_in(path: Path) -> list[Group]:
+def groups_in(path: Path) -> list[RowGroupSizes]:
     with path.open("rb") as file:
         return read_groups(path, file, path.stat().st_size)
 

@@ -19,7 +19,7 @@ from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.foreign import source
-from occlog.io.open import check_unit, of_others, open_if_ours, open_input
+from occlog.io.open import check_unit, is_external, open_if_ours, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Tracks, Truth, TruthBoxes, Views
 
@@ -80,7 +80,7 @@ def test_what_pandas_wrote_is_the_same_table(tmp_path: Path, kind: str) -> None:
     table = bearings(50)
     path = write(tmp_path / f"b.{kind}", frame_of(table), kind)
     opened = open_input(path, Bearings)
-    assert of_others(path)
+    assert is_external(path)
     assert opened.table == "bearings"
     same(opened.read(Bearings), table)
 
@@ -95,7 +95,7 @@ def test_any_bearings_come_back(tmp_path_factory: pytest.TempPathFactory, seed: 
 
 def test_our_own_tables_are_not_of_others(tmp_path: Path) -> None:
     write_table(tmp_path / "b.parquet", bearings(5), Provenance("test"))
-    assert not of_others(tmp_path / "b.parquet")
+    assert not is_external(tmp_path / "b.parquet")
     assert open_input(tmp_path / "b.parquet").foreign is None
 
 

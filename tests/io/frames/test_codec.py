@@ -17,9 +17,9 @@ from occlog.io.frames.codec import (
     SEVERAL,
     dark_bars,
     decode_image,
-    holds_several,
     image_damage,
     image_size,
+    is_multi_image,
     shown_size,
 )
 from occlog.io.frames.limits import MAX_PIXELS
@@ -138,7 +138,7 @@ def test_animations_are_known_by_their_pictures(ending: str, pictures: int, seve
     made.durations = [100] * pictures
     data = cv2.imencodeanimation(ending, made)[1].tobytes()
     assert image_damage(data) == (SEVERAL if several else None)
-    assert not any(holds_several(data[:end]) for end in range(20))
+    assert not any(is_multi_image(data[:end]) for end in range(20))
 
 
 @pytest.mark.parametrize(("pages", "damage"), [(1, None), (2, SEVERAL)])
@@ -166,13 +166,13 @@ def tiff(order: str, *kinds: int, large: bool = False) -> bytes:
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize(("kinds", "several"), [((0,), False), ((0, 2), True), ((0, 1), False), ((0, 4, 1), False)])
 def test_smaller_copies_in_tiff_are_no_pages(order: str, kinds: tuple[int, ...], several: bool, large: bool) -> None:
-    assert holds_several(tiff(order, *kinds, large=large)) == several
+    assert is_multi_image(tiff(order, *kinds, large=large)) == several
 
 
 def test_pages_that_lead_to_each_other_end() -> None:
     data = tiff("<", 1, 1)
-    assert not holds_several(data[:-4] + struct.pack("<I", 8))
-    assert not holds_several(data[:20])
+    assert not is_multi_image(data[:-4] + struct.pack("<I", 8))
+    assert not is_multi_image(data[:20])
 
 
 def mpo(order: str, *kinds: int, words: bytes = b"") -> bytes:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.frames.decode import MAX_STRETCHES, Ledger
+from occlog.io.frames.decode import MAX_STRETCHES, FrameLedger
 from occlog.io.video.container import Container
 from occlog.records.losses import Loss
 
@@ -19,14 +19,14 @@ def container(frames: int) -> Container:
     return Container("avi", np.arange(frames), np.zeros(frames, dtype=np.bool_), False, None)
 
 
-def losses(ledger: Ledger) -> list[Loss]:
+def losses(ledger: FrameLedger) -> list[Loss]:
     found: list[Loss] = []
     ledger.report(found.append)
     return found
 
 
-def delivered(frames: list[int], total: int, start: int = 0, stop: int | None = None) -> Ledger:
-    ledger = Ledger(Path("v.avi"), container(total), total, SIZE, start, stop)
+def delivered(frames: list[int], total: int, start: int = 0, stop: int | None = None) -> FrameLedger:
+    ledger = FrameLedger(Path("v.avi"), container(total), total, SIZE, start, stop)
     for index in frames:
         if ledger.accept(index):
             ledger.fits(index, SIZE)
@@ -45,7 +45,7 @@ def test_so_many_lost_stretches_are_listed_and_the_rest_is_added_up(holes: int, 
 
 @pytest.mark.parametrize(("met", "told"), [(979, False), (978, True)])
 def test_an_estimated_count_may_be_two_percent_and_a_frame_too_high(met: int, told: bool) -> None:
-    ledger = Ledger(Path("v.ts"), None, 1000, SIZE, 0, None)
+    ledger = FrameLedger(Path("v.ts"), None, 1000, SIZE, 0, None)
     for index in range(met):
         assert ledger.accept(index)
         ledger.fits(index, SIZE)
@@ -53,7 +53,7 @@ def test_an_estimated_count_may_be_two_percent_and_a_frame_too_high(met: int, to
 
 
 def test_a_range_begins_with_its_first_frame_and_ends_before_its_last() -> None:
-    ledger = Ledger(Path("v.avi"), container(10), 10, SIZE, 3, 6)
+    ledger = FrameLedger(Path("v.avi"), container(10), 10, SIZE, 3, 6)
     assert [index for index in range(10) if ledger.accept(index)] == [3, 4, 5]
 
 

@@ -9,7 +9,7 @@ import pytest
 from occlog.errors import InputError
 from occlog.io.messages import kinds as decoding
 from occlog.io.messages.kinds import LONGEST_DEFINITION, decoder
-from occlog.io.messages.mcap_file import Topic
+from occlog.io.messages.mcap_file import BagTopic
 
 pytest.importorskip("rosbags")
 FIELDS = b"float64 x\n"
@@ -17,8 +17,8 @@ HALF = b"\x00\x01\x00\x00" + b"\x00\x00\x00\x00\x00\x00\xe0?"
 """A message of little-endian CDR with one number, 0.5."""
 
 
-def topic(definition: bytes, name: str = "/a") -> Topic:
-    return Topic(name, "made_msgs/msg/Point", "cdr", definition, "ros2msg", None)
+def topic(definition: bytes, name: str = "/a") -> BagTopic:
+    return BagTopic(name, "made_msgs/msg/Point", "cdr", definition, "ros2msg", None)
 
 
 def test_a_definition_may_be_as_long_as_the_limit() -> None:
@@ -102,7 +102,7 @@ def test_messages_with_lists_have_a_length(monkeypatch: pytest.MonkeyPatch) -> N
     with pytest.raises(ValueError, match="with lists of 101 bytes"):
         decoder(topic(b"string[] x\n"))(bytes(101))
     for name, kind in (("FrameTransforms", "protobuf"), ("FrameTransform", "json")):
-        decode = decoder(Topic("/a", f"foxglove.{name}", kind, b"", "", None))
+        decode = decoder(BagTopic("/a", f"foxglove.{name}", kind, b"", "", None))
         bad = b"\x0a\x00" * 51 if kind == "protobuf" else b'{"a":[' + b",".join([b"{}"] * 99_999) + b"]}"
         with pytest.raises(ValueError, match=r"with lists of 102 bytes|100001 objects and lists"):
             decode(bad)

@@ -8,14 +8,14 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.io.messages.contents import is_picture, pixels, stored
-from occlog.io.messages.kinds import Header, ImageMessage
+from occlog.io.messages.kinds import ImageMessage, MessageStamp
 
 RED, GREEN, BLUE = (0, 0, 250), (0, 250, 0), (250, 0, 0)
 
 
 def message(rows: np.ndarray, encoding: str, width: int, step: int = 0) -> ImageMessage:
     rows = np.asarray(rows, dtype=np.uint8)
-    return ImageMessage(Header(1, "f"), rows.tobytes(), encoding, (width, len(rows)), step or rows.shape[1])
+    return ImageMessage(MessageStamp(1, "f"), rows.tobytes(), encoding, (width, len(rows)), step or rows.shape[1])
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_yuv422_is_uyvy() -> None:
 
 def test_compressed_images_stay_as_they_are_unless_another_kind_is_wanted() -> None:
     data = cv2.imencode(".png", np.full((4, 6), 7, np.uint8))[1].tobytes()
-    sent = ImageMessage(Header(1, "f"), data, "mono8; png compressed")
+    sent = ImageMessage(MessageStamp(1, "f"), data, "mono8; png compressed")
     assert stored(sent, "x", None, 95) == (data, "png", (6, 4))
     assert stored(sent, "x", "jpeg", 95).kind == "jpeg"
     with pytest.raises(InputError, match="cut short"):
@@ -65,7 +65,7 @@ def test_compressed_images_stay_as_they_are_unless_another_kind_is_wanted() -> N
 
 def test_depth_is_no_picture() -> None:
     assert not is_picture(message(np.zeros((2, 4)), "16UC1", 2))
-    assert not is_picture(ImageMessage(Header(1, "f"), b"", "16UC1; compressedDepth png"))
+    assert not is_picture(ImageMessage(MessageStamp(1, "f"), b"", "16UC1; compressedDepth png"))
     with pytest.raises(InputError, match="pixels of encoding '16UC1' cannot be read; known: mono8"):
         pixels(message(np.zeros((2, 4)), "16UC1", 2), "x")
 

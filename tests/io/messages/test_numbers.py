@@ -8,27 +8,27 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.messages.contents import BoxRows, direction_rows, intrinsics, rotation_of
+from occlog.io.messages.contents import MessageBoxRows, direction_rows, intrinsics, rotation_of
 from occlog.io.messages.kinds import (
+    BoxDetection,
     BoxMessage,
-    Detection,
     DirectionMessage,
-    Header,
     InfoMessage,
-    Source,
+    MessageStamp,
+    SoundSource,
     TransformMessage,
     read_message,
 )
 from occlog.records.scene import MicrophoneArray
 
 pytestmark = pytest.mark.filterwarnings("error")
-HEADER = Header(1, "cam")
+HEADER = MessageStamp(1, "cam")
 LARGE = 1e200
 
 
 @pytest.mark.parametrize("value", [LARGE, np.inf, np.nan])
 def test_a_direction_beyond_all_range(value: float) -> None:
-    heard = DirectionMessage(HEADER, (Source(1, (value, 0.1, 0.1), 1.0),))
+    heard = DirectionMessage(HEADER, (SoundSource(1, (value, 0.1, 0.1), 1.0),))
     with pytest.raises(InputError, match="want a unit vector"):
         direction_rows(heard, 1, MicrophoneArray("mic", np.zeros(3)))
 
@@ -53,12 +53,12 @@ def test_a_rotation_beyond_all_range_is_none(value: float) -> None:
 
 def boxes_of(*names: str) -> BoxMessage:
     where = {"left": 1.0, "top": 1.0, "width": 5.0, "height": 9.0, "score": 0.5, "label": "person"}
-    return BoxMessage(HEADER, tuple(Detection(**where, id=name) for name in names))
+    return BoxMessage(HEADER, tuple(BoxDetection(**where, id=name) for name in names))
 
 
 def test_a_track_that_is_named_otherwise_takes_no_number_of_another() -> None:
     """The first name became 0, and so did the track that is called 0."""
-    rows = BoxRows("cam", (), 1.0)
+    rows = MessageBoxRows("cam", (), 1.0)
     assert rows.rows(boxes_of("ann", "bob", ""), 1).target_id.tolist() == [0, 1, -1]
     assert rows.rows(boxes_of("bob"), 2).target_id.tolist() == [1]
     with pytest.raises(InputError, match="tracks 'ann' and '0' would both be number 0"):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.io.messages.mcap_file import Topic
+from occlog.io.messages.mcap_file import BagTopic
 from occlog.io.messages.topics import is_rectified, map_topics, name_cameras
 
 COMPRESSED, RAW, INFO = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 
 
-def bag(kinds: dict[str, str]) -> dict[str, Topic]:
-    return {name: Topic(name, kind, "cdr", b"", "", 10) for name, kind in kinds.items()}
+def bag(kinds: dict[str, str]) -> dict[str, BagTopic]:
+    return {name: BagTopic(name, kind, "cdr", b"", "", 10) for name, kind in kinds.items()}
 
 
 @pytest.mark.parametrize(

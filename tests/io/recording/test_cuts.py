@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from occlog.io.recording.chunks import chunk_head
-from occlog.io.recording.salvage.records import rest_of_block
+from occlog.io.recording.salvage.records import recover_block_tail
 from occlog.io.recording.salvage.recover import recover_recording
 
 CUTS = 200 if os.environ.get("HYPOTHESIS_PROFILE") == "explore" else 20
@@ -96,9 +96,9 @@ def test_sequences_are_unpacked_up_to_the_last_byte_of_a_cut_block() -> None:
     frame = lz4.frame.compress(b"", store_size=False)[:7] + struct.pack("<I", len(block) + 1)
     lengths = [0, 0, 1, 2, 3, 4, 5, 5, 11, 11, 12, 12, 31, 35, 35, 36]
     for cut, length in enumerate(lengths):
-        assert rest_of_block(frame + block[:cut], b"", 100) == whole[:length], cut
-    assert rest_of_block(frame + block, b"", 8) == b"hellohel"
-    assert rest_of_block(frame + b"\x00\x09\x00", b"abc", 100) == b""  # goes back beyond the beginning
+        assert recover_block_tail(frame + block[:cut], b"", 100) == whole[:length], cut
+    assert recover_block_tail(frame + block, b"", 8) == b"hellohel"
+    assert recover_block_tail(frame + b"\x00\x09\x00", b"abc", 100) == b""  # goes back beyond the beginning
 
 
 @pytest.mark.parametrize("linked", [True, False])
@@ -108,7 +108,7 @@ def test_a_cut_frame_is_unpacked_from_its_beginning_on(linked: bool) -> None:
     before = 0
     for cut in range(100, len(frame), 1999):
         whole = bytes(lz4.frame.LZ4FrameDecompressor().decompress(frame[:cut]))
-        found = whole + rest_of_block(frame[:cut], whole, len(text))
+        found = whole + recover_block_tail(frame[:cut], whole, len(text))
         assert text.startswith(found)
         assert len(found) > before
         before = len(found)

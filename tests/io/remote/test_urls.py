@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from occlog.errors import UsageError
-from occlog.io.remote import identity, is_url, kind_of, scrubbed, shown
+from occlog.io.remote import identity, is_url, kind_of, public_url, without_secrets
 
 SIGNED = "https://me:word@store.example/hall.mcap?X-Amz-Signature=abc123&X-Amz-Credential=key#part"
 
@@ -24,8 +24,8 @@ def test_other_kinds_are_refused(url: str) -> None:
 
 
 def test_what_opens_a_url_is_not_told() -> None:
-    assert shown(SIGNED) == "https://store.example/hall.mcap"
-    words = scrubbed(f"403, message='Forbidden',\nurl='{SIGNED}' and s3://key:secret@bucket/x")
+    assert public_url(SIGNED) == "https://store.example/hall.mcap"
+    words = without_secrets(f"403, message='Forbidden',\nurl='{SIGNED}' and s3://key:secret@bucket/x")
     assert not any(secret in words for secret in ("word", "abc123", "key", "secret"))
     assert "store.example/hall.mcap" in words
 

@@ -64,7 +64,7 @@ def to_texts(values: pa.Array, where: str, longest: int | None = None) -> String
 SCHEMA_KEY = "occlog.schema"
 UNIT_KEY = "occlog.length_unit"
 SUM_KEY = "occlog.crc32"
-MOST_NUMBERS = 1 << 25
+MAX_NUMBERS = 1 << 25
 """Numbers that a column of vectors may have, most of which the file has not: NaN in rows without a vector."""
 T = TypeVar("T", bound=ColumnTable)
 _ARROW = {
@@ -168,7 +168,7 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
     if others or numbers.null_count:
         fault = f"lists of {length} and of {others[0]} numbers; all must be alike" if others else "numbers are missing"
         raise InputError(f"column {c.name}: {fault}")
-    if len(values) * length > max(MOST_NUMBERS, 2 * len(numbers)):
+    if len(values) * length > max(MAX_NUMBERS, 2 * len(numbers)):
         raise InputError(f"column {c.name}: a list of {length} numbers among {len(values)} rows, most without any")
     out = np.full((len(values), length), np.nan, dtype=c.dtype)
     out[lengths > 0] = to_numpy(numbers).reshape(-1, max(length, 1))

@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
-from occlog.io.files.limits import check_input, check_promise, most_unpacked
+from occlog.io.files.limits import check_declared_size, check_input, max_decompressed_bytes
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 from occlog.records.columns import ColumnTable, check_copies
 from occlog.records.tables import has_all_columns
@@ -47,7 +47,7 @@ def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterat
     Raises:
         InputError: their vectors take more memory than those of a file of its size can.
     """
-    total, most = 0, most_unpacked(size)
+    total, most = 0, max_decompressed_bytes(size)
     for batch in batches:
         widths = {name: _width(batch.column(name)) for name in batch.schema.names}
         name, width = max(widths.items(), key=lambda item: item[1], default=("", 0))
@@ -105,7 +105,7 @@ def open_parquet(path: Path) -> Iterator[SizedFile]:
         size = os.fstat(file.fileno()).st_size
         groups = read_groups(path, file, size)
         rows, unpacked = sum(group.rows for group in groups), max((group.unpacked for group in groups), default=0)
-        check_promise(path, size, rows, unpacked)
+        check_declared_size(path, size, rows, unpacked)
         metadata = pq.read_metadata(file)
         # Of texts each is unpacked once, not for every row that refers to it
         texts = [field.name for field in metadata.schema.to_arrow_schema() if _is_text(field.type)]
@@ -153,7 +153,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
         last: T | None = None
         held: T | None = None
         size, texts = path.stat().st_size, 0
-        most = most_unpacked(size)
+        most = max_decompressed_bytes(size)
         for batch in in_parts(path, size, batches(file, rows, names)):
             chunk = from_arrow(batch, table)
             if not len(chunk):
@@ -256,7 +256,7 @@ def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordB
         yield from batches(file, rows)
 
 
-class Header(NamedTuple):
+class TableHeader(NamedTuple):
     """What a table says of itself: its name, the unit of its lengths, and how it was made."""
 
     table: str
@@ -264,11 +264,11 @@ class Header(NamedTuple):
     provenance: Provenance
 
 
-def read_header(path: Path) -> Header:
+def read_header(path: Path) -> TableHeader:
     """The header of a table; InputError for files that occlog did not write."""
     with opened_table(path) as file:
         entries, name = statements_of(file), schema_name_of(path, file.schema_arrow)
-        return Header(name, _unit(entries), _provenance(entries, path))
+        return TableHeader(name, _unit(entries), _provenance(entries, path))
 
 
 def read_provenance(path: Path) -> Provenance:

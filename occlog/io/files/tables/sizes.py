@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
-from occlog.io.files.limits import most_unpacked
+from occlog.io.files.limits import max_decompressed_bytes
 
 TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)  # types of the protocol
 SCHEMA, NUM_ROWS, ROW_GROUPS, ENCRYPTION = 2, 3, 4, 8  # fields of FileMetaData
@@ -167,7 +167,7 @@ class Chunk(NamedTuple):
     end: int
 
 
-class Group(NamedTuple):
+class RowGroupSizes(NamedTuple):
     """A row group: number of rows, bytes that it unpacks to, column chunks."""
 
     rows: int
@@ -175,7 +175,7 @@ class Group(NamedTuple):
     chunks: list[Chunk]
 
 
-def read_groups(path: Path, file: IO[bytes], size: int) -> list[Group]:
+def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
     """The row groups of a Parquet file of `size` bytes, by its footer.
 
     Raises:
@@ -189,7 +189,7 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[Group]:
     if length > size - END.size:
         raise MalformedError("a footer that is longer than the file")
     footer = os.pread(file.fileno(), length, size - END.size - length)
-    reader, groups, rows = CompactReader(footer, FREE_STEPS + size // BYTES_PER_STEP), list[Group](), -1
+    reader, groups, rows = CompactReader(footer, FREE_STEPS + size // BYTES_PER_STEP), list[RowGroupSizes](), -1
     left, room = FREE_CHUNKS + size // BYTES_PER_CHUNK, size
     for number, kind in reader.fields():
         if number == NUM_ROWS:
@@ -216,7 +216,7 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[Group]:
     return groups
 
 
-def _group(reader: CompactReader, most: int) -> Group:
+def _group(reader: CompactReader, most: int) -> RowGroupSizes:
     rows, unpacked, chunks = -1, -1, list[Chunk]()
     for number, kind in reader.fields():
         if number == COLUMNS:
@@ -231,7 +231,7 @@ def _group(reader: CompactReader, most: int) -> Group:
             reader.skip(kind)
     if min(rows, unpacked) < 0:
         raise MalformedError("a group of rows without its sizes")
-    return Group(rows, unpacked, chunks)
+    return RowGroupSizes(rows, unpacked, chunks)
 
 
 def _chunk(reader: CompactReader) -> Chunk:
@@ -288,7 +288,9 @@ def read_page(data: bytes) -> Page:
 class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no types
     """A Parquet file that unpacks a row group only after the headers of its pages have been checked."""
 
-    def __init__(self, path: Path, file: IO[bytes], size: int, groups: Sequence[Group], **options: object) -> None:
+    def __init__(
+        self, path: Path, file: IO[bytes], size: int, groups: Sequence[RowGroupSizes], **options: object
+    ) -> None:
         """Open `file` of `size` bytes, which has these row groups; `options` are those of the library."""
         super().__init__(file, **options)
         self._path, self._file, self._size, self._groups = path, file, size, groups
@@ -325,7 +327,7 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         wanted = None if columns is None else frozenset(columns)
         if (wanted, number) in self._checked:
             return
-        most, before, unpacked = most_unpacked(self._size), self._unpacked[wanted], 0
+        most, before, unpacked = max_decompressed_bytes(self._size), self._unpacked[wanted], 0
         group = self._groups[number]
         for column, begin, end in group.chunks:
             if wanted is not None and column not in wanted:

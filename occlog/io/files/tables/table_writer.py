@@ -9,7 +9,7 @@ from typing import Any, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.atomic import OutputGroup, open_output
 from occlog.io.files.names import TABLE, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.arrow import arrow_schema, statements, to_arrow
@@ -37,7 +37,7 @@ class TableWriter:
         *,
         overwrite: bool = False,
         length_unit: str = "m",
-        together: Together | None = None,
+        together: OutputGroup | None = None,
     ) -> None:
         """Prepare to write `table` to `path`; OutputExistsError if it is there and may not be replaced.
 

@@ -92,7 +92,7 @@ def _refuse(error: InputError) -> None:
 
 
 @dataclass(frozen=True)
-class Rows:
+class CsvRows:
     """Some rows of a table: cells as text by column, and the line (or `place` of another kind) where each row stands.
 
     `files` has the file of each row where `path` is a folder; else it is empty.
@@ -107,7 +107,7 @@ class Rows:
     def __len__(self) -> int:
         return len(self.lines)
 
-    def pick(self, kept: Ints) -> Rows:
+    def pick(self, kept: Ints) -> CsvRows:
         """The rows of an index array."""
         return replace(
             self,
@@ -199,7 +199,7 @@ class Rows:
         return name in self.cells
 
 
-def check_one_sensor(rows: Rows, column: str, given: str, label: str) -> None:
+def check_one_sensor(rows: CsvRows, column: str, given: str, label: str) -> None:
     """InputError where rows that are given as those of one sensor say themselves that they are of several.
 
     Args:
@@ -227,7 +227,7 @@ def read_rows(
     ignored: Sequence[str] = (),
     ignore_extra: bool = False,
     rows: int = ROWS_PER_CHUNK,
-) -> Generator[Rows, None, None]:
+) -> Generator[CsvRows, None, None]:
     """Chunks of a text table whose first line names the columns, or of a file that a plug-in reads as one.
 
     Cells are separated by commas, semicolons or tabs; lines that are empty or begin
@@ -258,7 +258,7 @@ def read_rows(
         yield from _chunks(path, lines, names, rows)
 
 
-def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generator[Rows, None, None]:
+def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generator[CsvRows, None, None]:
     """Chunks of a text table without a header; columns are named `0`, `1`, ... by their place."""
     with _open_text(path, what) as file:
         lines = _split(path, file)
@@ -398,14 +398,14 @@ def _chunks(
     names: Sequence[str | None],
     rows: int,
     place: str = "line",
-) -> Iterator[Rows]:
+) -> Iterator[CsvRows]:
     whole = ((line, cells) for line, cells in lines if _is_row(path, place, line, cells, len(names)))
     while chunk := list(islice(whole, rows)):
         turned = zip(*(cells for _, cells in chunk), strict=True)
         cells_of = {
             n: np.array(column, dtype=np.str_) for n, column in zip(names, turned, strict=True) if n is not None
         }
-        yield Rows(path, np.array([line for line, _ in chunk], dtype=np.int64), cells_of, place)
+        yield CsvRows(path, np.array([line for line, _ in chunk], dtype=np.int64), cells_of, place)
 
 
 def _is_row(path: Path, place: str, line: int, cells: list[str], columns: int) -> bool:

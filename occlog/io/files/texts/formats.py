@@ -35,7 +35,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
 from occlog.io.files.times import TIME_COLUMNS, parse_times, time_column
 
-from .csv_rows import Rows, first_line, read_rows
+from .csv_rows import CsvRows, first_line, read_rows
 
 RAW, TEXT, NUMBER, LENGTH, WHOLE, IDENTITY = "raw", "text", "number", "length", "whole", "identity"
 """Kinds of cells: unchecked text, a text, a finite number, a length that is written to 1 cm or better, a whole number,
@@ -43,7 +43,7 @@ one of 32 bits."""
 
 
 @dataclass(frozen=True)
-class Column:
+class FormatColumn:
     """A column of a format.
 
     Attributes:
@@ -69,7 +69,7 @@ class Column:
     default: Any = None
     blank: bool = True
 
-    def values(self, rows: Rows, name: str) -> NDArray[Any]:
+    def values(self, rows: CsvRows, name: str) -> NDArray[Any]:
         """(n,) values of its cells under a name in `rows`; InputError with line and limit for a wrong one."""
         if not rows.has(name):
             return np.full(len(rows), self.default)
@@ -97,7 +97,7 @@ class Column:
             )
         return np.where(there, values, self.default) if blank else values
 
-    def _texts(self, rows: Rows, name: str) -> Strings:
+    def _texts(self, rows: CsvRows, name: str) -> Strings:
         cells = rows.cells[name]
         bad = ~np.isin(cells, self.choices) if self.choices else np.char.strip(cells) == ""
         if self.default is None or self.choices:
@@ -117,7 +117,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Format:
+class TextFormat:
     """A text table whose first line names the columns.
 
     Attributes:
@@ -129,7 +129,7 @@ class Format:
     """
 
     what: str
-    columns: Mapping[str, Column]
+    columns: Mapping[str, FormatColumn]
     times: bool = False
     ignored: Sequence[str] = ()
     others: bool = False
@@ -141,10 +141,10 @@ class Format:
 
 
 @dataclass(frozen=True)
-class Part:
+class TextPart:
     """Some rows of a table: `part[name]` are the (n,) values of a column."""
 
-    rows: Rows
+    rows: CsvRows
     values: Mapping[str, NDArray[Any]]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -161,7 +161,7 @@ class Part:
         return parse_times(self.rows, unit, unit)
 
 
-def read_format(path: Path, table: Format, *, ignore_extra: bool = False) -> Iterator[Part]:
+def read_format(path: Path, table: TextFormat, *, ignore_extra: bool = False) -> Iterator[TextPart]:
     """Chunks of a text table in the order of the file.
 
     Args:
@@ -179,11 +179,11 @@ def read_format(path: Path, table: Format, *, ignore_extra: bool = False) -> Ite
             absent = " and ".join(table.columns[name].names[0] for name in missing)
             known = ", ".join(names[0] for names in table.names.values())
             raise InputError(f"{path}: has no column {absent}; add it ({table.what} has {known})")
-        yield Part(rows, {name: column.values(rows, name) for name, column in table.columns.items()})
+        yield TextPart(rows, {name: column.values(rows, name) for name, column in table.columns.items()})
 
 
 R = TypeVar("R")
-MOST_TEXT = 16 * 2**20
+MAX_TEXT = 16 * 2**20
 """Bytes of a file that is recognised by its whole text."""
 START = 4096
 """Bytes at the beginning of a file that formats are recognised by."""
@@ -213,10 +213,10 @@ class Probe:
 
     @cached_property
     def text(self) -> str:
-        """The whole text; InputError if it is no UTF-8, or of more than `MOST_TEXT` bytes."""
+        """The whole text; InputError if it is no UTF-8, or of more than `MAX_TEXT` bytes."""
         path = check_input(self.path, self.what)
-        if path.stat().st_size > MOST_TEXT:
-            raise InputError(f"{path}: {path.stat().st_size} bytes; {self.what} was expected, of at most {MOST_TEXT}")
+        if path.stat().st_size > MAX_TEXT:
+            raise InputError(f"{path}: {path.stat().st_size} bytes; {self.what} was expected, of at most {MAX_TEXT}")
         try:
             return path.read_text(encoding="utf-8-sig")
         except UnicodeDecodeError as error:

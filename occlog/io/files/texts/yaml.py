@@ -26,8 +26,8 @@ from occlog.io.files.limits import (
     check_input,
     check_text,
     content_of,
+    describe_unsupported,
     guarded,
-    mistaken_for,
     read_configuration,
 )
 
@@ -206,7 +206,7 @@ def _refuse_binary(path: Path, what: str) -> None:
     content = content_of(path, what)
     if content is not Content.OTHER:
         raise InputError(f"{path}: is {content.value}; {what} was expected")
-    mistaken = mistaken_for(path)
+    mistaken = describe_unsupported(path)
     if mistaken is not None:
         kind, _, remedy = mistaken.partition("; ")
         raise InputError(f"{path}: is {kind}; {what} was expected; {remedy}")

@@ -19,7 +19,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError
-from occlog.io.files.texts.csv_rows import MAX_CELL, Rows, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, read_plain, read_rows
 from occlog.io.files.times import TIME_COLUMNS
 
 from .mot_challenge import WITH_CLASSES
@@ -42,7 +42,7 @@ CLASSES = ("class", "class_id", "class_name", "label", "category", "category_id"
 """Columns that say what a box shows, by number or by name; a table may have several."""
 IGNORED = ("visibility", "", "unnamed: 0", "area", "iscrowd", "segmentation", "segments", "keypoints")
 CLASS_KEYS = {f"class:{name}": (name,) for name in CLASSES}
-"""Columns of classes as `Rows` name them, so that none takes the place of another."""
+"""Columns of classes as `CsvRows` name them, so that none takes the place of another."""
 BOX = "box"
 """One column with all edges, as Ultralytics writes it (`{'x1': 1.0, ...}`); occlog's own tables number boxes in it."""
 EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
@@ -53,7 +53,7 @@ SIZE_SLACK_PX = 1.5
 """By how much a size may differ from the edges: some programs count the last pixel, some do not, and some round."""
 
 
-class Wanted(NamedTuple):
+class BoxReadOptions(NamedTuple):
     """What is stated beside a file of boxes.
 
     Attributes:
@@ -78,7 +78,7 @@ class BoxSource(NamedTuple):
         first_number: number of frame 0, where the format says it; None: it does not.
     """
 
-    chunks: Iterator[Rows]
+    chunks: Iterator[CsvRows]
     kind: str
     listed: Ints | None = None
     cameras: tuple[str, ...] = ()
@@ -102,7 +102,7 @@ def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str
     )
 
 
-def check_columns(rows: Rows, camera: str | None) -> Rows:
+def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
     """The rows; InputError where a column is missing without which they are not boxes."""
     if rows.has(SHARE_X):
         return rows
@@ -116,7 +116,7 @@ def check_columns(rows: Rows, camera: str | None) -> Rows:
     return rows
 
 
-def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place: str, files: Sequence[Path]) -> Rows:
+def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place: str, files: Sequence[Path]) -> CsvRows:
     """Rows of records with one text a column; what a record lacks is blank.
 
     Args:
@@ -135,25 +135,25 @@ def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place:
     names = dict.fromkeys(name for _, cells in records for name in cells)
     columns = {name: np.array([cells.get(name, "") for _, cells in records], dtype=np.str_) for name in names}
     lines = np.array([line for line, _ in records], dtype=np.int64)
-    return Rows(path, lines, columns, place, tuple(files))
+    return CsvRows(path, lines, columns, place, tuple(files))
 
 
 MOT_COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence")
 _EDGE = re.compile(r"['\"](x1|y1|x2|y2|x3)['\"]\s*:\s*([^,}\s]+)")
 
 
-def open_csv(path: Path, wanted: Wanted) -> BoxSource:
+def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Boxes of a table with a header line; the table names its cameras unless the camera is stated."""
     return BoxSource(_csv(path, wanted.camera, wanted.ignore_extra), "CSV")
 
 
-def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[Rows]:
+def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows]:
     known = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
     for rows in read_rows(path, known, WHAT, ignored=IGNORED, ignore_extra=ignore_extra):
         yield check_columns(_split_box(rows), camera)
 
 
-def _split_box(rows: Rows) -> Rows:
+def _split_box(rows: CsvRows) -> CsvRows:
     """The rows with edges of their own, where one column has them all."""
     if not rows.has(BOX) or rows.has("left"):
         return rows
@@ -167,14 +167,14 @@ def _split_box(rows: Rows) -> Rows:
     return replace(rows, cells={**rows.cells, **{name: np.array(column) for name, column in cells.items()}})
 
 
-def open_mot(path: Path, wanted: Wanted) -> BoxSource:
+def open_mot(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Boxes of MOTChallenge text."""
     if wanted.camera is None:
         raise InputError(f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}")
     return BoxSource(_mot(path), "MOTChallenge text", first_number=1)
 
 
-def _mot(path: Path) -> Iterator[Rows]:
+def _mot(path: Path) -> Iterator[CsvRows]:
     for rows in read_plain(path, WHAT):
         columns = list(rows.cells.values())
         if not 7 <= len(columns) <= 10:

@@ -42,11 +42,11 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input
 from occlog.io.files.names import last_number, match_sensor, natural_sorted
-from occlog.io.files.texts.csv_rows import Rows, text_lines
+from occlog.io.files.texts.csv_rows import CsvRows, text_lines
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.files.texts.formats import Probe, is_folder
 
-from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxSource, Wanted, rows_of
+from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxReadOptions, BoxSource, rows_of
 
 ROWS_PER_CHUNK = 16_384
 COLUMNS = 17
@@ -67,7 +67,7 @@ def is_kitti(head: Sequence[str]) -> bool:
     return True
 
 
-def open_kitti(path: Path, wanted: Wanted) -> BoxSource:
+def open_kitti(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Boxes of one camera.
 
     Raises:
@@ -78,7 +78,7 @@ def open_kitti(path: Path, wanted: Wanted) -> BoxSource:
     return BoxSource(_kitti(path), "KITTI text", first_number=0)
 
 
-def _kitti(path: Path) -> Iterator[Rows]:
+def _kitti(path: Path) -> Iterator[CsvRows]:
     records: list[tuple[int, dict[str, str]]] = []
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, line in text_lines(path, file):
@@ -107,7 +107,7 @@ def is_vatic(head: Sequence[str]) -> bool:
     return _LINE.match(" ".join(head)) is not None
 
 
-def open_vatic(path: Path, wanted: Wanted) -> BoxSource:
+def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Boxes of one view.
 
     Raises:
@@ -118,7 +118,7 @@ def open_vatic(path: Path, wanted: Wanted) -> BoxSource:
     return BoxSource(_vatic_chunks(path), "VATIC text", first_number=0)
 
 
-def _vatic_chunks(path: Path) -> Iterator[Rows]:
+def _vatic_chunks(path: Path) -> Iterator[CsvRows]:
     records: list[tuple[int, dict[str, str]]] = []
     # Lines are by identity: they are brought into the order of frames
     for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
@@ -146,7 +146,7 @@ MAX_ANNOTATION_BYTES = 16 * 2**20
 FRAMES_PER_CHUNK = 256
 
 
-class Person(NamedTuple):
+class AnnotatedPerson(NamedTuple):
     """A person in one frame: number in the file, identity, position on the grid, and edges by view."""
 
     entry: int
@@ -172,7 +172,7 @@ def is_annotations(probe: Probe) -> bool:
     return is_folder(probe) and bool(frame_files(probe.path))
 
 
-def open_annotations(path: Path, wanted: Wanted) -> BoxSource:
+def open_annotations(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """The boxes of the views of known cameras, of all if none is known; identities are those of the people."""
     known = wanted.known
     files = frame_files(path)
@@ -192,7 +192,7 @@ def _is_known(name: str, known: Sequence[str]) -> bool:
     return True
 
 
-def _wildtrack_chunks(path: Path, files: dict[int, Path], cameras: Mapping[int, str]) -> Iterator[Rows]:
+def _wildtrack_chunks(path: Path, files: dict[int, Path], cameras: Mapping[int, str]) -> Iterator[CsvRows]:
     numbers = list(files)
     for start in range(0, len(numbers), FRAMES_PER_CHUNK):
         records, sources = [], []
@@ -207,7 +207,7 @@ def _wildtrack_chunks(path: Path, files: dict[int, Path], cameras: Mapping[int, 
             yield rows_of(path, records, "person", sources)
 
 
-def read_people(file: Path) -> list[Person]:
+def read_people(file: Path) -> list[AnnotatedPerson]:
     """The people of a frame; a view in which a person is not has no edges.
 
     Raises:
@@ -224,7 +224,7 @@ def read_people(file: Path) -> list[Person]:
     return [_person(file, n, person) for n, person in enumerate(value, start=1)]
 
 
-def _person(file: Path, n: int, person: Any) -> Person:
+def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
     where = f"{file}: person {n}"
     try:
         identity, position, views = person["personID"], person["positionID"], person["views"]
@@ -245,7 +245,7 @@ def _person(file: Path, n: int, person: Any) -> Person:
         int(view): {} if all(v == -1 for v in values) else dict(zip(EDGES.values(), map(repr, values), strict=True))
         for view, values in found.items()
     }
-    return Person(n, int(identity), position, edges)
+    return AnnotatedPerson(n, int(identity), position, edges)
 
 
 def grid_places(position: Floats) -> tuple[Floats, Floats]:
@@ -291,7 +291,7 @@ def label_files(folder: Path) -> list[Path]:
     return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
 
 
-def open_folder(path: Path, wanted: Wanted) -> BoxSource:
+def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Boxes of a folder; it names its cameras unless the camera is stated."""
     camera = wanted.camera
     folders = camera_folders(path)
@@ -320,7 +320,7 @@ def _numbered(folder: Path) -> dict[int, Path]:
     return dict(sorted(found.items()))
 
 
-def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterator[Rows]:
+def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterator[CsvRows]:
     lines = [line for number, file in files.items() for line in _read(file, number)]
     if not lines:
         return
@@ -406,7 +406,7 @@ def _class_names(folder: Path) -> dict[str, str]:
     return {str(n): name.strip() for n, name in enumerate(names)}
 
 
-def _check_shares(rows: Rows) -> None:
+def _check_shares(rows: CsvRows) -> None:
     """Raise InputError for a centre or size that is no share of the image."""
     for name in (SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT):
         values = rows.floats(name)

@@ -33,7 +33,7 @@ import numpy as np
 from occlog.array_types import Bools, Ints
 from occlog.errors import InputError, OutputError, OutputExistsError
 from occlog.io.files.atomic import folder_beside, translate_write_errors, write_bytes
-from occlog.io.files.texts.csv_rows import Rows, read_plain
+from occlog.io.files.texts.csv_rows import CsvRows, read_plain
 from occlog.records.tables import UNLABELLED, Boxes, TruthBoxes
 
 SEQUENCE_INFO = "seqinfo.ini"
@@ -260,7 +260,7 @@ def read_marks(path: Path) -> Marks:
     return Marks._make(np.concatenate(column) for column in zip(*parts, strict=True))
 
 
-def _marks(rows: Rows) -> Marks:
+def _marks(rows: CsvRows) -> Marks:
     kind = rows.ints("7")
     bad = (kind < 1) | (kind > CLASSES)
     if bad.any():

@@ -18,11 +18,11 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.io.files.names import last_number
-from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.texts.csv_rows import CsvRows
 from occlog.io.files.texts.documents import check_number, parse_json
 from occlog.records.declared.sensors import MAX_FRAMES
 
-from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, Wanted, check_columns, rows_of
+from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxReadOptions, BoxSource, check_columns, rows_of
 
 ROWS_PER_CHUNK = 16_384
 MAX_BYTES = 2**31
@@ -32,7 +32,7 @@ MEANING = {alias: name for name, aliases in {**COLUMNS, **CLASS_KEYS}.items() fo
 Record = Mapping[str, Any]
 
 
-def open_json(path: Path, wanted: Wanted) -> BoxSource:
+def open_json(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Boxes of a JSON file; it names its cameras unless the camera is stated.
 
     Raises:
@@ -97,7 +97,7 @@ def _rows(
     camera: str | None,
     ignore_extra: bool,
     skip: Sequence[str] = (),
-) -> Iterator[Rows]:
+) -> Iterator[CsvRows]:
     """Rows of records, with cells that are known already."""
     for start in range(0, len(records), ROWS_PER_CHUNK):
         part = records[start : start + ROWS_PER_CHUNK]
@@ -206,7 +206,7 @@ def _categories(path: Path, categories: object) -> dict[object, str]:
     return names
 
 
-def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Iterator[Rows]:
+def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Iterator[CsvRows]:
     ordered = sorted(records, key=lambda pair: int(pair[1]["frame"]))
     for start in range(0, len(ordered), ROWS_PER_CHUNK):
         yield rows_of(path, ordered[start : start + ROWS_PER_CHUNK], "annotation", ())

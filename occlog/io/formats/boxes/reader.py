@@ -22,7 +22,7 @@ from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
-from occlog.io.files.texts.csv_rows import Rows, check_one_sensor, is_header
+from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor, is_header
 from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, is_folder, recognise
 from occlog.io.files.times import FrameTimes, parse_times, time_column
 from occlog.records.columns import MAX_NS
@@ -36,8 +36,8 @@ from .columns import (
     SHARE_X,
     SHARE_Y,
     WHAT,
+    BoxReadOptions,
     BoxSource,
-    Wanted,
     both_sizes,
     disagree,
     open_csv,
@@ -46,7 +46,7 @@ from .columns import (
 from .datasets import is_annotations, is_kitti, is_vatic, open_annotations, open_folder, open_kitti, open_vatic
 from .objects import open_json
 from .rows import (
-    BoxRows,
+    FileBoxRows,
     check_boxes,
     check_classes,
     check_copies,
@@ -60,7 +60,7 @@ from .rows import (
 )
 
 
-def note_times(rows: Rows, boxes: BoxRows, cameras: list[str], stamps: dict[str, dict[int, int]]) -> None:
+def note_times(rows: CsvRows, boxes: FileBoxRows, cameras: list[str], stamps: dict[str, dict[int, int]]) -> None:
     """Remember the time of every frame of every camera; InputError where one frame has two."""
     unit = time_column(rows)
     if unit is None:
@@ -202,7 +202,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
             and are used as they are where `known` is empty.  Of files without any box they are the cameras.
         options: how to read the files.
     """
-    found = _Found()
+    found = _BoxScan()
     for file in files:
         _survey_file(file, known, options, found)
     where = ", ".join(str(f.path) for f in files)
@@ -237,7 +237,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
 
 
 @dataclass
-class _Found:
+class _BoxScan:
     """What a survey has found so far; `listed` is None once a file does not list its frames."""
 
     cameras: list[str] = field(default_factory=list)
@@ -269,7 +269,7 @@ class _Found:
             self.low, self.high = min(self.low, int(frames.min())), max(self.high, int(frames.max()))
 
 
-def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found: _Found) -> None:
+def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found: _BoxScan) -> None:
     source = _open(file, known, options)
     how = _numbering(file, source, options)
     found.kinds.append(source.kind)
@@ -332,7 +332,7 @@ def read_boxes(
         how = _numbering(file, source, options)
         # In files without any box all cameras looked at nobody
         cameras = list(own) if any(survey.of_files) else list(survey.cameras if file is files[0] else ())
-        chunks: Iterator[BoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
+        chunks: Iterator[FileBoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
         whole = in_frames(chunks, survey.first, survey.stop)
@@ -361,7 +361,7 @@ def box_source(path: Path) -> BoxSource:
     raise AssertionError("the last one returns or raises")
 
 
-def box_rows(rows: Rows, cameras: list[str], first_number: int = 0) -> BoxRows:
+def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBoxRows:
     """Rows of a file as boxes; InputError, with its place, for one that cannot be, whatever its confidence stands for.
 
     Args:
@@ -381,7 +381,7 @@ def is_json(probe: Probe) -> bool:
     return not is_folder(probe) and reader_of(probe.path) is None and probe.start[:1] in (b"{", b"[")
 
 
-BoxFormat = FileFormat[Callable[[Path, Wanted], BoxSource]]
+BoxFormat = FileFormat[Callable[[Path, BoxReadOptions], BoxSource]]
 FORMATS: dict[str, BoxFormat] = {
     "wildtrack": BoxFormat(open_annotations, "WILDTRACK: a folder with one JSON file a frame", is_annotations),
     "yolo": BoxFormat(open_folder, "YOLO: a folder with one text file a frame, one folder a camera", is_folder),
@@ -401,7 +401,7 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
     assert name is not None
     if name == "csv":
         _check_corner(file.path, set(probe.cells))
-    return FORMATS[name].read(file.path, Wanted(file.camera, known, options.ignore_extra))
+    return FORMATS[name].read(file.path, BoxReadOptions(file.camera, known, options.ignore_extra))
 
 
 def _check_corner(path: Path, names: set[str]) -> None:
@@ -426,7 +426,7 @@ def _read(
     known: Sequence[str],
     options: BoxOptions,
     left_out: Counter[tuple[str, ...]],
-) -> Iterator[tuple[Rows, BoxRows]]:
+) -> Iterator[tuple[CsvRows, FileBoxRows]]:
     """Rows of a file as text and as numbers; cameras and classes that are not wanted are added to the lists."""
     meant: dict[str, str] = {}
     label = ""
@@ -451,7 +451,7 @@ def _read(
 
 def _number_cameras(
     file: BoxFile,
-    rows: Rows,
+    rows: CsvRows,
     labels: Strings | None,
     cameras: list[str],
     known: Sequence[str],
@@ -498,7 +498,7 @@ def _matched(
     return names
 
 
-def _numbers(rows: Rows, camera: Ints, cameras: Sequence[str], options: BoxOptions) -> BoxRows:
+def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOptions) -> FileBoxRows:
     frame = rows.ints("frame") - options.first_number
     if (frame < 0).any():
         row = int(np.flatnonzero(frame < 0)[0])
@@ -507,7 +507,7 @@ def _numbers(rows: Rows, camera: Ints, cameras: Sequence[str], options: BoxOptio
         row = int(np.flatnonzero(frame >= MAX_FRAMES)[0])
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; it must be below {MAX_FRAMES}; correct or remove it")
     left, top, width, height = _edges(rows, camera, cameras, options.sizes)
-    return BoxRows(
+    return FileBoxRows(
         frame=frame,
         camera=camera,
         target_id=_identities(rows) if rows.has("id") else np.full(len(frame), -1, dtype=np.int64),
@@ -520,7 +520,7 @@ def _numbers(rows: Rows, camera: Ints, cameras: Sequence[str], options: BoxOptio
 
 
 def _edges(
-    rows: Rows, camera: Ints, cameras: Sequence[str], sizes: Mapping[str, tuple[int, int]] | None
+    rows: CsvRows, camera: Ints, cameras: Sequence[str], sizes: Mapping[str, tuple[int, int]] | None
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet."""
     if not rows.has(SHARE_X):
@@ -542,7 +542,7 @@ def _edges(
     return rows.floats(SHARE_X) * across - width / 2, rows.floats(SHARE_Y) * down - height / 2, width, height
 
 
-def _size(rows: Rows, size: str, far: str, near: Floats) -> Floats:
+def _size(rows: CsvRows, size: str, far: str, near: Floats) -> Floats:
     """(n,) widths or heights [px]; InputError where a far edge that is there as well contradicts one."""
     if not rows.has(size):
         return rows.floats(far) - near
@@ -555,7 +555,7 @@ def _size(rows: Rows, size: str, far: str, near: Floats) -> Floats:
     return sizes
 
 
-def _confidence(rows: Rows, options: BoxOptions) -> Floats:
+def _confidence(rows: CsvRows, options: BoxOptions) -> Floats:
     """(n,) confidences; NaN where there is none."""
     if not (rows.has("confidence") and options.use_confidence) or options.scores == "unknown":
         return np.full(len(rows), np.nan)
@@ -566,5 +566,5 @@ def _confidence(rows: Rows, options: BoxOptions) -> Floats:
     return np.where(given == -1, np.nan, given / options.confidence_scale)
 
 
-def _identities(rows: Rows) -> Ints:
+def _identities(rows: CsvRows) -> Ints:
     return rows.ints("id", blank=-1)

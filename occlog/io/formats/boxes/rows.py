@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Uints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.texts.csv_rows import Rows
+from occlog.io.files.texts.csv_rows import CsvRows
 from occlog.io.files.times import FrameTimes
 from occlog.records.declared.sensors import MAX_EDGE_PX
 from occlog.records.tables import Boxes
@@ -26,7 +26,7 @@ B = TypeVar("B", bound=Boxes)
 FRAMES_PER_CHUNK = 4096
 
 
-class BoxRows(NamedTuple):
+class FileBoxRows(NamedTuple):
     """Boxes as a file lists them; `camera` counts the cameras in use."""
 
     frame: Ints
@@ -38,12 +38,12 @@ class BoxRows(NamedTuple):
     height: Floats
     confidence: Floats
 
-    def pick(self, rows: Ints) -> BoxRows:
+    def pick(self, rows: Ints) -> FileBoxRows:
         """The rows of an index array."""
-        return BoxRows._make(column[rows] for column in self)
+        return FileBoxRows._make(column[rows] for column in self)
 
 
-def check_boxes(rows: Rows, boxes: BoxRows) -> BoxRows:
+def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
     """The boxes; InputError with the line of one whose size, identity or confidence (0 to 1) cannot be."""
     bad = ~((boxes.width > 0) & (boxes.height > 0))
     if bad.any():
@@ -86,7 +86,7 @@ def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
     return out
 
 
-def check_copies(chunks: Iterator[BoxRows], cameras: Sequence[str], path: Path) -> Iterator[BoxRows]:
+def check_copies(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
     """The chunks, whole frames each; InputError where a box stands there twice, alike in everything."""
     for rows in chunks:
         marks, first = np.unique(fingerprints(rows), return_index=True)
@@ -99,7 +99,7 @@ def check_copies(chunks: Iterator[BoxRows], cameras: Sequence[str], path: Path) 
         yield rows
 
 
-def check_identities(chunks: Iterator[BoxRows], cameras: Sequence[str], path: Path) -> Iterator[BoxRows]:
+def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
     """The chunks, whole frames each; InputError where an identity has two boxes in one frame of a camera."""
     for rows in chunks:
         named = rows.pick(np.flatnonzero(rows.target_id >= 0))
@@ -114,19 +114,19 @@ def check_identities(chunks: Iterator[BoxRows], cameras: Sequence[str], path: Pa
         yield rows
 
 
-def join(parts: Sequence[BoxRows]) -> BoxRows:
+def join(parts: Sequence[FileBoxRows]) -> FileBoxRows:
     """All rows, sorted by frame and camera; rows of one frame keep their order."""
-    whole = BoxRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+    whole = FileBoxRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     return whole.pick(np.lexsort((whole.camera, whole.frame)))
 
 
-def in_frames(chunks: Iterator[BoxRows], first: int, stop: int) -> Iterator[BoxRows]:
+def in_frames(chunks: Iterator[FileBoxRows], first: int, stop: int) -> Iterator[FileBoxRows]:
     """Chunks that end with whole frames, of frames first <= frame < stop.
 
     Raises:
         ValueError: the frames are not in order.
     """
-    held: list[BoxRows] = []
+    held: list[FileBoxRows] = []
     last = first - 1
     for chunk in chunks:
         kept = chunk.pick(np.flatnonzero((chunk.frame >= first) & (chunk.frame < stop)))
@@ -145,7 +145,7 @@ def in_frames(chunks: Iterator[BoxRows], first: int, stop: int) -> Iterator[BoxR
 
 
 def fill_frames(
-    chunks: Iterator[BoxRows],
+    chunks: Iterator[FileBoxRows],
     table: type[B],
     cameras: Sequence[str],
     first: int,
@@ -173,7 +173,7 @@ def fill_frames(
         yield from _blocks(chunk, table, cameras, done, end, times, (origin, step))
         done = end
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
-    empty = BoxRows(
+    empty = FileBoxRows(
         frame=none,
         camera=none,
         target_id=none,
@@ -187,7 +187,7 @@ def fill_frames(
 
 
 def _blocks(
-    rows: BoxRows,
+    rows: FileBoxRows,
     table: type[B],
     cameras: Sequence[str],
     first: int,
@@ -202,7 +202,7 @@ def _blocks(
 
 
 def _table(
-    rows: BoxRows,
+    rows: FileBoxRows,
     table: type[B],
     cameras: Sequence[str],
     first: int,
@@ -257,7 +257,7 @@ def check_range(first: int, stop: int, where: str) -> None:
         raise InputError(f"{where}: frames {first} to {stop - 1}; a frame number must be wrong")
 
 
-def class_labels(rows: Rows) -> list[tuple[str, ...]]:
+def class_labels(rows: CsvRows) -> list[tuple[str, ...]]:
     """All that a row says of its class, in small letters, numbers without fraction: `("0", "person")`."""
     columns = []
     for key in CLASS_KEYS:
@@ -276,7 +276,7 @@ def _plain(cell: str) -> str:
     return str(int(value)) if math.isfinite(value) and value == int(value) else text
 
 
-def wanted_rows(rows: Rows, classes: Sequence[str]) -> Bools:
+def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
     """(n,) rows of one of the classes; InputError where the file does not say of what class its boxes are."""
     labels = class_labels(rows)
     if not labels and len(rows):

@@ -21,7 +21,7 @@ from .common import CalibrationOptions, Lens, build_camera, lens_pose, read_text
 from .ros import quaternion_rotation
 
 NAMES = ("cameras.txt", "images.txt")
-MOST_IMAGES = 2_000
+MAX_IMAGES = 2_000
 """Images of a model that are read, in some seconds."""
 MODELS = {
     "SIMPLE_PINHOLE": ("f cx cy", "brown", ""),
@@ -74,9 +74,9 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     cameras = []
     # Every second line has the points of an image; it may be empty, but is there.
     lines = [text.strip() for text in read_text(files["images.txt"]).splitlines() if not text.startswith("#")]
-    if len(lines) > 2 * MOST_IMAGES:
+    if len(lines) > 2 * MAX_IMAGES:
         raise InputError(
-            f"{files['images.txt']}: {(len(lines) + 1) // 2} images; each becomes a camera, and at most {MOST_IMAGES} "
+            f"{files['images.txt']}: {(len(lines) + 1) // 2} images; each becomes a camera, and at most {MAX_IMAGES} "
             "are read; name a model of the cameras alone"
         )
     for line in lines[::2]:

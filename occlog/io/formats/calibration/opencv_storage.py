@@ -60,7 +60,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     where = f"{path}: camera {path.stem}"
     values = storage_values(read_text(path), path)
     matrix = matrix_of(values, MATRIX, where)
-    rotation, translation = pose_of(values, where)
+    rotation, translation = extrinsics_of(values, where)
     size = options.image_size or size_of(values)
     check_camera_matrix(matrix, size[1] if size else 1080, where)
     found = [key for key in DISTORTION if key in values]
@@ -87,7 +87,7 @@ def is_fisheye(values: Mapping[str, object], where: str) -> bool:
     return flag in YES or named in FISHEYE
 
 
-def pose_of(values: dict[str, object], where: str) -> tuple[Floats, Floats]:
+def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats]:
     """Rotation (3, 3) and translation (3,) with Xc = R Xw + t."""
     rotation, translation = matrix_of(values, ROTATION, where), matrix_of(values, TRANSLATION, where).reshape(-1)
     if rotation.size == 3:

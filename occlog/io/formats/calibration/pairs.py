@@ -21,9 +21,9 @@ from .opencv_storage import (
     PLAIN_MATRIX,
     ROTATION,
     TRANSLATION,
+    extrinsics_of,
     is_fisheye,
     matrix_of,
-    pose_of,
     size_of,
     storage_values,
 )
@@ -96,7 +96,7 @@ def _camera(name: str, lens: Path, place: Path, wildtrack: bool, options: Calibr
     where = f"{place}: camera {name}"
     values, of_place = storage_values(read_text(lens), lens), storage_values(read_text(place), place)
     matrix = matrix_of(values, MATRIX, f"{lens}: camera {name}")
-    rotation, translation = pose_of(of_place, where)
+    rotation, translation = extrinsics_of(of_place, where)
     size = options.image_size or size_of(values) or (WILDTRACK_SIZE if wildtrack else None)
     check_camera_matrix(matrix, size[1] if size else 1080, f"{lens}: camera {name}")
     found = any(key in values for key in DISTORTION)

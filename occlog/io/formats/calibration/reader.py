@@ -53,7 +53,7 @@ FAR_M, NEAR_M = 500.0, 0.05
 """Cameras that are farther apart than that, or all nearer to each other, are a sign of another unit."""
 
 
-class Calibration(NamedTuple):
+class CalibrationFile(NamedTuple):
     """Cameras, the format they were read as, the unit of its lengths, and what was taken for granted."""
 
     cameras: tuple[Camera, ...]
@@ -64,7 +64,7 @@ class Calibration(NamedTuple):
 
 def read_calibration(
     paths: Sequence[Path], format: str = "auto", options: CalibrationOptions | None = None
-) -> Calibration:
+) -> CalibrationFile:
     """The cameras of one or more calibration files of one format.
 
     Args:
@@ -94,7 +94,7 @@ def read_calibration(
     if (double := first_double([c.name for c in cameras])) is not None:
         raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
     unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].assumed)
-    return Calibration(cameras, name, unit, (*options.told, *_doubts(cameras)))
+    return CalibrationFile(cameras, name, unit, (*options.told, *_doubts(cameras)))
 
 
 def _doubts(cameras: Sequence[Camera]) -> list[str]:
@@ -116,7 +116,7 @@ def _files(path: Path) -> list[Path]:
     return [path]
 
 
-def describe(calibration: Calibration) -> str:
+def describe(calibration: CalibrationFile) -> str:
     """One line: format, unit, handedness, cameras with their centres in metres, and where their optical axes meet.
 
     Importers refuse mirrored rotations, so that the world is right-handed, as the frames of cameras are.

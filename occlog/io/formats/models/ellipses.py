@@ -24,7 +24,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.names import match_sensor
-from occlog.io.files.texts.formats import IDENTITY, RAW, WHOLE, Column, Format, Part, read_format
+from occlog.io.files.texts.formats import IDENTITY, RAW, WHOLE, FormatColumn, TextFormat, TextPart, read_format
 from occlog.io.open import Opened, open_if_ours
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, TruthBoxes
@@ -32,17 +32,17 @@ from occlog.records.tables import Boxes, TruthBoxes
 WHAT = "a table of ellipses"
 FIRST = -1
 """`GivenEllipse.frame` where the file does not say."""
-FORMAT = Format(
+FORMAT = TextFormat(
     WHAT,
     {
-        "sensor": Column(("sensor", "camera", "view", "cam"), RAW),
-        "target_id": Column(("target_id", "id", "target"), IDENTITY, least=0),
-        "x_px": Column(("x_px", "x", "cx")),
-        "y_px": Column(("y_px", "y", "cy")),
-        "a_px": Column(("a_px", "a"), above=0.0, unit="px"),
-        "b_px": Column(("b_px", "b"), above=0.0, unit="px"),
-        "rho_deg": Column(("rho_deg",)),
-        "frame": Column(("frame",), WHOLE, least=0, default=FIRST, blank=False),
+        "sensor": FormatColumn(("sensor", "camera", "view", "cam"), RAW),
+        "target_id": FormatColumn(("target_id", "id", "target"), IDENTITY, least=0),
+        "x_px": FormatColumn(("x_px", "x", "cx")),
+        "y_px": FormatColumn(("y_px", "y", "cy")),
+        "a_px": FormatColumn(("a_px", "a"), above=0.0, unit="px"),
+        "b_px": FormatColumn(("b_px", "b"), above=0.0, unit="px"),
+        "rho_deg": FormatColumn(("rho_deg",)),
+        "frame": FormatColumn(("frame",), WHOLE, least=0, default=FIRST, blank=False),
     },
 )
 SEEN = 0.5
@@ -105,7 +105,7 @@ def _of_csv(path: Path, cameras: Sequence[str]) -> list[GivenEllipse]:
     return found
 
 
-def _csv_rows(part: Part, cameras: Sequence[str]) -> Iterator[GivenEllipse]:
+def _csv_rows(part: TextPart, cameras: Sequence[str]) -> Iterator[GivenEllipse]:
     ellipse = np.column_stack([part[name] for name in ("x_px", "y_px", "a_px", "b_px", "rho_deg")])
     ellipse[:, 4] = np.radians(ellipse[:, 4])
     for row in range(len(part)):
@@ -141,7 +141,7 @@ def _of_tables(opened: Opened, sizes: Sizes) -> list[GivenEllipse]:
     return _first_of(opened.path, (_boxes(c) for c in opened.rows(Boxes)), sizes)
 
 
-class _Rows(NamedTuple):
+class _EllipseRows(NamedTuple):
     """Ellipses of some frames."""
 
     sensor: Strings
@@ -151,23 +151,23 @@ class _Rows(NamedTuple):
     good: Bools  # (N,) fit to start from
 
 
-def _tracks(c: ViewTracks) -> _Rows:
+def _tracks(c: ViewTracks) -> _EllipseRows:
     ellipse = np.column_stack([c.x_px, c.y_px, c.a_px, c.b_px, c.rho])
-    return _Rows(c.sensor, c.target_id.astype(np.int64), c.frame, ellipse, np.ones(len(c), dtype=np.bool_))
+    return _EllipseRows(c.sensor, c.target_id.astype(np.int64), c.frame, ellipse, np.ones(len(c), dtype=np.bool_))
 
 
-def _true_boxes(c: TruthBoxes) -> _Rows:
+def _true_boxes(c: TruthBoxes) -> _EllipseRows:
     rows = _boxes(c)
     return rows._replace(good=rows.good & ~(c.visible < SEEN))
 
 
-def _boxes(c: Boxes) -> _Rows:
+def _boxes(c: Boxes) -> _EllipseRows:
     x, y = c.left_px + 0.5 * c.width_px, c.top_px + 0.5 * c.height_px
     ellipse = np.column_stack([x, y, 0.5 * c.width_px, 0.5 * c.height_px, np.zeros(len(c))])
-    return _Rows(c.sensor, c.target_id.astype(np.int64), c.frame, ellipse, (c.box >= 0) & (c.target_id >= 0))
+    return _EllipseRows(c.sensor, c.target_id.astype(np.int64), c.frame, ellipse, (c.box >= 0) & (c.target_id >= 0))
 
 
-def _first_of(path: Path, chunks: Iterable[_Rows], sizes: Sizes) -> list[GivenEllipse]:
+def _first_of(path: Path, chunks: Iterable[_EllipseRows], sizes: Sizes) -> list[GivenEllipse]:
     """The first good ellipse of each target in each view whose centre is in the image."""
     found: dict[tuple[str, int], GivenEllipse] = {}
     anonymous = rows = 0

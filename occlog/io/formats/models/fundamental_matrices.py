@@ -17,9 +17,9 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.texts.documents import parse_json, read_json, struct_of, write_json
-from occlog.io.files.texts.formats import RAW, Column, Format, read_format
+from occlog.io.files.texts.formats import RAW, FormatColumn, TextFormat, read_format
 from occlog.io.open import open_if_ours
-from occlog.io.recording.reader import Recording
+from occlog.io.recording.reader import McapRecording
 from occlog.records.view_pairs import PointMatches, ViewPair, ViewPairs
 
 EPIPOLAR_ATTACHMENT = "epipolar.json"
@@ -73,7 +73,7 @@ def read_epipolar(path: Path) -> ViewPairs:
     return _pairs(read_json(path), str(path))
 
 
-def attached_epipolar(recording: Recording) -> ViewPairs | None:
+def attached_epipolar(recording: McapRecording) -> ViewPairs | None:
     """The pairs that a recording holds; None: it holds none."""
     raw = recording.attachment(EPIPOLAR_ATTACHMENT)
     if raw is None:
@@ -160,9 +160,10 @@ def _check_matrix(matrix: Floats, where: str) -> None:
 
 
 POINTS = ("xa_px", "ya_px", "xb_px", "yb_px")
-FORMAT = Format(
+FORMAT = TextFormat(
     "a table of matches of two views",
-    {name: Column((name,), RAW) for name in ("sensor_a", "sensor_b")} | {name: Column((name,)) for name in POINTS},
+    {name: FormatColumn((name,), RAW) for name in ("sensor_a", "sensor_b")}
+    | {name: FormatColumn((name,)) for name in POINTS},
 )
 
 

@@ -197,7 +197,7 @@ def write_path_loss(path: Path, spec: PathLossSpec, provenance: Provenance, *, o
     write_json(path, values, overwrite=overwrite)
 
 
-def lost_in_models(paths: Iterable[Path | None]) -> tuple[Loss, ...]:
+def model_losses(paths: Iterable[Path | None]) -> tuple[Loss, ...]:
     """Losses of several models, each once, in the order of the files; None has none.
 
     Args:

@@ -17,11 +17,11 @@ Count = Annotated[int, Meta(ge=0, le=1_000_000)]
 Bytes = Annotated[int, Meta(ge=0, le=1_000_000_000)]
 
 
-class Spec(msgspec.Struct, forbid_unknown_fields=True):
+class NetworkFileSpec(msgspec.Struct, forbid_unknown_fields=True):
     """Base of all parts: unknown keys are errors."""
 
 
-class SensorNodeSpec(Spec, kw_only=True):
+class SensorNodeSpec(NetworkFileSpec, kw_only=True):
     """A node with a reader and an array of microphones."""
 
     name: Name
@@ -30,14 +30,14 @@ class SensorNodeSpec(Spec, kw_only=True):
     assigned: Annotated[float, Meta(ge=0, le=1, description="share of the router's tracked objects that it hears")]
 
 
-class CameraNodeSpec(Spec, kw_only=True):
+class CameraNodeSpec(NetworkFileSpec, kw_only=True):
     """A camera at a router."""
 
     name: Name
     router: Name
 
 
-class SizesSpec(Spec, kw_only=True):
+class SizesSpec(NetworkFileSpec, kw_only=True):
     """Bytes of what is sent."""
 
     packet: Annotated[int, Meta(gt=0, le=1_000_000_000, description="payload of a packet, at most")] = 1000
@@ -49,7 +49,7 @@ class SizesSpec(Spec, kw_only=True):
     estimate: Annotated[Bytes, Meta(description="estimate of an object")] = 24
 
 
-class NetworkSpec(Spec, kw_only=True):
+class NetworkSpec(NetworkFileSpec, kw_only=True):
     """A network: [Lee] Fig. 5-40, or its string of routers, Fig. 5-41."""
 
     occlog_network: Annotated[Literal[1], Meta(description="version of this format")]

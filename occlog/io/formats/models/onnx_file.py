@@ -19,11 +19,11 @@ import numpy as np
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input
 
-MOST_BYTES = 2 * 1024**3
+MAX_BYTES = 2 * 1024**3
 """A message of Protocol Buffers is smaller than this."""
-MOST_WEIGHTS = 16 * 1024**3
+MAX_WEIGHTS = 16 * 1024**3
 """Bytes of all files of weights beside a model."""
-MOST_FIELDS = 5_000_000
+MAX_FIELDS = 5_000_000
 """Fields of a file that are looked at; networks have some tens of thousands."""
 DEEPEST = 16
 """Graphs in graphs."""
@@ -77,9 +77,9 @@ def read_onnx(path: Path) -> OnnxFile:
     """
     path = check_input(path, "a network (ONNX)")
     size = path.stat().st_size
-    if size >= MOST_BYTES:
-        raise InputError(f"{path}: has {size} bytes; an ONNX file has less than {MOST_BYTES}; it is damaged, or none")
-    walk = _Walk()
+    if size >= MAX_BYTES:
+        raise InputError(f"{path}: has {size} bytes; an ONNX file has less than {MAX_BYTES}; it is damaged, or none")
+    walk = _OnnxWalk()
     try:
         with path.open("rb") as file:
             # The last view of the bytes closes them.
@@ -112,8 +112,8 @@ def _beside(path: Path, places: list[str]) -> tuple[Path, ...]:
             )
         found.append(check_input(beside, f"weights of {path.name}"))
     total = sum(each.stat().st_size for each in found)
-    if total > MOST_WEIGHTS:
-        raise InputError(f"{path}: its weights have {total} bytes; at most {MOST_WEIGHTS} are read")
+    if total > MAX_WEIGHTS:
+        raise InputError(f"{path}: its weights have {total} bytes; at most {MAX_WEIGHTS} are read")
     return tuple(found)
 
 
@@ -122,7 +122,7 @@ class _DamageError(Exception):
 
 
 @dataclass
-class _Walk:
+class _OnnxWalk:
     """Goes through a model and gathers what it says; the numbers are those of fields in `onnx.proto3`."""
 
     inputs: list[Port] = field(default_factory=list)
@@ -265,8 +265,8 @@ class _Walk:
         place, end = 0, len(data)
         while place < end:
             self.fields += 1
-            if self.fields > MOST_FIELDS:
-                raise _DamageError(f"more than {MOST_FIELDS} fields")
+            if self.fields > MAX_FIELDS:
+                raise _DamageError(f"more than {MAX_FIELDS} fields")
             key, place = _varint(data, place)
             number, wire = key >> 3, key & 7
             if number == 0:

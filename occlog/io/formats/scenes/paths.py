@@ -16,7 +16,7 @@ from occlog.errors import InputError
 from occlog.io.files.texts.yaml import parse_yaml, read_yaml
 from occlog.records.scene import MotionScript, ScriptedTarget, Segment, Triple
 
-from .scene import Spec
+from .scene import SceneFileSpec
 
 LIMIT = 1e9
 Number = Annotated[float, Meta(ge=-LIMIT, le=LIMIT)]
@@ -25,7 +25,7 @@ Vector = Annotated[list[Number], Meta(min_length=2, max_length=3)]
 Interval = tuple[Time, Time]
 
 
-class SegmentSpec(Spec, kw_only=True):
+class SegmentSpec(SceneFileSpec, kw_only=True):
     """A stretch of a path; without `lateral` and `acceleration` one of constant velocity."""
 
     from_s: (
@@ -46,7 +46,7 @@ class SegmentSpec(Spec, kw_only=True):
     velocity: Annotated[Vector, Meta(description="taken on at the start of the segment")] | None = None
 
 
-class TargetSpec(Spec, kw_only=True):
+class TargetSpec(SceneFileSpec, kw_only=True):
     """One object and its path."""
 
     id: Annotated[int, Meta(ge=0, le=2**31 - 1)]
@@ -62,7 +62,7 @@ class TargetSpec(Spec, kw_only=True):
     silent: Annotated[tuple[Interval, ...], Meta(description="from, to: when it makes no sound")] = ()
 
 
-class PathsSpec(Spec, kw_only=True):
+class PathsSpec(SceneFileSpec, kw_only=True):
     """A file of scripted targets; times are seconds after the first step."""
 
     occlog_paths: Annotated[Literal[1], Meta(description="version of this format")]

@@ -37,9 +37,9 @@ from occlog.records.scene import (
     camera_rotation,
 )
 
-MOST_PX = 100_000
+MAX_PX = 100_000
 """Width and height of an image at most [px]."""
-MOST_OFFSET_NS = 4 * 10**18
+MAX_OFFSET_NS = 4 * 10**18
 """Of a clock at most, either way: 126 years, so that times and offsets together are whole numbers of 64 bits."""
 Positive = Annotated[float, Meta(gt=0, le=MAX_COORDINATE)]
 Rate = Annotated[float, Meta(ge=1e-9, le=1e6)]
@@ -59,11 +59,11 @@ Pixel = Annotated[float, Meta(ge=-MAX_FOCAL_PX, le=MAX_FOCAL_PX)]
 Corners = Annotated[list[Point2], Meta(min_length=3)]
 
 
-class Spec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class SceneFileSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     """Base of all parts: unknown keys are errors."""
 
 
-class NoiseSpec(Spec, kw_only=True):
+class NoiseSpec(SceneFileSpec, kw_only=True):
     """Standard deviations of [Ercan] Eq. 2, and how reliable detection is."""
 
     position: Annotated[
@@ -81,14 +81,14 @@ class NoiseSpec(Spec, kw_only=True):
     ) = None
 
 
-class DistortionSpec(Spec, kw_only=True):
+class DistortionSpec(SceneFileSpec, kw_only=True):
     """Lens distortion on normalised image coordinates."""
 
     model: Literal["brown", "tsai", "equidistant"] = "brown"
     coefficients: Annotated[list[float], Meta(max_length=5, description="k1, k2, p1, p2, k3; k1 to k4 of equidistant")]
 
 
-class CameraSpec(Spec, kw_only=True):
+class CameraSpec(SceneFileSpec, kw_only=True):
     """One camera."""
 
     name: Name
@@ -115,7 +115,7 @@ class CameraSpec(Spec, kw_only=True):
     )
     image_size_px: (
         Annotated[
-            list[Annotated[int, Meta(gt=0, le=MOST_PX)]],
+            list[Annotated[int, Meta(gt=0, le=MAX_PX)]],
             Meta(min_length=2, max_length=2, description="width and height"),
         ]
         | None
@@ -129,7 +129,7 @@ class CameraSpec(Spec, kw_only=True):
     clock: Name | None = None
 
 
-class ArraySpec(Spec, kw_only=True):
+class ArraySpec(SceneFileSpec, kw_only=True):
     """One microphone array, or another sensor that delivers directions only."""
 
     name: Name
@@ -159,7 +159,7 @@ class ArraySpec(Spec, kw_only=True):
     clock: Name | None = None
 
 
-class ReaderSpec(Spec, kw_only=True):
+class ReaderSpec(SceneFileSpec, kw_only=True):
     """One reader of radio tags."""
 
     name: Name
@@ -175,7 +175,7 @@ class ReaderSpec(Spec, kw_only=True):
     clock: Name | None = None
 
 
-class OccluderSpec(Spec, kw_only=True):
+class OccluderSpec(SceneFileSpec, kw_only=True):
     """One static occluder."""
 
     name: Name
@@ -183,15 +183,15 @@ class OccluderSpec(Spec, kw_only=True):
     height: Positive = 2.5
 
 
-class ClockSpec(Spec, kw_only=True):
+class ClockSpec(SceneFileSpec, kw_only=True):
     """World time = sensor time - offset - drift x (sensor time - start)."""
 
     name: Name
-    offset_ns: Annotated[int, Meta(ge=-MOST_OFFSET_NS, le=MOST_OFFSET_NS)] = 0
+    offset_ns: Annotated[int, Meta(ge=-MAX_OFFSET_NS, le=MAX_OFFSET_NS)] = 0
     drift_ppm: Annotated[float, Meta(gt=-1e6, lt=1e6)] = 0.0
 
 
-class SceneSpec(Spec, kw_only=True):
+class SceneSpec(SceneFileSpec, kw_only=True):
     """A scene file."""
 
     occlog_scene: Annotated[Literal[1], Meta(description="version of this format")]

@@ -13,7 +13,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.names import safe_name
 from occlog.io.files.stated_units import STATED
-from occlog.io.files.texts.csv_rows import Rows, first_line, is_header, read_rows
+from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_rows
 from occlog.records.scene import MAX_COORDINATE, MAX_SIGMA_DEG, MIN_SIGMA_DEG, MicrophoneArray, Scene
 from occlog.settings import METRES
 
@@ -84,7 +84,7 @@ def _unit(name: str) -> str:
     return STATED.get().unit_of(name, "length", said) or "m"
 
 
-def _spelled(rows: Rows, axis: str) -> str | None:
+def _spelled(rows: CsvRows, axis: str) -> str | None:
     """The column of an axis, whatever unit it states."""
     found = [name for name in COLUMNS if name.partition("_")[0] == axis and rows.has(name)]
     if len(found) > 1:
@@ -92,5 +92,5 @@ def _spelled(rows: Rows, axis: str) -> str | None:
     return found[0] if found else None
 
 
-def _numbers(rows: Rows, name: str | None) -> Floats:
+def _numbers(rows: CsvRows, name: str | None) -> Floats:
     return np.zeros(len(rows)) if name is None else rows.lengths(name)

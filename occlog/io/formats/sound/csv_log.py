@@ -15,8 +15,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.texts.csv_rows import Rows, check_one_sensor
-from occlog.io.files.texts.formats import IDENTITY, RAW, Column, Format, read_format
+from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor
+from occlog.io.files.texts.formats import IDENTITY, RAW, FormatColumn, TextFormat, read_format
 from occlog.records.losses import Loss
 
 
@@ -83,14 +83,14 @@ ANGLES = {
     "sigma_elevation": ("sigma_elevation", "sigma_el"),
 }
 WHAT = "a log of directions of arrival"
-FORMAT = Format(
+FORMAT = TextFormat(
     WHAT,
     {
-        "sensor": Column(("sensor", "array", "tower", "station", "node"), RAW, default=""),
-        "id": Column(("id", "source_id", "source"), IDENTITY, least=-1, default=-1),
-        "confidence": Column(("confidence", "conf", "score", "activity"), least=0.0, most=1.0, default=np.nan),
+        "sensor": FormatColumn(("sensor", "array", "tower", "station", "node"), RAW, default=""),
+        "id": FormatColumn(("id", "source_id", "source"), IDENTITY, least=-1, default=-1),
+        "confidence": FormatColumn(("confidence", "conf", "score", "activity"), least=0.0, most=1.0, default=np.nan),
         **{
-            name + unit: Column(tuple(alias + unit for alias in aliases), RAW, default="")
+            name + unit: FormatColumn(tuple(alias + unit for alias in aliases), RAW, default="")
             for name, aliases in ANGLES.items()
             for unit in ("", "_deg", "_rad")
         },
@@ -125,7 +125,7 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         )
 
 
-def _sensors(rows: Rows, options: DoaOptions, label: str) -> Strings:
+def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
     """(n,) names of the arrays of the rows; `label` is what the first row of the log calls its own."""
     if options.sensor is not None:
         if rows.has("sensor"):
@@ -136,7 +136,7 @@ def _sensors(rows: Rows, options: DoaOptions, label: str) -> Strings:
     return rows.cells["sensor"]
 
 
-def _angle(rows: Rows, name: str, options: DoaOptions) -> Floats:
+def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
     """(n,) angles [rad] of a column whose name, or the option `unit`, states the unit; NaN where there is none."""
     found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
     if not found:
@@ -152,13 +152,13 @@ def _angle(rows: Rows, name: str, options: DoaOptions) -> Floats:
     return np.radians(values) if unit == "deg" else values
 
 
-def _sigma(rows: Rows, name: str, options: DoaOptions) -> Floats:
+def _sigma(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
     values = _angle(rows, name, options)
     _check_limits(rows, name, values <= 0, "must be above 0")
     return values
 
 
-def _check_limits(rows: Rows, name: str, bad: np.ndarray, what: str) -> None:
+def _check_limits(rows: CsvRows, name: str, bad: np.ndarray, what: str) -> None:
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         column = next(n for n in (name, f"{name}_deg", f"{name}_rad") if rows.has(n))

@@ -34,7 +34,7 @@ from occlog.errors import InputError, UsageError, option
 from occlog.io.files.limits import naming
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.csv_rows import first_line, is_header, read_plain
-from occlog.io.files.texts.formats import RAW, WHOLE, Column, Format, Part, read_format
+from occlog.io.files.texts.formats import RAW, WHOLE, FormatColumn, TextFormat, TextPart, read_format
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Truth
@@ -112,22 +112,24 @@ def read_source(path: Path) -> Truth:
         return Truth.of(t_ns=t_ns, target_id=target, role=np.full(n, "target"), x=x.copy(), y=y.copy(), z=z.copy())
 
 
-def _locata_rows(path: Path, columns: Sequence[str]) -> list[Part]:
+def _locata_rows(path: Path, columns: Sequence[str]) -> list[TextPart]:
     """The rows of a table that has these columns, and perhaps others."""
-    known = {name: Column((name,), RAW if name == "second" else WHOLE) for name in TIMES}
+    known = {name: FormatColumn((name,), RAW if name == "second" else WHOLE) for name in TIMES}
     parts = list(
-        read_format(path, Format(LOCATA_TABLE, known | {name: Column((name,)) for name in columns}, others=True))
+        read_format(
+            path, TextFormat(LOCATA_TABLE, known | {name: FormatColumn((name,)) for name in columns}, others=True)
+        )
     )
     if not parts:
         raise InputError(f"{path}: has no row; {LOCATA_TABLE} was expected")
     return parts
 
 
-def _values(part: Part, columns: Sequence[str]) -> Floats:
+def _values(part: TextPart, columns: Sequence[str]) -> Floats:
     return np.column_stack([part[name] for name in columns])
 
 
-def _times(part: Part) -> Ints:
+def _times(part: TextPart) -> Ints:
     """(n,) times [ns since 1970], taken for UTC, exact to the nanosecond."""
     minutes: dict[tuple[int, ...], int] = {}
     out = np.empty(len(part), dtype=np.int64)
@@ -178,18 +180,18 @@ def _angles(rotation: Floats) -> tuple[float, float, float]:
 
 
 ARRAY_POSITIONS = "a table of places of arrays"
-MOST_ARRAYS = 10_000
+MAX_ARRAYS = 10_000
 """Direction finders of a table at most: each becomes a sensor of the scene."""
-FRIDA = Format(
+FRIDA = TextFormat(
     "a table of DOA estimates",
     {
-        "recording": Column(("recording",), RAW),
-        "algorithm": Column(("algorithm",), RAW),
-        "estimate": Column(("estimate_deg",)),
+        "recording": FormatColumn(("recording",), RAW),
+        "algorithm": FormatColumn(("algorithm",), RAW),
+        "estimate": FormatColumn(("estimate_deg",)),
     },
     ignored=("n_speakers", "snr_db", "speakers"),
 )
-MICROPHONES = Format("a table of microphones", {axis: Column((axis, f"{axis}_m")) for axis in "xyz"})
+MICROPHONES = TextFormat("a table of microphones", {axis: FormatColumn((axis, f"{axis}_m")) for axis in "xyz"})
 _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
 _WHOLE_NUMBER = re.compile(r"^[0-9]{1,9}$")
 
@@ -286,8 +288,8 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
         microphones = np.concatenate(parts)
         return (MicrophoneArray(name or path.stem, np.zeros(3), microphones=microphones),)
     plain = list(read_plain(path, ARRAY_POSITIONS))
-    if (count := sum(map(len, plain))) > MOST_ARRAYS:
-        raise InputError(f"{path}: {count} rows; places of at most {MOST_ARRAYS} direction finders were expected")
+    if (count := sum(map(len, plain))) > MAX_ARRAYS:
+        raise InputError(f"{path}: {count} rows; places of at most {MAX_ARRAYS} direction finders were expected")
     if len(plain[0].cells) not in (2, 3):
         raise InputError(f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected")
     places = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
@@ -305,7 +307,7 @@ MAX_COUNT = 10**11
 ROWS_PER_CHUNK = 16_384
 
 
-class _Hop(NamedTuple):
+class _OdasObject(NamedTuple):
     """One object of the stream, and the line on which it begins."""
 
     line: int
@@ -355,7 +357,7 @@ def parse_hop(text: str) -> Fraction:
     return value
 
 
-def _hops(path: Path, losses: list[Loss]) -> Iterator[_Hop]:
+def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
     """The objects of the file, which is read piece by piece."""
     decoder = json.JSONDecoder(parse_constant=_refuse_constant)
     text, at, line, ended = "", 0, 1, False
@@ -416,7 +418,7 @@ def _malformed(path: Path, line: int, problem: str) -> InputError:
     )
 
 
-def _check(path: Path, line: int, found: object) -> _Hop:
+def _check(path: Path, line: int, found: object) -> _OdasObject:
     """The object as a hop; InputError where it is something else."""
     if not isinstance(found, dict):
         raise _malformed(path, line, f"a JSON {type(found).__name__}")
@@ -425,10 +427,10 @@ def _check(path: Path, line: int, found: object) -> _Hop:
         raise InputError(f"{path}: line {line}: timeStamp is {count!r}; a count of hops from 0 was expected")
     if not isinstance(sources, list) or not all(isinstance(s, dict) for s in sources):
         raise InputError(f"{path}: line {line}: src is not a list of sources")
-    return _Hop(line, count, sources)
+    return _OdasObject(line, count, sources)
 
 
-def _sources(path: Path, hop: _Hop) -> Iterator[tuple[int, float, float, float]]:
+def _sources(path: Path, hop: _OdasObject) -> Iterator[tuple[int, float, float, float]]:
     """Identity (-1: none), azimuth and elevation in the array's frame [rad] and confidence of each source."""
     for source in hop.sources:
         identity = source.get("id", -1)
@@ -448,7 +450,7 @@ def _sources(path: Path, hop: _Hop) -> Iterator[tuple[int, float, float, float]]
         yield identity, float(np.arctan2(y, x)), elevation, float(np.clip(strength, 0.0, 1.0))
 
 
-def _number(path: Path, hop: _Hop, source: dict[str, object], key: str) -> float:
+def _number(path: Path, hop: _OdasObject, source: dict[str, object], key: str) -> float:
     value = source.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise InputError(f"{path}: line {hop.line}: {key} of a source is {value!r}; a number was expected")

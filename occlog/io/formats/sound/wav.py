@@ -26,9 +26,9 @@ WHAT = "a WAV file"
 PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 OPEN = (0, 0xFFFFFFFF)
 """Lengths that a recorder writes first and corrects at the end."""
-MOST_CHUNKS = 1000
+MAX_CHUNKS = 1000
 """Chunks behind the samples that are looked at."""
-MOST_CHANNELS, MOST_RATE = 4096, 10_000_000
+MAX_CHANNELS, MAX_RATE = 4096, 10_000_000
 LOUDEST = 1e30
 """Full scale is 1; squares of much more leave the range of numbers."""
 
@@ -129,7 +129,7 @@ def _is_more(path: Path, at: int) -> bool:
     """Whether something stands behind the samples that is no chunk but more of them, or a second chunk of samples."""
     size = path.stat().st_size
     with path.open("rb") as file:
-        for _ in range(MOST_CHUNKS):
+        for _ in range(MAX_CHUNKS):
             if size - at < 9:
                 return False
             file.seek(at)
@@ -196,6 +196,6 @@ def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
             f"{path}: {block} bytes for {channels} samples of {bits} bits; they are padded, or the header is damaged; "
             "convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`"
         )
-    if not 1 <= channels <= MOST_CHANNELS or not 1 <= rate <= MOST_RATE:
+    if not 1 <= channels <= MAX_CHANNELS or not 1 <= rate <= MAX_RATE:
         raise InputError(f"{path}: {channels} channels at {rate} Hz cannot be; the header is damaged")
     return channels, rate, bits, tag == FLOAT

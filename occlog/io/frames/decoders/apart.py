@@ -75,7 +75,7 @@ if hasattr(os, "register_at_fork"):  # a process that was forked must not write 
     os.register_at_fork(after_in_child=_idle.clear)
 
 
-class VideoApart:
+class SubprocessVideo:
     """Frames of a video, decoded forwards only in another process, which works ahead by one frame."""
 
     def __init__(self, path: Path) -> None:

@@ -23,7 +23,7 @@ SHARED = sys.platform == "linux"
 """Whether there is memory without a name that can be given to another process."""
 SMALLEST, LARGEST = 2**18, 2**25
 """Sizes of images that go through it [bytes]: a pipe is as quick for smaller ones; 3840 x 2160 px take 25 million."""
-FEWEST, MOST = 3, 8
+MIN_SLOTS, MAX_SLOTS = 3, 8
 """Slots: at least one that is decoded into, one that waits, and one that is looked at."""
 AHEAD = 2**23
 """Size of all slots, where they are more than the fewest [bytes]."""
@@ -54,7 +54,7 @@ class SharedImages:
         """Make the slots, once; the memory keeps its size from then on, whatever the other process does."""
         import fcntl
 
-        self.size, self._slots = size, min(max(AHEAD // size, FEWEST), MOST)
+        self.size, self._slots = size, min(max(AHEAD // size, MIN_SLOTS), MAX_SLOTS)
         os.ftruncate(self.file, self._slots * size)
         fcntl.fcntl(self.file, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
         self._memory = mmap.mmap(self.file, self._slots * size)

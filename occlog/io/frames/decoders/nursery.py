@@ -34,7 +34,7 @@ _NUMBER = struct.Struct("i")
 
 
 @dataclass
-class Forked:
+class ForkedProcess:
     """A process forked by the nursery, to be used as a `subprocess.Popen` is.
 
     Attributes:
@@ -77,7 +77,7 @@ class Forked:
         self._line.close()
 
 
-class Nursery:
+class ForkServer:
     """The side of the process that asks for others."""
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class Nursery:
         self._requests: socket.socket | None = None
         self._others: list[subprocess.Popen[bytes]] = []  # of processes that this one was forked from
 
-    def fork(self, environment: dict[str, str], memory: int | None = None) -> Forked:
+    def fork(self, environment: dict[str, str], memory: int | None = None) -> ForkedProcess:
         """A new process that does the job on its standard input, as `process_main` does.
 
         Args:
@@ -117,7 +117,7 @@ class Nursery:
             for each in (given, taken):
                 os.close(each)
             far.close()
-        forked = Forked(os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb"), line)
+        forked = ForkedProcess(os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb"), line)
         said = line.recv(_NUMBER.size)
         if not said:
             for pipe in (forked.stdin, forked.stdout):
@@ -167,7 +167,7 @@ class Nursery:
         self._process = self._requests = None
 
 
-NURSERY = Nursery()
+NURSERY = ForkServer()
 atexit.register(NURSERY.stop)
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=NURSERY.forget)

@@ -16,13 +16,13 @@ from typing import IO, Any, Literal, Required, Self, TypedDict
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.files.children import environment_for_children, how_it_ended, widen
+from occlog.io.files.children import enlarge_pipe, environment_for_children, exit_description
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
 from ..limits import MAX_PIXELS, SECONDS
 from .memory import SHARED, SharedImages, slot_size
-from .nursery import FORKS, NURSERY, Forked
+from .nursery import FORKS, NURSERY, ForkedProcess
 
 
 class DecodingJob(TypedDict, total=False):
@@ -40,7 +40,7 @@ class DecodingJob(TypedDict, total=False):
     cwd: str  # folder that relative paths start from
 
 
-class Header(TypedDict, total=False):
+class DecoderMessage(TypedDict, total=False):
     """A message of the decoding process: of the input, of a frame, of the end, or of an error."""
 
     size: tuple[int, int]
@@ -87,7 +87,7 @@ class Decoder:
     """
 
     path: Path
-    process: subprocess.Popen[bytes] | Forked
+    process: subprocess.Popen[bytes] | ForkedProcess
     size: tuple[int, int] = (0, 0)
     frames: int | None = None
     rate_hz: float | None = None
@@ -190,14 +190,14 @@ class Decoder:
             kind = header.get("k", "raw" if "s" in header else "none")
             yield Delivered(last, None if pos is None else round(pos), kind, payload, tuple(header.get("s", ())))
 
-    def _receive(self) -> tuple[Header, bytes | bytearray | Image] | None:
+    def _receive(self) -> tuple[DecoderMessage, bytes | bytearray | Image] | None:
         """The next message, None if the process died; InputError if it reports one."""
         pipe: IO[bytes] = self.process.stdout  # type: ignore[assignment]
         head = pipe.read(8)
         if len(head) < 8:
             return None
         text, size = struct.unpack(">II", head)
-        header: Header = json.loads(pipe.read(text))
+        header: DecoderMessage = json.loads(pipe.read(text))
         payload: bytes | bytearray
         if "m" in header and self.shared is not None:
             return header, self.shared.image(header["m"], tuple(header["s"]))
@@ -214,7 +214,7 @@ class Decoder:
         return header, payload
 
     def _death(self) -> str:
-        return how_it_ended(self.process.wait(), f"{SECONDS} s for one frame")
+        return exit_description(self.process.wait(), f"{SECONDS} s for one frame")
 
 
 def start_decoder(job: DecodingJob) -> Decoder:
@@ -236,14 +236,14 @@ def start_decoder(job: DecodingJob) -> Decoder:
         raise
     pipe: IO[bytes] = process.stdin  # type: ignore[assignment]
     for end in (pipe, process.stdout):
-        widen(end)
+        enlarge_pipe(end)
     with suppress(BrokenPipeError):
         pipe.write(json.dumps(job).encode() + b"\n")
         pipe.flush()
     return Decoder(Path(job["path"]), process, shared=shared)
 
 
-def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | Forked:
+def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | ForkedProcess:
     """A process that waits for its job."""
     environment = {**environment_for_children(), "OPENCV_IO_MAX_IMAGE_PIXELS": str(MAX_PIXELS)}
     if FORKS:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 from occlog.errors import InputError
 from occlog.records.losses import Loss
 
-from ..limits import Clock, allow_pixels, lower_limits
+from ..limits import CpuTimeLimit, allow_pixels, lower_limits
 from .memory import Slots
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from occlog.records.frames import Image
 
-    from .process import DecodingJob, Header
+    from .process import DecoderMessage, DecodingJob
 
 _ADDRESS = re.compile(r"\[([^\]@]+) @ 0x[0-9a-f]+\] ?")
 MAX_TEXT = 90
@@ -58,7 +58,7 @@ class Log:
         return lines[0][:MAX_TEXT] if lines else ""
 
 
-def send(out: BinaryIO, header: Header, payload: bytes | memoryview = b"") -> None:
+def send(out: BinaryIO, header: DecoderMessage, payload: bytes | memoryview = b"") -> None:
     """One message: lengths, JSON, data."""
     text = json.dumps(header).encode()
     out.write(struct.pack(">II", len(text), len(payload)))
@@ -114,7 +114,7 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
     from ..decode import CAPTURE_OPTIONS, decode, examine
 
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
-    clock = Clock(Path(job["path"]))
+    clock = CpuTimeLimit(Path(job["path"]))
 
     def news() -> str:
         clock.go_on()
@@ -149,7 +149,7 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
     """Images that come on standard input, each after its length and the slots that are free; an answer to each."""
     from ..codec import decode_image, image_size
 
-    clock = Clock()
+    clock = CpuTimeLimit()
     slots = _slots(memory, job.get("slot", 0))
     while head := sys.stdin.buffer.read(5):
         length, free = struct.unpack(">IB", head)
@@ -177,7 +177,7 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
         del image  # the next may need as much memory
 
 
-def _send_image(out: BinaryIO, header: Header, image: Image, slots: Slots | None) -> None:
+def _send_image(out: BinaryIO, header: DecoderMessage, image: Image, slots: Slots | None) -> None:
     """Send an image through shared memory, or after its header where it does not fit."""
     slot = None if slots is None else slots.deliver(image)
     if slot is None:
@@ -191,7 +191,7 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
     from ..streams import load
 
     files = [(int(index), Path(path)) for index, path in job["files"]]
-    clock = Clock()
+    clock = CpuTimeLimit()
 
     def news() -> str:
         clock.go_on()
@@ -240,7 +240,7 @@ def _deliver(
 ) -> None:
     from ..codec import encode_image
 
-    header: Header = {"i": index, "p": pos_ns if pos_ns == pos_ns else None}
+    header: DecoderMessage = {"i": index, "p": pos_ns if pos_ns == pos_ns else None}
     store = job["store"]
     if store == "none":
         send(out, header)

@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from occlog.io.files.limits import RECORDING_MAGIC
 from occlog.io.recording.chunks import HEAD, MAX_CHUNK_BYTES
 
-from .gaps import Damage, Tally
+from .gaps import ChannelTally, Damage
 
 END_BYTES: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 """Length of each end mark, without code and length."""
@@ -53,7 +53,7 @@ def is_end_mark(code: int, length: int) -> bool:
     return END_BYTES.get(code) == length
 
 
-def behind_end(file: IO[bytes], at: int, size: int) -> int | None:
+def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
     """The byte behind a recording whose data end with the end mark at byte `at`.
 
     Args:
@@ -151,7 +151,7 @@ def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int 
     return None
 
 
-class Part:
+class SalvagedRecording:
     """What is known of one recording."""
 
     def __init__(self, at: int) -> None:
@@ -166,7 +166,7 @@ class Part:
         self.metadata: dict[str, dict[str, str]] = {}
         self.scene: bytes | None = None
         self.damage = Damage()
-        self.tallies: dict[int, Tally] = {}
+        self.tallies: dict[int, ChannelTally] = {}
         self.left_out = 0
         """Messages that cannot be brought together with those of the recording before it."""
         self.early = 0
@@ -241,5 +241,5 @@ class Part:
             (self.channels[channel_id].topic, place, messages)
             for channel_id, count in sorted(counts.items())
             if channel_id in self.channels
-            for place, messages in self.tallies.get(channel_id, Tally(channel_id, self.damage)).lost(count)
+            for place, messages in self.tallies.get(channel_id, ChannelTally(channel_id, self.damage)).lost(count)
         ]

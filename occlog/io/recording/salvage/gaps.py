@@ -74,7 +74,7 @@ class Damage:
         self.counted[channel] = self.counted.get(channel, 0) + messages
 
 
-class Tally:
+class ChannelTally:
     """Messages of one channel, and the gaps between them."""
 
     def __init__(self, channel: int, damage: Damage) -> None:

@@ -37,11 +37,11 @@ from occlog.io.recording.chunks import (
     KNOWN_COMPRESSION,
     MAX_CHUNK_BYTES,
     ChunkHead,
-    Growth,
+    DecompressionCount,
     chunk_head,
 )
 
-from .ends import BEGIN, END_BYTES, behind_end, index_of, is_end_mark
+from .ends import BEGIN, END_BYTES, byte_after_end, index_of, is_end_mark
 
 _MAGIC = 0x184D2204
 _PLAIN = 1 << 31
@@ -55,7 +55,7 @@ _LONG = 15
 """A length of this or more goes on in the bytes that follow."""
 
 
-def rest_of_block(frame: bytes, whole: bytes, most: int) -> bytes:
+def recover_block_tail(frame: bytes, whole: bytes, most: int) -> bytes:
     """The unpacked bytes that follow those of a cut frame's whole blocks.
 
     Args:
@@ -140,14 +140,14 @@ FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryE
 """What damaged records raise in the libraries that take them apart."""
 
 
-class Tell(Protocol):
+class DamageReporter(Protocol):
     """Is told of damage."""
 
     def __call__(self, at: int, what: str, *, messages: bool = True) -> None:
         """Take note of damage at a byte of the file, what it is, and whether messages may be lost by it."""
 
 
-class Record(NamedTuple):
+class McapRecord(NamedTuple):
     """One whole record.
 
     Attributes:
@@ -161,11 +161,11 @@ class Record(NamedTuple):
     at: int
 
 
-def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
+def intact_records(path: Path, damaged: DamageReporter) -> Iterator[McapRecord]:
     """All whole records before the index, those of chunks one by one, in the order of the file.
 
-    Where a recording begins a `Record` of the kind HEADER comes first, at its first byte: all that was defined before
-    does not hold there.
+    Where a recording begins a `McapRecord` of the kind HEADER comes first, at its first byte: all that was defined
+    before does not hold there.
 
     Args:
         path: an MCAP file, or several one behind another.
@@ -185,12 +185,12 @@ def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
             )
         if begin != RECORDING_MAGIC:
             raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
-        at, before, growth = 0, 0, Growth(path)
+        at, before, growth = 0, 0, DecompressionCount(path)
         while at < size:
             file.seek(at)
             head = file.read(HEAD.size)
             if head.startswith(RECORDING_MAGIC):
-                yield Record(Opcode.HEADER, b"", at)
+                yield McapRecord(Opcode.HEADER, b"", at)
                 at += len(RECORDING_MAGIC)
                 continue
             if len(head) < HEAD.size:
@@ -226,7 +226,7 @@ def whole_records(path: Path, damaged: Tell) -> Iterator[Record]:
         damaged(size, "the file is cut: its end mark is missing")
 
 
-def repeated_records(path: Path, begin: int = 0) -> list[Record]:
+def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
     """Schemas, channels and statistics in the index of a recording that begins at a byte; none if it is damaged."""
     with path.open("rb") as file, suppress(*FAILURES):
         found = index_of(file, begin, path.stat().st_size)
@@ -237,9 +237,9 @@ def repeated_records(path: Path, begin: int = 0) -> list[Record]:
     return []
 
 
-def _behind(file: IO[bytes], at: int, size: int, damaged: Tell) -> int:
+def _behind(file: IO[bytes], at: int, size: int, damaged: DamageReporter) -> int:
     """Where to read on behind the end mark at a byte: at the next recording or chunk; `size`: there is none."""
-    behind = behind_end(file, at, size)
+    behind = byte_after_end(file, at, size)
     if behind is None:  # the index is damaged, or the mark is none
         begins = _next_begin(file, at + 1, size)
         if begins is not None:
@@ -320,8 +320,8 @@ def _is_chunk(data: bytes) -> bool:
 
 
 def _one(
-    file: IO[bytes], at: int, code: int, length: int, damaged: Tell, growth: Growth
-) -> Generator[Record, None, int]:
+    file: IO[bytes], at: int, code: int, length: int, damaged: DamageReporter, growth: DecompressionCount
+) -> Generator[McapRecord, None, int]:
     """A record outside chunks, or those of a chunk; returns where to read on."""
     end = at + HEAD.size + length
     if code == Opcode.HEADER:
@@ -338,7 +338,7 @@ def _one(
         if cut >= 0 and not (code == Opcode.ATTACHMENT and has_right_sum(data)):
             damaged(at, "the file is cut within a record, and another recording follows")
             return at + HEAD.size + cut
-        yield Record(code, data, at)
+        yield McapRecord(code, data, at)
         return end
     try:
         head = chunk_head(data)
@@ -363,7 +363,9 @@ def has_right_sum(attachment: bytes) -> bool:
     return not crc or zlib.crc32(attachment[:-4]) == crc
 
 
-def _cut_chunk(file: IO[bytes], at: int, size: int, damaged: Tell, growth: Growth) -> Iterator[Record]:
+def _cut_chunk(
+    file: IO[bytes], at: int, size: int, damaged: DamageReporter, growth: DecompressionCount
+) -> Iterator[McapRecord]:
     """The complete records of a chunk in which the file was cut, at byte `size`."""
     file.seek(at + HEAD.size)
     try:
@@ -387,7 +389,7 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
         return packed[:declared]
     if compression == "lz4":
         whole = bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=declared))
-        return whole + rest_of_block(packed, whole, declared)
+        return whole + recover_block_tail(packed, whole, declared)
     stream, out = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(packed)), bytearray()
     while len(out) < declared:
         try:
@@ -400,7 +402,7 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
     return bytes(out)
 
 
-def _split(records: bytes, at: int) -> Iterator[Record]:
+def _split(records: bytes, at: int) -> Iterator[McapRecord]:
     """The complete records in the unpacked bytes of a chunk."""
     begin = 0
     while begin + HEAD.size <= len(records):
@@ -408,7 +410,7 @@ def _split(records: bytes, at: int) -> Iterator[Record]:
         begin += HEAD.size
         if begin + length > len(records):
             return
-        yield Record(code, records[begin : begin + length], at)
+        yield McapRecord(code, records[begin : begin + length], at)
         begin += length
 
 

@@ -24,9 +24,9 @@ from occlog.io.recording.chunks import MESSAGE_HEAD
 from occlog.io.recording.copy import moved_metadata
 from occlog.io.recording.metadata import add_metadata, damaged_metadata
 from occlog.io.recording.reader import sensor_of
-from occlog.io.recording.salvage.ends import Part
-from occlog.io.recording.salvage.gaps import Tally, Written
-from occlog.io.recording.salvage.records import FAILURES, Record, has_right_sum, repeated_records, whole_records
+from occlog.io.recording.salvage.ends import SalvagedRecording
+from occlog.io.recording.salvage.gaps import ChannelTally, Written
+from occlog.io.recording.salvage.records import FAILURES, McapRecord, has_right_sum, intact_records, repeated_records
 from occlog.io.recording.writer import FORMAT, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA, begin_mcap
 from occlog.io.recording.writer import METADATA as OURS
 from occlog.records.losses import Loss
@@ -69,7 +69,7 @@ def recover_recording(
     check_output_name(path, RECORDING)
     with open_output(path, overwrite) as file:
         found = _Salvage(source, path, file)
-        for record in whole_records(source, found.damaged):
+        for record in intact_records(source, found.damaged):
             found.take(record)
         return found.finish(videos)
 
@@ -80,7 +80,7 @@ class _Salvage:
     def __init__(self, source: Path, path: Path, file: IO[bytes]) -> None:
         self._source, self._path = source, path
         self._writer = begin_mcap(file)
-        self._first = self._part = Part(0)
+        self._first = self._part = SalvagedRecording(0)
         self._written_schemas: dict[tuple[str, str, bytes], int] = {}
         self._written_channels: dict[tuple[str, str, int, str], int] = {}
         self._attached: dict[str, bytes] = {}  # digests
@@ -97,7 +97,7 @@ class _Salvage:
         if messages:
             self._part.damage.begin()
 
-    def take(self, record: Record) -> None:
+    def take(self, record: McapRecord) -> None:
         """Write a message or an attachment, or keep what others need."""
         part = self._part
         try:
@@ -141,7 +141,7 @@ class _Salvage:
         """Go on with another recording, which begins at a byte of the file."""
         self._close()
         before = self._part.latest() if self._belongs(self._part) else self._part.before
-        self._part = Part(at)
+        self._part = SalvagedRecording(at)
         self._part.before = before
 
     def _close(self) -> None:
@@ -167,7 +167,7 @@ class _Salvage:
             self._losses[Loss(_source_of(topic), place, what, count or 0)] = None
         self._before += self._provenance_before(part).losses
 
-    def _tell_of_other(self, part: Part) -> None:
+    def _tell_of_other(self, part: SalvagedRecording) -> None:
         """List a recording that follows another one, and what is left out of it."""
         place = f"from byte {part.at} on"
         if not self._belongs(part):
@@ -182,7 +182,7 @@ class _Salvage:
             what = "frames of linked videos of another recording are left out; split the file there"
             self._losses[Loss(self._source.name, place, what, part.left_out)] = None
 
-    def _belongs(self, part: Part) -> bool:
+    def _belongs(self, part: SalvagedRecording) -> bool:
         """Whether messages of a recording mean what those of the first one do."""
         return part is self._first or (part.scene is not None and part.scene == self._first.scene)
 
@@ -207,7 +207,7 @@ class _Salvage:
         self._writer.finish()
         return Recovered(dict(sorted(self._messages.items())), self._span, losses)
 
-    def _message(self, record: Record) -> None:
+    def _message(self, record: McapRecord) -> None:
         part = self._part
         channel_id, number, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(record.data)
         part.damage.end()
@@ -215,7 +215,7 @@ class _Salvage:
             self._lose(f"channel {channel_id}", "its messages are left out: what they are is lost")
             return
         topic = part.channels[channel_id].topic
-        tally = part.tallies.setdefault(channel_id, Tally(channel_id, part.damage))
+        tally = part.tallies.setdefault(channel_id, ChannelTally(channel_id, part.damage))
         if part is not self._first and not (self._belongs(part) and part.schema_of(channel_id) != VIDEO_FRAME):
             part.left_out += 1
             tally.add(number, log_ns)
@@ -239,7 +239,7 @@ class _Salvage:
         low, high = self._span or (log_ns, log_ns)
         self._span = min(low, log_ns), max(high, log_ns)
 
-    def _register(self, part: Part, channel: records.Channel) -> int:
+    def _register(self, part: SalvagedRecording, channel: records.Channel) -> int:
         """The channel of the new recording that is the same, which is begun if there is none."""
         number = 0
         if channel.schema_id:
@@ -258,7 +258,7 @@ class _Salvage:
             )
         return self._written_channels[key]
 
-    def _attach(self, record: Record) -> None:
+    def _attach(self, record: McapRecord) -> None:
         # What occlog writes has a check sum: 0, which means that there is none, is damage
         if not has_right_sum(record.data) or not any(record.data[-4:]):
             self._lose(f"byte {record.at}", "an attached file with a wrong check sum is left out")
@@ -275,7 +275,7 @@ class _Salvage:
         self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
         self._attached[a.name] = digest
 
-    def _provenance_before(self, part: Part) -> Provenance:
+    def _provenance_before(self, part: SalvagedRecording) -> Provenance:
         """How the recording was made, with what was lost then; a loss where that itself is lost."""
         before = UNKNOWN
         with suppress(InputError):
@@ -313,5 +313,5 @@ def _source_of(topic: str) -> str:
     return sensor_of(topic) if topic.startswith("/camera/") else topic
 
 
-def _stream(record: Record) -> ReadDataStream:
+def _stream(record: McapRecord) -> ReadDataStream:
     return ReadDataStream(io.BytesIO(record.data))

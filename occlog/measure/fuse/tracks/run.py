@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.io.open import check_unit, common_unit, losses_of, open_input
+from occlog.io.open import check_unit, common_unit, input_losses, open_input
 from occlog.measure.fuse.request import TrackFusionRequest
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
@@ -37,7 +37,7 @@ def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, ob
     config = configure(TrackFusionConfig.in_unit(unit), request.settings)
     groups = [each.read(PeopleTracks) for each in opened]
     fused = fuse_tracks(groups, config)
-    losses = losses_of(opened)
+    losses = input_losses(opened)
     made = job.judged(job.provenance(asdict(config), losses), _checks(paths, groups, fused, config, unit))
     with job.tables(made, unit, {"output": type(fused.tracks)}) as tables:
         tables.write(output=fused.tracks, events=fused.events)

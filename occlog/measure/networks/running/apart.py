@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.children import environment_for_children, how_it_ended, widen
+from occlog.io.files.children import enlarge_pipe, environment_for_children, exit_description
 from occlog.io.formats.models.onnx_file import OnnxFile
 
 from .messages import Feeds, receive, send
@@ -53,7 +53,7 @@ class Apart:
         )
         weakref.finalize(self, _end, self._process)
         for pipe in (self._process.stdin, self._process.stdout):
-            widen(pipe)
+            enlarge_pipe(pipe)
         job = {"path": str(model.path), "runtime": runtime, "threads": threads}
         self.called = str(self._ask(job, {}, "loading")[0].get("called", runtime))
 
@@ -86,7 +86,7 @@ class Apart:
 
     def _death(self) -> str:
         """How the process ended."""
-        return how_it_ended(self._process.wait(), f"{SECONDS} s of each thread")
+        return exit_description(self._process.wait(), f"{SECONDS} s of each thread")
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -17,7 +17,7 @@ from typing import IO, Any
 
 from occlog.errors import InputError, UsageError
 from occlog.io.formats.models.onnx_file import read_onnx
-from occlog.io.frames.limits import Clock, lower_limits
+from occlog.io.frames.limits import CpuTimeLimit, lower_limits
 
 from .apart import SECONDS
 from .messages import Feeds, receive, send
@@ -32,7 +32,7 @@ def main() -> None:
     lower_limits(memory=None)
     with suppress(BrokenPipeError, EOFError):
         job, _ = receive(sys.stdin.buffer)
-        clock = Clock(seconds=SECONDS * max(1, job["threads"]))
+        clock = CpuTimeLimit(seconds=SECONDS * max(1, job["threads"]))
         with opencv_threads(job["threads"]):
             network = _answered(out, partial(_load, job))
             while network is not None:

@@ -14,8 +14,8 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.formats.models.motion_models import PathLossSpec, lost_in_models, read_path_loss
-from occlog.io.open import load_scene, losses_of, open_input
+from occlog.io.formats.models.motion_models import PathLossSpec, model_losses, read_path_loss
+from occlog.io.open import input_losses, load_scene, open_input
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene, TagReader
 from occlog.records.tables import Bearings, Reads
@@ -134,7 +134,7 @@ class ReadsInput:
         self.scene: Scene = load_scene(request.scene, opened.scene, request.bearings)
         self._opened = opened
         self._sights = None if request.sights is None else open_input(request.sights, Bearings)
-        made = (*losses_of([opened, self._sights]), *lost_in_models([request.path_loss]))
+        made = (*input_losses([opened, self._sights]), *model_losses([request.path_loss]))
         self.losses: tuple[Loss, ...] = tuple(dict.fromkeys(made))
         self.readers = choose_readers(self.scene, request)
         self.window_ns = WINDOW_NS if request.window_ns is None else request.window_ns

@@ -16,7 +16,7 @@ from scipy.io import savemat
 from occlog.array_types import Floats
 from occlog.errors import InputError, OcclogError
 from occlog.io.formats.calibration.common import CalibrationOptions
-from occlog.io.formats.calibration.reader import Calibration, describe, read_calibration
+from occlog.io.formats.calibration.reader import CalibrationFile, describe, read_calibration
 from occlog.records.scene import Camera
 
 SIZE = (640, 480)
@@ -50,7 +50,9 @@ def rig(n: int = 3) -> list[View]:
     return out
 
 
-def check(found: Calibration, views: list[View], lens: Floats, *, fisheye: bool = False, near: float = 1e-6) -> None:
+def check(
+    found: CalibrationFile, views: list[View], lens: Floats, *, fisheye: bool = False, near: float = 1e-6
+) -> None:
     """Each camera has its name, size and centre, and projects points as OpenCV does."""
     assert [c.name for c in found.cameras] == [v.name for v in views]
     for camera, view in zip(found.cameras, views, strict=True):

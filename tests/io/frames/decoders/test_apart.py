@@ -79,7 +79,7 @@ def test_the_process_has_its_limits() -> None:
 
 
 def test_a_video_begins_at_any_frame_and_again_after_it_was_closed(tmp_path: Path) -> None:
-    video = apart.VideoApart(write_video(tmp_path / "ffv1.mkv"))
+    video = apart.SubprocessVideo(write_video(tmp_path / "ffv1.mkv"))
     try:
         shown = [video.read(k) for k in (3, 4, 9)]
         assert [number_shown(image) for image in shown if image is not None] == [3, 4, 9]

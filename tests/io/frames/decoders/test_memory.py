@@ -14,8 +14,8 @@ from video_samples import numbered
 from occlog.errors import InputError
 from occlog.io.frames.codec import decode_image
 from occlog.io.frames.decoders import memory
-from occlog.io.frames.decoders.apart import VideoApart, decode_apart, end_idle
-from occlog.io.frames.decoders.memory import FEWEST, LARGEST, MOST, SMALLEST, SharedImages, Slots, slot_size
+from occlog.io.frames.decoders.apart import SubprocessVideo, decode_apart, end_idle
+from occlog.io.frames.decoders.memory import LARGEST, MAX_SLOTS, MIN_SLOTS, SMALLEST, SharedImages, Slots, slot_size
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 
 pytestmark = pytest.mark.skipif(not memory.SHARED, reason="memory without a name is shared on Linux only")
@@ -38,7 +38,7 @@ def test_only_images_between_the_two_sizes_take_slots() -> None:
     assert slot_size(0, 0) == 0
 
 
-@pytest.mark.parametrize(("size", "count"), [(SMALLEST, MOST), (memory.AHEAD // 5, 5), (LARGEST, FEWEST)])
+@pytest.mark.parametrize(("size", "count"), [(SMALLEST, MAX_SLOTS), (memory.AHEAD // 5, 5), (LARGEST, MIN_SLOTS)])
 def test_small_images_have_more_slots(size: int, count: int) -> None:
     asks, _ = two_sides(size)
     with closing(asks):
@@ -80,7 +80,7 @@ def test_slots_whose_images_nobody_holds_are_used_again_without_copies() -> None
             part = image[10:20, 5]  # which holds it, too
             del image
             assert (part == k).all()
-        assert len(places) <= MOST
+        assert len(places) <= MAX_SLOTS
 
 
 def test_what_was_decoded_into_a_slot_is_not_copied_again() -> None:
@@ -99,7 +99,7 @@ def test_what_was_decoded_into_a_slot_is_not_copied_again() -> None:
 def test_a_decoder_that_nobody_listens_to_ends() -> None:
     asks, decoder = two_sides(SMALLEST)
     with closing(asks), pytest.raises(BrokenPipeError):
-        for _ in range(MOST + 1):
+        for _ in range(MAX_SLOTS + 1):
             decoder.deliver(np.zeros((300, 200), np.uint8))
 
 
@@ -111,7 +111,7 @@ def test_slots_that_a_decoder_makes_up_are_refused() -> None:
         image = asks.image(slot, (300, 200))
         for number, shape in (
             (slot, (300, 200)),
-            (MOST, (1,)),
+            (MAX_SLOTS, (1,)),
             (-1, (1,)),
             (1, (SMALLEST + 1,)),
             (1, (0,)),
@@ -138,7 +138,7 @@ def write_large(path: Path, count: int) -> Path:
 @pytest.mark.parametrize("held", [True, False])
 def test_frames_of_a_video_are_those_decoded_here(tmp_path: Path, held: bool) -> None:
     path = write_large(tmp_path / "v.avi", 30)
-    with closing(VideoApart(path)) as video:
+    with closing(SubprocessVideo(path)) as video:
         kept = []
         for k, expected in enumerate(frames_of(path, 30)):
             image = video.read(k)

@@ -16,7 +16,7 @@ import pytest
 from video_samples import number_shown, write_video
 
 from occlog.io.frames.decoders import nursery
-from occlog.io.frames.decoders.nursery import FORKS, Forked, Nursery
+from occlog.io.frames.decoders.nursery import FORKS, ForkedProcess, ForkServer
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 
 pytestmark = pytest.mark.skipif(not FORKS, reason="processes are forked on Linux only")
@@ -24,8 +24,8 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
 
 
 @pytest.fixture
-def own() -> Iterator[Nursery]:
-    made = Nursery()
+def own() -> Iterator[ForkServer]:
+    made = ForkServer()
     yield made
     made.stop()
 
@@ -41,12 +41,12 @@ def gone(*pids: int, seconds: float = 10.0) -> bool:
     return not any(running(pid) for pid in pids)
 
 
-def nursery_of(made: Nursery) -> int:
+def nursery_of(made: ForkServer) -> int:
     assert made._process is not None
     return made._process.pid
 
 
-def close(*forked: Forked) -> None:
+def close(*forked: ForkedProcess) -> None:
     for each in forked:
         each.kill()
         each.wait()
@@ -54,7 +54,7 @@ def close(*forked: Forked) -> None:
         each.stdout.close()
 
 
-def test_it_says_how_its_processes_ended(own: Nursery) -> None:
+def test_it_says_how_its_processes_ended(own: ForkServer) -> None:
     quiet, killed, crashed = (own.fork(ENVIRONMENT) for _ in range(3))
     assert len({quiet.pid, killed.pid, crashed.pid}) == 3
     assert [each.poll() for each in (quiet, killed, crashed)] == [None] * 3
@@ -70,7 +70,7 @@ def test_it_says_how_its_processes_ended(own: Nursery) -> None:
     assert gone(quiet.pid, killed.pid, crashed.pid)
 
 
-def test_processes_end_with_whoever_listens_to_them_and_with_the_nursery(own: Nursery) -> None:
+def test_processes_end_with_whoever_listens_to_them_and_with_the_nursery(own: ForkServer) -> None:
     forgotten, kept = own.fork(ENVIRONMENT), own.fork(ENVIRONMENT)
     forgotten._line.close()
     assert gone(forgotten.pid)
@@ -84,7 +84,7 @@ def test_processes_end_with_whoever_listens_to_them_and_with_the_nursery(own: Nu
     close(kept)
 
 
-def test_a_nursery_that_was_killed_is_replaced(own: Nursery) -> None:
+def test_a_nursery_that_was_killed_is_replaced(own: ForkServer) -> None:
     close(own.fork(ENVIRONMENT))
     first = nursery_of(own)
     os.kill(first, signal.SIGKILL)
@@ -96,8 +96,8 @@ def test_a_nursery_that_was_killed_is_replaced(own: Nursery) -> None:
     close(again)
 
 
-def test_threads_may_ask_at_the_same_time(own: Nursery) -> None:
-    found: list[Forked] = []
+def test_threads_may_ask_at_the_same_time(own: ForkServer) -> None:
+    found: list[ForkedProcess] = []
     threads = [threading.Thread(target=lambda: found.append(own.fork(ENVIRONMENT))) for _ in range(8)]
     for thread in threads:
         thread.start()

@@ -17,7 +17,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.messages.mcap_file import McapFile
 from occlog.io.recording.mcap_errors import open_mcap
-from occlog.io.recording.salvage.ends import Part
+from occlog.io.recording.salvage.ends import SalvagedRecording
 from occlog.io.recording.salvage.recover import Recovered, recover_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
@@ -251,7 +251,7 @@ def test_a_scene_whose_check_sum_is_wiped_is_not_taken(tmp_path: Path) -> None:
 
 def test_messages_without_numbers_are_copies_if_their_bytes_are_the_same() -> None:
     """MCAP has 0 for none: several of one time that say different things are no copies of each other."""
-    part = Part(0)
+    part = SalvagedRecording(0)
     said = [(5, b"a", False), (5, b"b", False), (5, b"a", True), (6, b"a", False), (5, b"b", True), (6, b"c", False)]
     assert [part.is_copy("t", 0, t_ns, data) for t_ns, data, _ in said] == [copy for *_, copy in said]
     assert part.copies == {"t": 2}

@@ -14,9 +14,9 @@ from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.formats.models.ellipses import FIRST, GivenEllipse, read_ellipses
-from occlog.io.formats.models.motion_models import lost_in_models
-from occlog.io.open import Opened, load_scene, losses_of, open_if_ours, open_input
-from occlog.io.recording.reader import Recording
+from occlog.io.formats.models.motion_models import model_losses
+from occlog.io.open import Opened, input_losses, load_scene, open_if_ours, open_input
+from occlog.io.recording.reader import McapRecording
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
@@ -69,8 +69,8 @@ class ViewsInput:
     @property
     def losses(self) -> tuple[Loss, ...]:
         """What was lost when the recording, the first ellipses, the detections and the matrices were made."""
-        found = losses_of([self.opened, self._initial, self._detections])
-        return tuple(dict.fromkeys((*found, *lost_in_models([self.request.fundamental]))))
+        found = input_losses([self.opened, self._initial, self._detections])
+        return tuple(dict.fromkeys((*found, *model_losses([self.request.fundamental]))))
 
     @property
     def length_unit(self) -> str:
@@ -184,7 +184,7 @@ def first_free(taken: Sequence[int]) -> int:
     return ids[gaps.index(max(gaps))] + 1
 
 
-def open_video(request: ViewsRequest) -> tuple[Opened, Recording]:
+def open_video(request: ViewsRequest) -> tuple[Opened, McapRecording]:
     """Open the recording; InputError unless it holds images."""
     path, method = request.bearings, request.method
     opened = open_if_ours(path)
@@ -204,7 +204,7 @@ def open_video(request: ViewsRequest) -> tuple[Opened, Recording]:
     return opened, recording
 
 
-def choose_views(recording: Recording, only: tuple[str, ...], without: tuple[str, ...]) -> tuple[str, ...]:
+def choose_views(recording: McapRecording, only: tuple[str, ...], without: tuple[str, ...]) -> tuple[str, ...]:
     """Names of the cameras to track in; UsageError for one that has no images."""
     for name in (*only, *without):
         if name not in recording.cameras:

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.motion_models import MotionModel, write_motion
-from occlog.io.open import check_unit, common_unit, losses_of, open_input
+from occlog.io.open import check_unit, common_unit, input_losses, open_input
 from occlog.records.tables import Tracks, Truth
 from occlog.runner import Job
 from occlog.settings import configure
@@ -153,7 +153,7 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Path]
         names = ", ".join(str(p) for p in request.positions)
         of = f" of target {', '.join(map(str, request.targets))}" if request.targets else " of a target"
         raise InputError(f"{names}: no positions{of}; choose others with {option('target')}")
-    return paths, unit, losses_of(inputs)
+    return paths, unit, input_losses(inputs)
 
 
 def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[Path]:

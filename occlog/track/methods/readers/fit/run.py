@@ -11,7 +11,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError, UsageError
 from occlog.io.formats.models.motion_models import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
-from occlog.io.open import Opened, load_scene, losses_of, open_input
+from occlog.io.open import Opened, input_losses, load_scene, open_input
 from occlog.records.scene import Scene, TagReader
 from occlog.records.tables import Reads, Truth
 from occlog.runner import Job
@@ -148,7 +148,7 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
         coverage=CoverageSpec(range=coverage.range, detection=coverage.detection, stray=coverage.stray),
         fit=figures,
     )
-    lost = losses_of(inputs)
+    lost = input_losses(inputs)
     write_path_loss(request.output, spec, job.provenance(asdict(config), lost), overwrite=job.overwrite)
     silent = [r.name for r, n in zip(scene.readers, reads, strict=True) if not n]
     if silent:
